@@ -1,0 +1,52 @@
+"""Components as NumPy arrays: a batch of environments, one lane each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.ops import Carry, repeat
+
+Array = npt.NDArray[Any]
+
+
+class ArrayOps:
+    """Components are float64 arrays of shape (lanes,), or scalars that broadcast to it."""
+
+    epsilon = float(np.finfo(np.float64).eps)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    sqrt = staticmethod(np.sqrt)
+    where = staticmethod(np.where)
+    minimum = staticmethod(np.minimum)
+    maximum = staticmethod(np.maximum)
+    isfinite = staticmethod(np.isfinite)
+    any = staticmethod(np.any)
+    repeat = staticmethod(repeat)
+
+    @staticmethod
+    def while_loop(
+        condition: Callable[[Carry], Array], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        """Masked loop: lanes that have finished keep their values."""
+        active = condition(carry)
+        while np.any(active):
+            proposed = body(carry)
+            if np.all(active):
+                carry = proposed
+            else:
+                carry = _select(active, proposed, carry)
+            active = condition(carry)
+        return carry
+
+
+def _select(active: Array, proposed: Carry, carry: Carry) -> Carry:
+    return tuple(  # type: ignore[return-value]
+        np.where(active, new, old) for new, old in zip(proposed, carry, strict=True)
+    )
+
+
+ARRAY = ArrayOps()

@@ -1,0 +1,80 @@
+"""Registries made of the modules in a folder: adding a file adds the thing it defines."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from types import ModuleType
+from typing import Any
+
+from integ_gym.envs.parameters import unknown_name
+
+
+class Registry:
+    """Names of the modules in a package, each of which defines one class of a kind.
+
+    Args:
+        package: the package whose modules are listed; `interface` and names that begin with an
+            underscore are left out.
+        kind: what the classes are, for messages.
+        method: a method that the class of each module has.
+    """
+
+    def __init__(self, package: str, kind: str, method: str) -> None:
+        self._package = package
+        self._kind = kind
+        self._method = method
+
+    def names(self) -> tuple[str, ...]:
+        """Registered names, sorted."""
+        path = importlib.import_module(self._package).__path__
+        modules = (m.name for m in pkgutil.iter_modules(path))
+        return tuple(sorted(m for m in modules if m != "interface" and not m.startswith("_")))
+
+    def load(self, name: str) -> type[Any]:
+        """The class of that name, or of a reference ``"module:Class"`` to a user's own.
+
+        Raises:
+            ValueError: for a name that is neither, with the valid choices.
+        """
+        if ":" in name:
+            return self._load_reference(name)
+        if name not in self.names():
+            own = f', or "module:Class" for {self._article()} of your own'
+            raise ValueError(unknown_name(self._kind, name, self.names()) + own)
+        module = importlib.import_module(f"{self._package}.{name}")
+        return self._only_class(module)
+
+    def _article(self) -> str:
+        return f"{'an' if self._kind[0] in 'aeiou' else 'a'} {self._kind}"
+
+    def _only_class(self, module: ModuleType) -> type[Any]:
+        found = [
+            value
+            for value in vars(module).values()
+            if isinstance(value, type)
+            and value.__module__ == module.__name__
+            and hasattr(value, self._method)
+        ]
+        if len(found) != 1:
+            raise ValueError(
+                f"{module.__name__} must define exactly one class with `{self._method}`, "
+                f"found {[c.__name__ for c in found]}"
+            )
+        return found[0]
+
+    def _load_reference(self, reference: str) -> type[Any]:
+        module_name, _, class_name = reference.partition(":")
+        try:
+            loaded = getattr(importlib.import_module(module_name), class_name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ValueError(
+                f"cannot load {self._kind} {reference!r}: {error}; "
+                'write it as "module:Class", importable from here'
+            ) from error
+        if not isinstance(loaded, type) or not hasattr(loaded, self._method):
+            raise ValueError(
+                f"{reference!r} is not {self._article()}: it must be a class with a method "
+                f"`{self._method}`"
+            )
+        return loaded

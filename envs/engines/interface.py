@@ -1,0 +1,61 @@
+"""What an engine does: advance a plant through one control period."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+from integ_gym.envs.ops import Component, Components, Ops
+
+DIVERGENCE_SPEED = 1e3
+"""A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""
+
+
+class Motion(NamedTuple):
+    """A plant's motion over one control period."""
+
+    q: Components
+    v: Components
+    sampled_q: Components
+    """Configuration at the sensor's last sample in this period, if there was one."""
+    sampled_v: Components
+    work: Component
+    """Σ over sub-steps of control times the displacement of the actuated coordinate, J."""
+    losses: Components
+    """Energy lost per loss component: (damping,), J."""
+    clip_loss: Component
+    """Energy taken out by the speed limit, J."""
+    iterations: Component
+    """Most solver iterations of any sub-step."""
+    residual: Component
+    """Largest scaled solver residual of any sub-step."""
+    converged: Component
+    finite: Component
+    """False once a sub-step has diverged."""
+
+
+Segments = tuple[tuple[Component, int], ...]
+"""(control, number of sub-steps) in the order in which they act."""
+
+
+class Engine(Protocol):
+    """Advances a plant; knows nothing of tasks.
+
+    Built from the system, the integrator's name and the sub-step ``dt`` in seconds.
+    """
+
+    batched: ClassVar[bool]
+    """Whether components may be arrays."""
+    version: str
+
+    def advance(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        segments: Segments,
+        sample_at: Component | None,
+    ) -> Motion:
+        """Advance through the segments; note the state after sub-step ``sample_at`` (from 1)."""
+
+    def solver(self) -> dict[str, Any]:
+        """Solver tolerance and cap as `solver_tolerance`, `solver_cap`; None where there is none."""

@@ -1,0 +1,307 @@
+"""The single environment: Gymnasium's `Env` over one setup."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.integrators.interface import Integrator
+from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Components
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import join_state, split_state, state_names
+from integ_gym.envs.settings import Setup, build_setup
+from integ_gym.envs.tasks import TASKS
+from integ_gym.envs.transition import (
+    OK,
+    STATUS_NAMES,
+    EnvState,
+    Outcome,
+    initial_state,
+    transition,
+)
+
+Observation = npt.NDArray[np.float32]
+
+
+class IntegEnv(gym.Env[Observation, Any]):
+    """An environment whose discretization is given by constructor arguments.
+
+    Subclasses name a task and their own defaults; see their docstrings for the arguments.
+    """
+
+    task_name: ClassVar[str]
+    defaults: ClassVar[Mapping[str, Any]]
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 30,
+    }
+
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        self.setup = make_setup(type(self), arguments)
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.metadata = {
+            **type(self).metadata,
+            "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
+        }
+        self.action_space = action_space(self.setup)
+        self.observation_space = observation_space(self.setup)
+        self._discrete = self.setup.task.discrete
+        self._noise = self.setup.settings.observation_noise
+        self._state: EnvState | None = None
+        self._last: Outcome | None = None
+        self._renderer: Any = None
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """True state in Gymnasium's order, SI units, shape (n,).
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        current = self._current()
+        return np.array(join_state(current.q, current.v), dtype=np.float64)
+
+    @property
+    def integrator(self) -> Integrator:
+        """The integrator object of the native engine."""
+        return self.setup.engine.integrator  # type: ignore[attr-defined,no-any-return]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: seeds the environment's generator.
+            options: ``state``: the start in Gymnasium's order; or the bounds of the start
+                distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
+
+        Raises:
+            ValueError: for a bound or state that is not possible.
+        """
+        super().reset(seed=seed)
+        start = draw_start(self.setup, self.np_random, options or {})
+        q, v = split_state(start)
+        self._state = initial_state(SCALAR, self.setup, q, v)
+        self._last = None
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(self._state), reset_info(self._state)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Advance one control period; see the environment's docstring for ``info``.
+
+        Raises:
+            ValueError: for an action of the wrong shape or outside a `Discrete` space.
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        before = self._current()
+        state, outcome = transition(SCALAR, self.setup, before, self._read_action(action))
+        self._state, self._last = state, outcome
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._observe(state),
+            outcome.reward,
+            outcome.terminated,
+            outcome.truncated,
+            step_info(self.setup, state, outcome),
+        )
+
+    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+        """Draw the plant, the applied control and the discretization.
+
+        Raises:
+            ModuleNotFoundError: without pygame, with the command that installs it.
+        """
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() does nothing without a render mode; give render_mode="
+                '"rgb_array" or "human" to gym.make'
+            )
+            return None
+        if self._renderer is None:
+            from integ_gym.envs.rendering import Renderer
+
+            self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
+        control = 0.0 if self._last is None else self._last.control
+        time = self._current().steps * self.setup.timing.control_period
+        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, control, time)
+        return frame
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _current(self) -> EnvState:
+        if self._state is None:
+            raise gym.error.ResetNeeded("call reset() before step(), state or render()")
+        return self._state
+
+    def _read_action(self, action: Any) -> float:
+        if self._discrete is None:
+            return box_action(action)
+        return discrete_action(action, self._discrete)
+
+    def _observe(self, state: EnvState) -> Observation:
+        if self._noise:
+            return self._observe_noisily(state)
+        observation = self.setup.task.observe(SCALAR, state.sensed_q, state.sensed_v)
+        return np.array(observation, dtype=np.float32)
+
+    def _observe_noisily(self, state: EnvState) -> Observation:
+        """The last sample with the noise drawn for it, saturated at the space's bounds."""
+        if self._last is None or self._last.sampled:
+            size = 2 * len(state.q)
+            self._sample_noise = (self._noise * self.np_random.standard_normal(size)).tolist()
+        by_q, by_v = split_state(self._sample_noise)
+        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
+        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
+        observation = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
+        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined,no-any-return]
+
+
+def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
+    """The setup of an environment class from its constructor arguments."""
+    task = TASKS.load(env.task_name)
+    return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+
+
+def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
+    """``render_mode`` if it is one.
+
+    Raises:
+        ValueError: otherwise, with the valid modes.
+    """
+    if render_mode is not None and render_mode not in modes:
+        raise ValueError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
+    return render_mode
+
+
+def action_space(setup: Setup) -> spaces.Box | spaces.Discrete:
+    """`Discrete`, or a `Box` of shape (1,) in N or N m."""
+    if setup.task.discrete is not None:
+        return spaces.Discrete(setup.task.discrete)
+    limit = np.max(setup.task.control_limit)
+    return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
+
+
+def observation_space(setup: Setup) -> spaces.Box:
+    """`Box` within the task's observation limits."""
+    limits = setup.task.observation_limits(setup.settings.max_speed)
+    high = np.array([np.max(limit) for limit in limits], dtype=np.float32)
+    return spaces.Box(-high, high, dtype=np.float32)
+
+
+def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
+    """A start in state order, drawn or given as option ``state``."""
+    if "state" not in options:
+        return setup.task.draw_start(rng, setup.settings.start, options)
+    return checked_state(setup, options["state"])
+
+
+def checked_state(setup: Setup, state: Any) -> Components:
+    """A given start state as floats.
+
+    Raises:
+        ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
+    """
+    names = state_names(setup.plant)
+    values = np.asarray(state, dtype=np.float64)
+    if values.shape != (len(names),):
+        raise ValueError(
+            f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
+            f"got shape {values.shape}"
+        )
+    if not (np.abs(values) <= FLOAT32_MAX).all() or (np.abs(values[1::2]) > DIVERGENCE_SPEED).any():
+        raise ValueError(
+            f"reset option `state` must be finite, with speeds up to {DIVERGENCE_SPEED:g}, "
+            f"got {tuple(values.tolist())}"
+        )
+    return tuple(values.tolist())
+
+
+def box_action(action: Any) -> float:
+    """The one entry of a `Box` action as float.
+
+    Raises:
+        ValueError: if the action does not have shape (1,).
+    """
+    try:
+        (value,) = action
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"action must have shape (1,), got {action!r} of shape {np.shape(action)}"
+        ) from None
+
+
+def discrete_action(action: Any, count: int) -> float:
+    """A `Discrete` action, or NaN for a non-finite one.
+
+    Raises:
+        ValueError: if it is neither finite nor one of 0 … count - 1.
+    """
+    try:
+        value = float(action)
+    except (TypeError, ValueError):
+        value = -1.0
+    if math.isnan(value) or math.isinf(value):
+        return math.nan
+    if value not in range(count):
+        choices = ", ".join(map(str, range(count)))
+        raise ValueError(f"action must be one of {choices}, got {action!r}")
+    return value
+
+
+def reset_info(state: EnvState) -> dict[str, Any]:
+    """`info` of a reset: the keys of a step, nothing booked."""
+    return {
+        "time": 0.0,
+        "energy": state.energy,
+        "actuator_work": 0.0,
+        "dissipated": 0.0,
+        "clip_loss": 0.0,
+        "energy_residual": 0.0,
+        "control": 0.0,
+        "commanded": 0.0,
+        "saturated": False,
+        "fallback_used": False,
+        "sensor_time": 0.0,
+        "goal_since": float(state.goal_since),
+        "success": False,
+        "solver_iterations": 0,
+        "solver_residual": 0.0,
+        "solver_status": STATUS_NAMES[OK],
+    }
+
+
+def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    """`info` of a step, in the order of :func:`reset_info`."""
+    return {
+        "time": state.steps * setup.timing.control_period,
+        "energy": state.energy,
+        "actuator_work": outcome.work,
+        "dissipated": outcome.dissipated,
+        "clip_loss": outcome.clip_loss,
+        "energy_residual": outcome.residual_energy,
+        "control": outcome.control,
+        "commanded": outcome.commanded,
+        "saturated": outcome.saturated,
+        "fallback_used": outcome.fallback_used,
+        "sensor_time": state.sensed_time,
+        "goal_since": state.goal_since,
+        "success": outcome.success,
+        "solver_iterations": outcome.iterations,
+        "solver_residual": outcome.solver_residual,
+        "solver_status": STATUS_NAMES[outcome.status],
+    }

@@ -1,0 +1,5 @@
+"""Integrators: one module each, found by name."""
+
+from integ_gym.envs.discovery import Registry
+
+INTEGRATORS = Registry(__name__, "integrator", "step")

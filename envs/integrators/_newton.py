@@ -1,0 +1,99 @@
+"""Newton's method for the velocity equation shared by the implicit integrators."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from integ_gym.envs.integrators._linear import solve_linear
+from integ_gym.envs.integrators.interface import System, along
+from integ_gym.envs.ops import Component, Components, Ops
+
+TOLERANCE = 1e-10
+"""Scaled residual max |F_i| / (1 + |V_i|) above which a solution is `not_converged` (float64)."""
+
+CAP = 25
+"""Most Newton iterations per step."""
+
+_ROUNDING = 16.0
+"""Residuals below this many machine epsilons cannot be improved."""
+
+_IMPROVEMENT = 0.5
+"""Below the tolerance, an iteration that does not reduce the residual by this factor is the last."""
+
+
+class Solution(NamedTuple):
+    """Root of the velocity equation with the solver's report."""
+
+    v: Components
+    iterations: Component
+    residual: Component
+    converged: Component
+
+
+def solve_velocity(
+    ops: Ops,
+    system: System,
+    q: Components,
+    v: Components,
+    control: Component,
+    kick: Component,
+    drift: Component,
+) -> Solution:
+    """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
+
+    ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
+    difference where the plant has none.
+    """
+    n = len(v)
+
+    def defect(velocity: Components) -> Components:
+        acceleration, _ = system.rates(ops, along(q, drift, velocity), velocity, control)
+        target = along(v, kick, acceleration)
+        return tuple([x - y for x, y in zip(velocity, target, strict=True)])
+
+    def unfinished(carry: tuple[Component, ...]) -> Component:
+        residual, previous, iterations = carry[2 * n], carry[2 * n + 1], carry[2 * n + 2]
+        improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
+        return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
+
+    def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
+        velocity, f = carry[:n], carry[n : 2 * n]
+        matrix = _defect_jacobian(ops, system, q, velocity, f, control, kick, drift, defect)
+        correction = solve_linear(ops, matrix, f)
+        velocity = tuple([x - y for x, y in zip(velocity, correction, strict=True)])
+        f = defect(velocity)
+        return (*velocity, *f, _scaled(ops, f, velocity), carry[2 * n], carry[2 * n + 2] + 1)
+
+    tolerance = ops.maximum(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
+    f = defect(v)
+    residual = _scaled(ops, f, v)
+    end = ops.while_loop(unfinished, newton, (*v, *f, residual, 4.0 * residual + 1.0, 0))
+    return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
+
+
+def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
+    largest = abs(f[0]) / (1.0 + abs(velocity[0]))
+    for fi, vi in zip(f[1:], velocity[1:], strict=True):
+        largest = ops.maximum(largest, abs(fi) / (1.0 + abs(vi)))
+    return largest
+
+
+def _defect_jacobian(ops, system, q, velocity, f, control, kick, drift, defect):  # type: ignore[no-untyped-def]
+    """Rows of ∂(V - v - kick · a(q + drift V, V)) / ∂V."""
+    n = len(velocity)
+    slopes = system.slopes(ops, along(q, drift, velocity), velocity, control)
+    if slopes is not None:
+        by_q, by_v = slopes
+        return tuple(
+            tuple(
+                (1.0 if i == j else 0.0) - kick * (drift * by_q[i][j] + by_v[i][j])
+                for j in range(n)
+            )
+            for i in range(n)
+        )
+    columns = []
+    for j in range(n):
+        increment = ops.sqrt(ops.epsilon) * (1.0 + abs(velocity[j]))
+        moved = (*velocity[:j], velocity[j] + increment, *velocity[j + 1 :])
+        columns.append([(b - a) / increment for a, b in zip(f, defect(moved), strict=True)])
+    return tuple(tuple(column[i] for column in columns) for i in range(n))

@@ -1,0 +1,42 @@
+"""Implicit (backward) Euler."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from integ_gym.envs.integrators._newton import CAP, TOLERANCE, solve_velocity
+from integ_gym.envs.integrators.interface import Step, System, along
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+class ImplicitEuler:
+    r"""Position and velocity both advance with the slopes at the end of the step.
+
+    .. math:: q_1 = q_0 + h v_1, \qquad v_1 = v_0 + h a(q_1, v_1)
+
+    Order 1; L-stable, not symplectic, not reversible. Divides the energy of a harmonic oscillator
+    by 1 + h²ω² each step: it drains energy at every step size.
+    Source: Hairer and Wanner, *Solving Ordinary Differential Equations II*, 2nd ed., IV.3.
+    """
+
+    order: ClassVar[int] = 1
+    symplectic: ClassVar[bool] = False
+    reversible: ClassVar[bool] = False
+    solver_tolerance: ClassVar[float] = TOLERANCE
+    solver_cap: ClassVar[int] = CAP
+
+    def step(
+        self,
+        ops: Ops,
+        system: System,
+        q: Components,
+        v: Components,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Step:
+        end = solve_velocity(ops, system, q, v, control, dt, dt)
+        q = along(q, dt, end.v)
+        _, loss_rates = system.rates(ops, q, end.v, control)
+        losses = along(losses, dt, loss_rates)
+        return Step(q, end.v, losses, end.iterations, end.residual, end.converged)

@@ -1,0 +1,65 @@
+"""What an integrator is given and what it returns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+class System(Protocol):
+    """The continuous-time system as an integrator sees it, at a constant control."""
+
+    def rates(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[Components, Components]:
+        """Accelerations, and the rates of the loss components (power lost, W)."""
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+        """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
+
+    def limit(self, ops: Ops, v: Components) -> Components:
+        """Velocities within the plant's speed limit."""
+
+
+class Step(NamedTuple):
+    """State after one step, with the solver's report."""
+
+    q: Components
+    v: Components
+    """Before any speed limit; the engine applies the limit and books what it takes out."""
+    losses: Components
+    """Energy lost so far per loss component, J."""
+    iterations: Component = 0
+    residual: Component = 0.0
+    """Largest scaled residual of the solver (dimensionless); 0 for explicit methods."""
+    converged: Component = True
+
+
+class Integrator(Protocol):
+    """A one-step map of a second-order system over ``dt`` seconds.
+
+    A class of your own needs this method and nothing else; the attributes ``order``,
+    ``symplectic``, ``reversible``, ``solver_tolerance`` and ``solver_cap`` are read where present.
+    """
+
+    def step(
+        self,
+        ops: Ops,
+        system: System,
+        q: Components,
+        v: Components,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Step:
+        """Advance (q, v, losses) by ``dt`` under a constant control."""
+
+
+def along(x: Components, h: Component, slope: Components) -> Components:
+    """``x + h * slope``, component by component."""
+    if len(x) == 1:
+        return (x[0] + h * slope[0],)
+    return tuple([a + h * b for a, b in zip(x, slope, strict=True)])

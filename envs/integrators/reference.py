@@ -1,0 +1,104 @@
+"""The reference solution: the plant solved to rounding over one step."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from integ_gym.envs.integrators._dop853 import ERROR_3, ERROR_5, STAGES, WEIGHTS, Row
+from integ_gym.envs.integrators.interface import Step, System
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+_SMALLEST = 1e-13
+"""Inner steps below this share of ``dt`` mean that the motion cannot be followed."""
+
+
+class Reference:
+    """Dormand-Prince 8(5,3) with its own adaptive steps inside ``dt``, per lane.
+
+    Local error per inner step below 1e-13 (1 + |y|) in float64, so that the result does not depend
+    on ``dt`` beyond rounding. Not symplectic by construction; its energy error is rounding.
+    ``iterations`` counts inner steps, accepted or not; a step that needs more than the cap is
+    reported as not converged.
+    Source: Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., II.5
+    and II.10.
+    """
+
+    order: ClassVar[int] = 8
+    symplectic: ClassVar[bool] = False
+    reversible: ClassVar[bool] = False
+    solver_tolerance: ClassVar[float] = 1e-13
+    solver_cap: ClassVar[int] = 5000
+
+    def step(
+        self,
+        ops: Ops,
+        system: System,
+        q: Components,
+        v: Components,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Step:
+        n = len(q)
+        start = (*q, *v, *losses)
+        size = len(start)
+        tolerance = max(self.solver_tolerance, 16.0 * ops.epsilon)
+
+        def derivative(y: Components) -> Components:
+            acceleration, loss_rates = system.rates(ops, y[:n], y[n : 2 * n], control)
+            return (*y[n : 2 * n], *acceleration, *loss_rates)
+
+        def unfinished(carry: tuple[Component, ...]) -> Component:
+            remaining, trial, attempts = carry[size : size + 3]
+            return (remaining > 0.0) & (trial > _SMALLEST * dt) & (attempts < self.solver_cap)
+
+        def attempt(carry: tuple[Component, ...]) -> tuple[Component, ...]:
+            y, remaining, trial, attempts, worst = carry[:size], *carry[size:]
+            h = ops.minimum(trial, remaining)
+            end, error = _trial_step(ops, derivative, y, h, tolerance)
+            accepted = error <= 1.0
+            y = tuple([ops.where(accepted, b, a) for a, b in zip(y, end, strict=True)])
+            remaining = ops.where(accepted, remaining - h, remaining)
+            worst = ops.where(accepted, ops.maximum(worst, error * tolerance), worst)
+            return (*y, remaining, h * _growth(ops, error), attempts + 1, worst)
+
+        end = ops.while_loop(unfinished, attempt, (*start, dt, dt, 0, 0.0 * dt))
+        return Step(
+            end[:n], end[n : 2 * n], end[2 * n : size], end[size + 2], end[size + 3],
+            end[size] <= 0.0,
+        )  # fmt: skip
+
+
+def _trial_step(ops, derivative, y, h, tolerance):  # type: ignore[no-untyped-def]
+    """One inner step of size ``h``: the new state and its error in units of the tolerance."""
+    stages = [derivative(y)]
+    for row in STAGES[1:]:
+        stages.append(derivative(_combine(y, h, row, stages)))
+    end = _combine(y, h, WEIGHTS, stages)
+    zero = tuple([0.0 * a for a in y])
+    fifth = _norm(ops, _combine(zero, h, ERROR_5, stages), y, end, tolerance)
+    third = _norm(ops, _combine(zero, h, ERROR_3, stages), y, end, tolerance)
+    scale = ops.sqrt(fifth * fifth + 0.01 * third * third)
+    return end, fifth * fifth / ops.maximum(scale, 1e-30)
+
+
+def _combine(y: Components, h: Component, row: Row, stages: list[Components]) -> Components:
+    return tuple(
+        [a + h * sum([c * stages[j][i] for j, c in row]) for i, a in enumerate(y)]
+    )
+
+
+def _norm(
+    ops: Ops, error: Components, y: Components, end: Components, tolerance: float
+) -> Component:
+    largest = 0.0 * error[0]
+    for e, a, b in zip(error, y, end, strict=True):
+        largest = ops.maximum(largest, abs(e) / (1.0 + ops.maximum(abs(a), abs(b))))
+    return largest / tolerance
+
+
+def _growth(ops: Ops, error: Component) -> Component:
+    """Step-size factor of HNW II.4.13, with a non-finite error treated as a large one."""
+    usable = ops.where(ops.isfinite(error), ops.maximum(error, 1e-10), 1e10)
+    return ops.minimum(5.0, ops.maximum(0.2, 0.9 * usable ** (-1.0 / 8.0)))

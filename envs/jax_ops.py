@@ -1,0 +1,65 @@
+"""Components as JAX arrays: traceable by ``jit``, ``vmap`` and ``scan``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from integ_gym.envs.ops import Carry, Component
+
+try:
+    import jax
+    import jax.numpy as jnp
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        'JAX is not installed; run: pip install "integ-gym[fleet]"'
+    ) from error
+
+
+class JaxOps:
+    """Components are arrays of one dtype, float32 or float64.
+
+    Args:
+        dtype: float type of the components; sets :attr:`epsilon`.
+    """
+
+    sin = staticmethod(jnp.sin)
+    cos = staticmethod(jnp.cos)
+    sqrt = staticmethod(jnp.sqrt)
+    where = staticmethod(jnp.where)
+    minimum = staticmethod(jnp.minimum)
+    maximum = staticmethod(jnp.maximum)
+    isfinite = staticmethod(jnp.isfinite)
+    any = staticmethod(jnp.any)
+
+    def __init__(self, dtype: str = "float64") -> None:
+        self.epsilon = float(jnp.finfo(dtype).eps)
+        self.dtype = dtype
+
+    def while_loop(
+        self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        """``lax.while_loop`` that freezes finished lanes, batched or under ``vmap``."""
+        shape = jnp.broadcast_shapes(*(jnp.shape(c) for c in (*carry, condition(carry))))
+        start = tuple(jnp.broadcast_to(jnp.asarray(c), shape) for c in carry)
+
+        def masked_body(current: Carry) -> Carry:
+            active = condition(current)
+            return tuple(  # type: ignore[return-value]
+                jnp.where(active, new, old).astype(jnp.result_type(old))
+                for new, old in zip(body(current), current, strict=True)
+            )
+
+        return jax.lax.while_loop(  # type: ignore[no-any-return]
+            lambda current: jnp.any(condition(current)), masked_body, start
+        )
+
+    def repeat(
+        self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry
+    ) -> Carry:
+        """``lax.fori_loop``; one application is inlined."""
+        if count == 1:
+            return body(0, carry)
+        shapes = jax.eval_shape(lambda c: body(0, c), carry)
+        start = jax.tree.map(lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype),
+                             carry, shapes)
+        return jax.lax.fori_loop(0, count, body, start)  # type: ignore[no-any-return]

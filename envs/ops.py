@@ -1,0 +1,133 @@
+"""The arithmetic that plants, integrators and tasks are written in, and its scalar form.
+
+Equations are written once, over *components*: a component is one state variable, held as a
+Python ``float`` (one environment), a NumPy array (a batch of environments) or a JAX array.
+``+ - * / ** %``, ``abs`` and comparisons mean the same in the three worlds; whatever does not
+is a method of :class:`Ops`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+Component: TypeAlias = Any
+"""One state variable: ``float``, ``numpy.ndarray`` or ``jax.Array``, of shape () or (lanes,)."""
+
+Components: TypeAlias = tuple[Component, ...]
+"""Generalized coordinates, velocities or forces: one entry per degree of freedom."""
+
+Carry = TypeVar("Carry", bound=tuple[Any, ...])
+
+FLOAT32_MAX = 3.4028234663852886e38
+"""Largest finite float32; a larger state cannot be observed."""
+
+
+class Ops(Protocol):
+    """What the three worlds do differently."""
+
+    epsilon: float
+    """Machine epsilon of the components: solver tolerances scale with it."""
+
+    def sin(self, x: Component, /) -> Component: ...
+
+    def cos(self, x: Component, /) -> Component: ...
+
+    def sqrt(self, x: Component, /) -> Component: ...
+
+    def where(self, condition: Component, a: Component, b: Component, /) -> Component:
+        """``a`` where ``condition`` holds, else ``b``; both are evaluated."""
+
+    def minimum(self, a: Component, b: Component, /) -> Component:
+        """The smaller; NaN if either is."""
+
+    def maximum(self, a: Component, b: Component, /) -> Component:
+        """The larger; NaN if either is."""
+
+    def isfinite(self, x: Component, /) -> Component: ...
+
+    def any(self, condition: Component, /) -> Component:
+        """Whether ``condition`` holds in at least one lane."""
+
+    def while_loop(
+        self,
+        condition: Callable[[Carry], Component],
+        body: Callable[[Carry], Carry],
+        carry: Carry,
+    ) -> Carry:
+        """Apply ``body`` in every lane for as long as ``condition`` holds in that lane.
+
+        ``carry`` is a flat tuple of components; a lane whose condition no longer holds keeps
+        its values while others go on.
+        """
+
+    def repeat(
+        self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry
+    ) -> Carry:
+        """Apply ``body(index, carry)`` for index 0 … count - 1."""
+
+
+def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Carry:
+    """A Python loop: :meth:`Ops.repeat` for scalars and arrays."""
+    for index in range(count):
+        carry = body(index, carry)
+    return carry
+
+
+class ScalarOps:
+    """Components are Python floats.
+
+    Outside their domain ``sin``, ``cos`` and ``sqrt`` give NaN, as in the other worlds. What Python
+    raises by itself (``1.0 / 0.0``, ``1e200 ** 2``) is an ``ArithmeticError``, which the
+    environment turns into a divergence.
+    """
+
+    epsilon = 2.220446049250313e-16
+    isfinite = staticmethod(math.isfinite)
+    any = staticmethod(bool)
+    repeat = staticmethod(repeat)
+
+    @staticmethod
+    def sin(x: float, /) -> float:
+        try:
+            return math.sin(x)
+        except ValueError:
+            return math.nan
+
+    @staticmethod
+    def cos(x: float, /) -> float:
+        try:
+            return math.cos(x)
+        except ValueError:
+            return math.nan
+
+    @staticmethod
+    def sqrt(x: float, /) -> float:
+        try:
+            return math.sqrt(x)
+        except ValueError:
+            return math.nan
+
+    @staticmethod
+    def where(condition: bool, a: float, b: float, /) -> float:
+        return a if condition else b
+
+    @staticmethod
+    def minimum(a: float, b: float, /) -> float:
+        return a if a <= b or a != a else b
+
+    @staticmethod
+    def maximum(a: float, b: float, /) -> float:
+        return a if a >= b or a != a else b
+
+    @staticmethod
+    def while_loop(
+        condition: Callable[[Carry], bool], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        while condition(carry):
+            carry = body(carry)
+        return carry
+
+
+SCALAR = ScalarOps()

@@ -1,0 +1,94 @@
+"""Parameters: dataclass fields that carry their unit, meaning and valid range."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import field, fields
+from typing import Any
+
+Check = Callable[[Any], str | None]
+"""Says what is wrong with a value in a few words, or None."""
+
+MASS_DISTRIBUTIONS = ("uniform", "point")
+
+
+def parameter(default: Any, unit: str, meaning: str, check: Check) -> Any:
+    """A dataclass field with a default value, an SI unit, a meaning and a check."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "check": check})
+
+
+def units(owner: Any) -> dict[str, str]:
+    """Name to SI unit for every parameter of a dataclass or its instance."""
+    return {f.name: f.metadata["unit"] for f in fields(owner)}
+
+
+def check_values(owner: type, values: Mapping[str, Any]) -> None:
+    """Check each value against the range of the field of ``owner`` that it is for.
+
+    Raises:
+        ValueError: naming the parameter, what was expected and what came.
+    """
+    for f in fields(owner):
+        if f.name not in values:
+            continue
+        problem = f.metadata["check"](values[f.name])
+        if problem:
+            raise ValueError(f"`{f.name}` {problem}, got {values[f.name]!r}")
+
+
+def unknown_name(kind: str, name: str, choices: Iterable[str]) -> str:
+    """One sentence that says a name is unknown, guesses what was meant and lists the choices."""
+    known = sorted(choices)
+    close = difflib.get_close_matches(name, known, n=1)
+    guess = f"Did you mean {close[0]!r}? " if close else ""
+    return f"unknown {kind} {name!r}. {guess}Valid choices: {', '.join(known)}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def finite(value: Any) -> str | None:
+    """A finite number."""
+    ok = _is_number(value) and value - value == 0
+    return None if ok else "must be a finite number"
+
+
+def positive(value: Any) -> str | None:
+    """A finite number above zero."""
+    return None if finite(value) is None and value > 0 else "must be a finite number above 0"
+
+
+def nonnegative(value: Any) -> str | None:
+    """A finite number, zero or above."""
+    return None if finite(value) is None and value >= 0 else "must be a finite number, 0 or above"
+
+
+def boolean(value: Any) -> str | None:
+    """True or False."""
+    return None if isinstance(value, bool) else "must be True or False"
+
+
+def text(value: Any) -> str | None:
+    """A string."""
+    return None if isinstance(value, str) else "must be a string"
+
+
+def optional(check: Check) -> Check:
+    """None, or what ``check`` accepts."""
+
+    def check_optional(value: Any) -> str | None:
+        problem = None if value is None else check(value)
+        return f"{problem}, or None" if problem else None
+
+    return check_optional
+
+
+def one_of(*choices: str) -> Check:
+    """One of the given strings."""
+
+    def check_choice(value: Any) -> str | None:
+        return None if value in choices else f"must be one of {', '.join(map(repr, choices))}"
+
+    return check_choice

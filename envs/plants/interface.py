@@ -1,0 +1,60 @@
+"""What every plant provides."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol
+
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+class Plant(Protocol):
+    """A continuous-time mechanical system with one control.
+
+    A plant is a frozen dataclass whose fields are its parameters (see
+    :func:`integ_gym.envs.parameters.parameter`); each may be a number or one value per lane.
+    ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)`` may be given as well; without it implicit
+    integrators take finite differences.
+    """
+
+    name: ClassVar[str]
+    coordinates: ClassVar[tuple[str, ...]]
+    velocities: ClassVar[tuple[str, ...]]
+    coordinate_units: ClassVar[tuple[str, ...]]
+    control_name: ClassVar[str]
+    control_unit: ClassVar[str]
+    frame: ClassVar[str]
+    actuated: ClassVar[int]
+    """Index of the coordinate that the control drives."""
+    constant_mass_matrix: ClassVar[bool]
+
+    def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
+        """Accelerations under a generalized force, one component per coordinate."""
+
+    def energy(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Kinetic plus potential energy, J; zero at rest hanging."""
+
+    def dissipation(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Power that damping takes out, W."""
+
+    def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
+        """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
+
+
+def state_names(plant: Plant | type[Plant]) -> tuple[str, ...]:
+    """Names in state order: each coordinate followed by its velocity."""
+    return tuple(n for pair in zip(plant.coordinates, plant.velocities, strict=True) for n in pair)
+
+
+def state_units(plant: Plant | type[Plant]) -> tuple[str, ...]:
+    """SI units in state order."""
+    return tuple(u for unit in plant.coordinate_units for u in (unit, f"{unit}/s"))
+
+
+def split_state(state: Components) -> tuple[Components, Components]:
+    """State order (q0, v0, q1, v1, …) to (q, v)."""
+    return tuple(state[0::2]), tuple(state[1::2])
+
+
+def join_state(q: Components, v: Components) -> Components:
+    """(q, v) to state order (q0, v0, q1, v1, …)."""
+    return tuple(x for pair in zip(q, v, strict=True) for x in pair)

@@ -1,0 +1,90 @@
+"""The driven, damped pendulum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.parameters import (
+    MASS_DISTRIBUTIONS,
+    nonnegative,
+    one_of,
+    parameter,
+    positive,
+)
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    r"""A rigid pendulum on a fixed hinge, angle measured from upright, positive counter-clockwise.
+
+    .. math:: I\ddot\theta = m g c \sin\theta - b\dot\theta + \tau
+
+    with :math:`c = L/2,\ I = mL^2/3` for a uniform rod (Gymnasium's ``Pendulum-v1``) and
+    :math:`c = L,\ I = mL^2` for a point mass. State (θ, θ̇); control: torque τ at the hinge.
+    Source: Goldstein, *Classical Mechanics*, section 5.
+    """
+
+    mass: float = parameter(1.0, "kg", "mass of the rod or bob", positive)
+    length: float = parameter(1.0, "m", "hinge to far end of the rod, or to the bob", positive)
+    gravity: float = parameter(10.0, "m/s^2", "gravitational acceleration", nonnegative)
+    damping: float = parameter(0.0, "N m s/rad", "viscous damping at the hinge", nonnegative)
+    mass_distribution: str = parameter(
+        "uniform", "", "`uniform` rod or `point` mass at the end", one_of(*MASS_DISTRIBUTIONS)
+    )
+
+    name: ClassVar[str] = "pendulum"
+    coordinates: ClassVar[tuple[str, ...]] = ("theta",)
+    velocities: ClassVar[tuple[str, ...]] = ("theta_dot",)
+    coordinate_units: ClassVar[tuple[str, ...]] = ("rad",)
+    control_name: ClassVar[str] = "torque"
+    control_unit: ClassVar[str] = "N m"
+    frame: ClassVar[str] = "hinge; theta = 0 upright, positive counter-clockwise"
+    actuated: ClassVar[int] = 0
+    constant_mass_matrix: ClassVar[bool] = True
+
+    @cached_property
+    def inertia(self) -> Component:
+        """Moment of inertia about the hinge, kg m²."""
+        factor = 1.0 if self.mass_distribution == "point" else 1.0 / 3.0
+        return factor * self.mass * self.length * self.length
+
+    @cached_property
+    def gravity_torque(self) -> Component:
+        """m g c, the largest torque of gravity, N m."""
+        arm = 1.0 if self.mass_distribution == "point" else 0.5
+        return self.mass * self.gravity * (arm * self.length)
+
+    @cached_property
+    def _gravity_rate(self) -> Component:
+        return self.gravity_torque / self.inertia
+
+    @cached_property
+    def _inverse_inertia(self) -> Component:
+        return 1.0 / self.inertia
+
+    def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
+        """Angular acceleration, rad/s², as a 1-tuple."""
+        drive = force[0] - self.damping * v[0]
+        return (self._gravity_rate * ops.sin(q[0]) + self._inverse_inertia * drive,)
+
+    def jacobian(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+        """(∂a/∂q, ∂a/∂v), each a 1×1 nested tuple."""
+        by_q = self._gravity_rate * ops.cos(q[0])
+        return ((by_q,),), ((-self.damping * self._inverse_inertia + 0.0 * by_q,),)
+
+    def energy(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Kinetic plus potential energy, J; zero at rest hanging."""
+        return 0.5 * self.inertia * v[0] * v[0] + self.gravity_torque * (1.0 + ops.cos(q[0]))
+
+    def dissipation(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Power taken out by damping, W, never negative."""
+        return self.damping * v[0] * v[0]
+
+    def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
+        """1×1 mass matrix, kg m²."""
+        return ((self.inertia,),)

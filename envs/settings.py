@@ -1,0 +1,151 @@
+"""Constructor arguments: parsed, checked and turned into a plant, a task and an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Engine
+from integ_gym.envs.parameters import (
+    check_values,
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+    text,
+    units,
+    unknown_name,
+)
+from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.tasks.interface import Task
+from integ_gym.envs.timing import Timing
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The arguments that all environments have in common."""
+
+    integrator: str = parameter("rk4", "", "name, or `module:Class`", text)
+    dt: float = parameter(0.05, "s", "integration step", positive)
+    control_period: float | None = parameter(
+        None, "s", "time between two decisions; None: `dt`", optional(positive)
+    )
+    engine: str = parameter("native", "", "what advances the plant", text)
+    duration: float = parameter(10.0, "s", "episode length until truncation", positive)
+    action_latency: float = parameter(0.0, "s", "delay of every command", nonnegative)
+    sensor_period: float | None = parameter(
+        None, "s", "time between two samples; None: one per decision", optional(positive)
+    )
+    observation_noise: float = parameter(
+        0.0, "SI", "standard deviation of each sensed state component", nonnegative
+    )
+    fallback: str = parameter(
+        "hold", "", "control where no valid command acts", one_of("hold", "zero")
+    )
+    max_speed: float | None = parameter(
+        None, "rad/s, m/s", "clip on every velocity; None: no clip", optional(positive)
+    )
+    start: str = parameter("", "", "start distribution", text)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that one discretization of an environment is made of."""
+
+    settings: Settings
+    timing: Timing
+    plant: Plant
+    task: Task
+    system: PlantSystem
+    engine: Engine
+
+    def arguments(self) -> dict[str, Any]:
+        """All constructor arguments with their values, defaults included."""
+        parts = (self.settings, self.plant, self.task)
+        return {f.name: getattr(part, f.name) for part in parts for f in fields(part)}  # type: ignore[arg-type]
+
+    def units(self) -> dict[str, str]:
+        """SI unit of every constructor argument."""
+        return {**units(self.settings), **units(self.plant), **units(self.task)}
+
+
+def argument_names(plant: type[Any], task: type[Any]) -> tuple[str, ...]:
+    """Names of all constructor arguments but ``render_mode``."""
+    return tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
+
+
+def build_setup(
+    plant: type[Any], task: type[Any], defaults: Mapping[str, Any], arguments: Mapping[str, Any]
+) -> Setup:
+    """Build the setup of an environment from its constructor arguments.
+
+    Args:
+        plant: plant class.
+        task: task class.
+        defaults: the environment's own defaults, by argument name.
+        arguments: what the user gave; plant parameters may be arrays, one value per lane.
+
+    Raises:
+        TypeError: for an unknown argument, with the valid names.
+        ValueError: for an impossible value, with the valid choices.
+    """
+    names = argument_names(plant, task)
+    for name in arguments:
+        if name not in names:
+            raise TypeError(unknown_name("argument", name, names))
+    values = {name: _plain(value) for name, value in {**defaults, **arguments}.items()}
+    settings = _parse(Settings, values)
+    settings = _with_start(settings, task)
+    timing = Timing.of(
+        settings.dt,
+        settings.control_period,
+        settings.action_latency,
+        settings.sensor_period,
+        settings.duration,
+    )
+    the_plant = _parse(plant, values)
+    _check_speed_limit(settings)
+    system = PlantSystem(the_plant, settings.max_speed)
+    engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
+    return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars as Python's own; integers stay integers."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
+    own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
+    for name, value in own.items():
+        elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
+        for element in elements:
+            check_values(owner, {name: element})
+    return owner(**{name: _as_float(value) for name, value in own.items()})
+
+
+def _as_float(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.astype(np.float64)
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _with_start(settings: Settings, task: type[Any]) -> Settings:
+    start = settings.start or task.starts[0]
+    if start not in task.starts:
+        raise ValueError(unknown_name("start", start, task.starts))
+    return Settings(**{**vars(settings), "start": start})
+
+
+def _check_speed_limit(settings: Settings) -> None:
+    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
+        raise ValueError(
+            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
+            "counts as diverged; give a smaller limit or None"
+        )

@@ -1,0 +1,5 @@
+"""Tasks: one module each, found by name."""
+
+from integ_gym.envs.discovery import Registry
+
+TASKS = Registry(__name__, "task", "reward")

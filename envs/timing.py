@@ -1,0 +1,85 @@
+"""Times that must be whole multiples of one another, and how they count."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+TOLERANCE = 1e-9
+"""Relative tolerance of a whole multiple."""
+
+
+def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: int = 1) -> int:
+    """How many ``unit`` make up ``value``.
+
+    Raises:
+        ValueError: if ``value`` is no whole multiple of ``unit``, naming the nearest valid values.
+    """
+    ratio = value / unit
+    count = round(ratio)
+    if count >= least and abs(ratio - count) <= TOLERANCE * max(1, count):
+        return count
+    below = max(least, math.floor(ratio))
+    nearest = " or ".join(f"{n * unit:.12g}" for n in sorted({below, max(least, below + 1)}))
+    raise ValueError(
+        f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
+        f"nearest valid: {nearest} s"
+    )
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Rates of one environment, in seconds and in sub-steps of ``dt``.
+
+    Attributes:
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        substeps: integration steps per decision.
+        latency: action latency in integration steps.
+        sensor: integration steps between two sensor samples, or None for one per decision.
+        horizon: decisions until truncation.
+    """
+
+    dt: float
+    control_period: float
+    substeps: int
+    latency: int
+    sensor: int | None
+    horizon: int
+
+    @classmethod
+    def of(
+        cls,
+        dt: float,
+        control_period: float | None,
+        action_latency: float,
+        sensor_period: float | None,
+        duration: float,
+    ) -> Timing:
+        """Check the times against each other and count them.
+
+        Raises:
+            ValueError: if one of them is no whole multiple of ``dt``.
+        """
+        period = dt if control_period is None else control_period
+        return cls(
+            dt=dt,
+            control_period=period,
+            substeps=whole_multiple("control_period", period, "dt", dt),
+            latency=whole_multiple("action_latency", action_latency, "dt", dt, least=0),
+            sensor=None
+            if sensor_period is None
+            else whole_multiple("sensor_period", sensor_period, "dt", dt),
+            horizon=max(1, math.ceil(duration / period * (1.0 - TOLERANCE))),
+        )
+
+    @property
+    def delay(self) -> tuple[int, int]:
+        """Latency as (whole decisions, sub-steps beyond them)."""
+        return divmod(self.latency, self.substeps)
+
+    @property
+    def memory(self) -> int:
+        """Past commands to keep: those still under way, and the last one to hold."""
+        periods, rest = self.delay
+        return max(1, periods + (1 if rest else 0))

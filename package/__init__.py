@@ -1,0 +1,10 @@
+"""integ-gym: Gymnasium environments in which the discretization is a constructor argument.
+
+Importing this package registers ``IntegPendulum-v0`` and ``IntegCartPole-v0``.
+"""
+
+from integ_gym.envs.registration import ENVIRONMENTS, register_environments
+
+__all__ = ["ENVIRONMENTS"]
+
+register_environments()
