@@ -35,10 +35,7 @@ class ArrayOps:
         active = condition(carry)
         while np.any(active):
             proposed = body(carry)
-            if np.all(active):
-                carry = proposed
-            else:
-                carry = _select(active, proposed, carry)
+            carry = proposed if np.all(active) else _select(active, proposed, carry)
             active = condition(carry)
         return carry
 

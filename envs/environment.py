@@ -12,7 +12,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
-from integ_gym.envs.integrators.interface import Integrator
 from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Components
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, split_state, state_names
@@ -38,7 +37,7 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     task_name: ClassVar[str]
     defaults: ClassVar[Mapping[str, Any]]
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+    metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["human", "rgb_array"],
         "render_fps": 30,
     }
@@ -51,7 +50,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
         }
         self.action_space = action_space(self.setup)
-        self.observation_space = observation_space(self.setup)
+        self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
         self._discrete = self.setup.task.discrete
         self._noise = self.setup.settings.observation_noise
         self._state: EnvState | None = None
@@ -67,11 +66,6 @@ class IntegEnv(gym.Env[Observation, Any]):
         """
         current = self._current()
         return np.array(join_state(current.q, current.v), dtype=np.float64)
-
-    @property
-    def integrator(self) -> Integrator:
-        """The integrator object of the native engine."""
-        return self.setup.engine.integrator  # type: ignore[attr-defined,no-any-return]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -115,7 +109,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             step_info(self.setup, state, outcome),
         )
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the plant, the applied control and the discretization.
 
         Raises:
@@ -167,7 +161,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
         v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
         observation = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
-        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined,no-any-return]
+        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
 
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:

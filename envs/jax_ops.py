@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 
 from integ_gym.envs.ops import Carry, Component
 
@@ -32,7 +35,7 @@ class JaxOps:
     any = staticmethod(jnp.any)
 
     def __init__(self, dtype: str = "float64") -> None:
-        self.epsilon = float(jnp.finfo(dtype).eps)
+        self.epsilon = float(np.finfo(dtype).eps)
         self.dtype = dtype
 
     def while_loop(
@@ -40,26 +43,24 @@ class JaxOps:
     ) -> Carry:
         """``lax.while_loop`` that freezes finished lanes, batched or under ``vmap``."""
         shape = jnp.broadcast_shapes(*(jnp.shape(c) for c in (*carry, condition(carry))))
-        start = tuple(jnp.broadcast_to(jnp.asarray(c), shape) for c in carry)
+        start: Any = tuple(jnp.broadcast_to(jnp.asarray(c), shape) for c in carry)
 
-        def masked_body(current: Carry) -> Carry:
+        def masked_body(current: Any) -> Any:
             active = condition(current)
-            return tuple(  # type: ignore[return-value]
+            return tuple(
                 jnp.where(active, new, old).astype(jnp.result_type(old))
                 for new, old in zip(body(current), current, strict=True)
             )
 
-        return jax.lax.while_loop(  # type: ignore[no-any-return]
-            lambda current: jnp.any(condition(current)), masked_body, start
-        )
+        end: Any = jax.lax.while_loop(lambda c: jnp.any(condition(c)), masked_body, start)
+        return end  # type: ignore[no-any-return]
 
-    def repeat(
-        self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry
-    ) -> Carry:
+    def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
         """``lax.fori_loop``; one application is inlined."""
         if count == 1:
             return body(0, carry)
         shapes = jax.eval_shape(lambda c: body(0, c), carry)
-        start = jax.tree.map(lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype),
-                             carry, shapes)
+        start = jax.tree.map(
+            lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype), carry, shapes
+        )
         return jax.lax.fori_loop(0, count, body, start)  # type: ignore[no-any-return]

@@ -62,9 +62,7 @@ class Ops(Protocol):
         its values while others go on.
         """
 
-    def repeat(
-        self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry
-    ) -> Carry:
+    def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
         """Apply ``body(index, carry)`` for index 0 … count - 1."""
 
 

@@ -15,6 +15,4 @@ def register_environments() -> None:
     """Register every id once; a second call changes nothing."""
     for env_id, stem in ENVIRONMENTS.items():
         if env_id not in gym.registry:
-            gym.register(
-                env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv"
-            )
+            gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")

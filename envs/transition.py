@@ -11,6 +11,7 @@ from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Motion, Segments
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.interface import Command
+from integ_gym.envs.timing import Timing
 
 OK, NOT_CONVERGED, DIVERGED = 0, 1, 2
 STATUS_NAMES = ("ok", "not_converged", "diverged")
@@ -84,28 +85,47 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
     )
 
 
+class _Orders(NamedTuple):
+    """What is asked of the engine in one control period."""
+
+    commands: tuple[Component, ...]
+    """Controls under way, newest first, this decision's included."""
+    fallbacks: tuple[Component, ...]
+    segments: Segments
+    fallback_used: Component
+    saturated: Component
+    sample_at: Component | None
+    """Sub-step (from 1) of the sensor's last sample in the period; 0 or below: none; None: the
+    last sub-step."""
+
+
 def transition(
     ops: Ops, setup: Setup, state: EnvState, action: Component
 ) -> tuple[EnvState, Outcome]:
-    """Advance one control period under ``action`` (torque, force or action index)."""
+    """Advance one control period under ``action`` (torque, force or action index).
+
+    A diverged motion leaves the state at the start of the period, with nothing booked.
+    """
+    orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
+    motion = _advance(ops, setup, state, orders)
+    after = _next_state(ops, setup, state, orders, motion)
+    return after, _outcome(ops, setup, state, after, orders, motion)
+
+
+def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
     timing = setup.timing
-    command = setup.task.command(ops, action)
     control, fell_back = _with_fallback(ops, setup, state, command)
     commands, fallbacks = (control, *state.commands), (fell_back, *state.fallbacks)
-    segments, fallback_used = _segments(timing.delay, timing.substeps, commands, fallbacks)
+    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
     sample_at = _sample_at(setup, state.steps)
-    motion = _advance(ops, setup, state, segments, sample_at)
-    return _settle(
-        ops, setup, state, motion, command.saturated, commands, fallbacks, segments,
-        fallback_used, sample_at,
-    )  # fmt: skip
+    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
 
 
 def _with_fallback(
     ops: Ops, setup: Setup, state: EnvState, command: Command
 ) -> tuple[Component, Component]:
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
-    return ops.where(command.valid, command.control, held), command.valid == False  # noqa: E712
+    return ops.where(command.valid, command.control, held), _negated(command.valid)
 
 
 def _segments(
@@ -124,7 +144,6 @@ def _segments(
 
 
 def _sample_at(setup: Setup, steps: Component) -> Component | None:
-    """Sub-step of this period (from 1) at which the sensor samples last; 0 or below: none."""
     timing = setup.timing
     if timing.sensor is None:
         return None
@@ -132,86 +151,94 @@ def _sample_at(setup: Setup, steps: Component) -> Component | None:
     return end - end % timing.sensor - steps * timing.substeps
 
 
-def _advance(
-    ops: Ops, setup: Setup, state: EnvState, segments: Segments, sample_at: Component | None
-) -> Motion:
+def _advance(ops: Ops, setup: Setup, state: EnvState, orders: _Orders) -> Motion:
     try:
-        return setup.engine.advance(ops, state.q, state.v, segments, sample_at)
+        return setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
     except ArithmeticError:
         q, v = state.q, state.v
         return Motion(q, v, q, v, 0.0, (0.0,), 0.0, 0, 0.0, False, False)
 
 
-def _settle(
-    ops, setup, state, motion, saturated, commands, fallbacks, segments, fallback_used, sample_at
-):  # type: ignore[no-untyped-def]  # fmt: skip
-    """New state and outcome; a diverged motion leaves the last good state and a zero ledger."""
-    timing, task = setup.timing, setup.task
-    ok = motion.finite
-
-    def kept(new: Components, old: Components) -> Components:
-        return tuple([ops.where(ok, a, b) for a, b in zip(new, old, strict=True)])
-
-    def booked(amount: Component) -> Component:
-        return ops.where(ok, amount, 0.0)
-
-    q, v = kept(motion.q, state.q), kept(motion.v, state.v)
-    energy = setup.system.energy(ops, q, v)
-    work, dissipated = booked(motion.work), booked(motion.losses[0])
-    clip_loss = booked(motion.clip_loss)
+def _next_state(
+    ops: Ops, setup: Setup, state: EnvState, orders: _Orders, motion: Motion
+) -> EnvState:
+    timing, ok = setup.timing, motion.finite
+    q, v = _choose(ops, ok, motion.q, state.q), _choose(ops, ok, motion.v, state.v)
     steps = state.steps + 1
     time = steps * timing.control_period
-    at_goal = task.at_goal(ops, q, v)
-    since = ops.where(at_goal, ops.where(state.goal_since >= 0.0, state.goal_since, time), AWAY)
-    failed = task.terminated(ops, q, v) & ok
-    truncated = (steps >= timing.horizon) & (ok == ok)
-    terminated = failed | (ok == False)  # noqa: E712
-    stayed = (since >= 0.0) & (time - since >= task.goal_stay * (1.0 - 1e-9))
-    sampled = True if sample_at is None else sample_at > 0
-    fresh = sampled & ok
-    new_state = EnvState(
-        q,
-        v,
-        energy,
-        commands[: timing.memory],
-        fallbacks[: timing.memory],
-        tuple([ops.where(fresh, a, b) for a, b in zip(motion.sampled_q, state.sensed_q, strict=True)]),
-        tuple([ops.where(fresh, a, b) for a, b in zip(motion.sampled_v, state.sensed_v, strict=True)]),
-        ops.where(fresh, _sample_time(timing, state.steps, sample_at), state.sensed_time),
-        steps,
-        since,
-    )
-    outcome = Outcome(
-        reward=ops.where(
-            ok,
-            task.reward(
-                ops, state.q, state.v, _mean_square(segments, timing.substeps), failed,
-                timing.control_period,
-            ),
-            task.worst_return(
-                ops, timing.horizon - state.steps, timing.control_period, top_speed(setup)
-            ),
+    arrived = ops.where(state.goal_since >= 0.0, state.goal_since, time)
+    sampled = _sampled(orders, ok)
+    return EnvState(
+        q=q,
+        v=v,
+        energy=setup.system.energy(ops, q, v),
+        commands=orders.commands[: timing.memory],
+        fallbacks=orders.fallbacks[: timing.memory],
+        sensed_q=_choose(ops, sampled, motion.sampled_q, state.sensed_q),
+        sensed_v=_choose(ops, sampled, motion.sampled_v, state.sensed_v),
+        sensed_time=ops.where(
+            sampled, _sample_time(timing, state.steps, orders.sample_at), state.sensed_time
         ),
+        steps=steps,
+        goal_since=ops.where(setup.task.at_goal(ops, q, v), arrived, AWAY),
+    )
+
+
+def _outcome(
+    ops: Ops, setup: Setup, before: EnvState, after: EnvState, orders: _Orders, motion: Motion
+) -> Outcome:
+    timing, task, ok = setup.timing, setup.task, motion.finite
+    work, dissipated, clip_loss = (
+        ops.where(ok, amount, 0.0) for amount in (motion.work, motion.losses[0], motion.clip_loss)
+    )
+    failed = task.terminated(ops, after.q, after.v) & ok
+    terminated = failed | _negated(ok)
+    truncated = after.steps >= timing.horizon
+    stayed = after.steps * timing.control_period - after.goal_since
+    reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - 1e-9))
+    return Outcome(
+        reward=_reward(ops, setup, before, orders.segments, failed, ok),
         terminated=terminated,
         truncated=truncated,
-        success=truncated & stayed & (terminated == False),  # noqa: E712
-        sampled=fresh,
+        success=truncated & reached & _negated(terminated),
+        sampled=_sampled(orders, ok),
         work=work,
         dissipated=dissipated,
         clip_loss=clip_loss,
-        residual_energy=energy - state.energy - work + dissipated + clip_loss,
-        control=segments[-1][0],
-        commanded=commands[0],
-        saturated=saturated,
-        fallback_used=fallback_used,
+        residual_energy=after.energy - before.energy - work + dissipated + clip_loss,
+        control=orders.segments[-1][0],
+        commanded=orders.commands[0],
+        saturated=orders.saturated,
+        fallback_used=orders.fallback_used,
         iterations=motion.iterations,
-        solver_residual=booked(motion.residual),
+        solver_residual=ops.where(ok, motion.residual, 0.0),
         status=ops.where(ok, ops.where(motion.converged, OK, NOT_CONVERGED), DIVERGED),
-    )  # fmt: skip
-    return new_state, outcome
+    )
 
 
-def _sample_time(timing, steps, sample_at):  # type: ignore[no-untyped-def]
+def _reward(
+    ops: Ops, setup: Setup, before: EnvState, segments: Segments, failed: Component, ok: Component
+) -> Component:
+    timing, task, period = setup.timing, setup.task, setup.timing.control_period
+    mean_square = _mean_square(segments, timing.substeps)
+    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
+    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
+    return ops.where(ok, earned, worst)
+
+
+def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
+    return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
+
+
+def _negated(condition: Component) -> Component:
+    return condition == False  # noqa: E712
+
+
+def _sampled(orders: _Orders, ok: Component) -> Component:
+    return ok if orders.sample_at is None else (orders.sample_at > 0) & ok
+
+
+def _sample_time(timing: Timing, steps: Component, sample_at: Component | None) -> Component:
     if sample_at is None:
         return (steps + 1) * timing.control_period
     return (steps * timing.substeps + sample_at) * timing.dt

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.environment import (
     IntegEnv,
     action_space,
@@ -22,7 +23,6 @@ from integ_gym.envs.environment import (
     make_setup,
     observation_space,
 )
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.ops import Component
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.settings import Setup
@@ -94,7 +94,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self._control = np.zeros(num_envs)
         self._renderer: Any = None
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The lanes' generators."""
         self._seed_if_needed()
@@ -164,7 +164,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
             observation, info = self._reset_same_step(observation, info)
         return observation, reward, terminated, truncated, _masked(info, everyone)
 
-    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """One frame per lane."""
         if self.render_mode is None:
             gym.logger.warn('render() needs render_mode="rgb_array" in gym.make_vec')
@@ -205,7 +205,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
             self._rngs = [rng for rng, _ in made]
             self._seeds = [int(s) for _, s in made]
             return
-        for lane in np.flatnonzero(mask):
+        for lane in np.flatnonzero(mask).tolist():
             if seeds[lane] is not None:
                 self._rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
 
@@ -224,7 +224,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     def _reset_lanes(self, mask: Array, options: Mapping[str, Any]) -> dict[str, Array]:
         """Draw starts for the lanes of ``mask`` and return their info."""
         lanes = np.flatnonzero(mask)
-        starts = np.array([self._draw(lane, options) for lane in lanes])
+        starts = np.array([self._draw(lane, options) for lane in lanes.tolist()])
         q, v = split_state(tuple(starts.T))
         fresh = initial_state(ARRAY, self._for_lanes(self.setup, lanes), q, v)
         fresh = _map(lambda x: np.array(np.broadcast_to(x, lanes.shape)), fresh)
@@ -427,9 +427,7 @@ def _check_lanes(setup: Setup, num_envs: int) -> None:
             )
 
 
-def _lane_seeds(
-    seed: int | Sequence[int | None] | None, num_envs: int
-) -> Sequence[int | None]:
+def _lane_seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> Sequence[int | None]:
     if seed is None:
         return [None] * num_envs
     if isinstance(seed, (int, np.integer)):

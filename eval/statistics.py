@@ -223,6 +223,17 @@ def unpaired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAW
     )
 
 
+def mean_rate(rates: RatesLike) -> float:
+    """Plain mean of success rates of shape (seeds,), whatever their order.
+
+    Raises
+    ------
+    ValueError
+        If ``rates`` is empty or not one-dimensional, or a rate is not finite or outside [0, 1].
+    """
+    return _mean(_one_dimensional(rates, "rates"))
+
+
 def rate_interval(rates: RatesLike, level: float = 0.95) -> Interval:
     """Interval for the mean success rate over training seeds.
 

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-import numpy as np
-
 from integ_gym.eval.statistics import (
     Difference,
     Interval,
     RatesLike,
     holm,
+    mean_rate,
     paired_difference,
-    rate_interval,
     unpaired_difference,
 )
 
@@ -313,13 +311,13 @@ def compare_policies(cells: Sequence[PolicyCell]) -> PolicyComparison:
 
 
 def _measure(comparison: Comparison) -> _Measured:
-    home, transferred = rate_interval(comparison.home), rate_interval(comparison.transferred)
+    home, transferred = mean_rate(comparison.home), mean_rate(comparison.transferred)
     if len(comparison.home) != len(comparison.transferred):
         raise ValueError(
             f"comparison {comparison.name!r}: expected home and transferred rates of the same "
             f"policies, got {len(comparison.home)} and {len(comparison.transferred)} seeds"
         )
-    native = None if comparison.native is None else rate_interval(comparison.native).estimate
+    native = None if comparison.native is None else mean_rate(comparison.native)
     seeds: tuple[int, ...] = (len(comparison.transferred),)
     if comparison.native is not None and native is not None and native >= LEARNED:
         quantity: Quantity = "transfer_gap"
@@ -328,9 +326,7 @@ def _measure(comparison: Comparison) -> _Measured:
     else:
         quantity = "home_drop"
         difference = paired_difference(comparison.home, comparison.transferred)
-    return _Measured(
-        comparison, quantity, difference, home.estimate, transferred.estimate, native, seeds
-    )
+    return _Measured(comparison, quantity, difference, home, transferred, native, seeds)
 
 
 def _judge(m: _Measured, p: tuple[float, float, float, float]) -> Judgement:
@@ -414,7 +410,7 @@ def _finding(
 def _uninformative(cell: PolicyCell) -> CellStatus | None:
     if min(len(cell.rates_a), len(cell.rates_b)) < MIN_SEEDS:
         return "too_few_seeds"
-    if max(float(np.mean(cell.rates_a)), float(np.mean(cell.rates_b))) < UNSOLVED:
+    if max(mean_rate(cell.rates_a), mean_rate(cell.rates_b)) < UNSOLVED:
         return "unsolved"
     return None
 

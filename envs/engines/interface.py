@@ -58,4 +58,4 @@ class Engine(Protocol):
         """Advance through the segments; note the state after sub-step ``sample_at`` (from 1)."""
 
     def solver(self) -> dict[str, Any]:
-        """Solver tolerance and cap as `solver_tolerance`, `solver_cap`; None where there is none."""
+        """`solver_tolerance` and `solver_cap`; None where there is none."""

@@ -1,10 +1,17 @@
-"""Coefficients of the Dormand-Prince 8(5,3) pair, as sparse rows of (stage, weight).
+"""One trial step of the Dormand-Prince 8(5,3) pair; coefficients are rows of (stage, weight).
 
 Source: Hairer, Norsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed.,
 section II.5 and the program DOP853 in its appendix.
 """
 
-Row = tuple[tuple[int, float], ...]
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from integ_gym.envs.ops import Component, Components, Ops
+
+Row: TypeAlias = tuple[tuple[int, float], ...]
 
 STAGES: tuple[Row, ...] = (
     (),
@@ -112,3 +119,35 @@ ERROR_3: Row = (
     (11, 0.02265179219836082),
 )
 """Difference from the embedded third-order solution."""
+
+
+def trial_step(
+    ops: Ops,
+    derivative: Callable[[Components], Components],
+    y: Components,
+    h: Component,
+    tolerance: float,
+) -> tuple[Components, Component]:
+    """One inner step of size ``h``: the new state and its error in units of the tolerance."""
+    stages = [derivative(y)]
+    for row in STAGES[1:]:
+        stages.append(derivative(_combine(y, h, row, stages)))
+    end = _combine(y, h, WEIGHTS, stages)
+    zero = tuple([0.0 * a for a in y])
+    fifth = _norm(ops, _combine(zero, h, ERROR_5, stages), y, end, tolerance)
+    third = _norm(ops, _combine(zero, h, ERROR_3, stages), y, end, tolerance)
+    scale = ops.sqrt(fifth * fifth + 0.01 * third * third)
+    return end, fifth * fifth / ops.maximum(scale, 1e-30)
+
+
+def _combine(y: Components, h: Component, row: Row, stages: list[Components]) -> Components:
+    return tuple([a + h * sum([c * stages[j][i] for j, c in row]) for i, a in enumerate(y)])
+
+
+def _norm(
+    ops: Ops, error: Components, y: Components, end: Components, tolerance: float
+) -> Component:
+    largest = 0.0 * error[0]
+    for e, a, b in zip(error, y, end, strict=True):
+        largest = ops.maximum(largest, abs(e) / (1.0 + ops.maximum(abs(a), abs(b))))
+    return largest / tolerance

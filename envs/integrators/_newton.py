@@ -18,7 +18,7 @@ _ROUNDING = 16.0
 """Residuals below this many machine epsilons cannot be improved."""
 
 _IMPROVEMENT = 0.5
-"""Below the tolerance, an iteration that does not reduce the residual by this factor is the last."""
+"""Below the tolerance, an iteration that gains less than this factor is the last."""
 
 
 class Solution(NamedTuple):
@@ -44,31 +44,68 @@ def solve_velocity(
     ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
     difference where the plant has none.
     """
+    equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
+    tolerance = max(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
     n = len(v)
 
-    def defect(velocity: Components) -> Components:
-        acceleration, _ = system.rates(ops, along(q, drift, velocity), velocity, control)
-        target = along(v, kick, acceleration)
-        return tuple([x - y for x, y in zip(velocity, target, strict=True)])
-
     def unfinished(carry: tuple[Component, ...]) -> Component:
-        residual, previous, iterations = carry[2 * n], carry[2 * n + 1], carry[2 * n + 2]
+        residual, previous, iterations = carry[2 * n :]
         improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
         return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
         velocity, f = carry[:n], carry[n : 2 * n]
-        matrix = _defect_jacobian(ops, system, q, velocity, f, control, kick, drift, defect)
-        correction = solve_linear(ops, matrix, f)
+        correction = solve_linear(ops, equation.jacobian(velocity, f), f)
         velocity = tuple([x - y for x, y in zip(velocity, correction, strict=True)])
-        f = defect(velocity)
+        f = equation.defect(velocity)
         return (*velocity, *f, _scaled(ops, f, velocity), carry[2 * n], carry[2 * n + 2] + 1)
 
-    tolerance = ops.maximum(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
-    f = defect(v)
+    f = equation.defect(v)
     residual = _scaled(ops, f, v)
     end = ops.while_loop(unfinished, newton, (*v, *f, residual, 4.0 * residual + 1.0, 0))
     return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
+
+
+class _VelocityEquation(NamedTuple):
+    """F(V) = V - v - kick · a(q + drift · V, V)."""
+
+    ops: Ops
+    system: System
+    q: Components
+    v: Components
+    control: Component
+    kick: Component
+    drift: Component
+
+    def defect(self, velocity: Components) -> Components:
+        position = along(self.q, self.drift, velocity)
+        acceleration, _ = self.system.rates(self.ops, position, velocity, self.control)
+        target = along(self.v, self.kick, acceleration)
+        return tuple([x - y for x, y in zip(velocity, target, strict=True)])
+
+    def jacobian(self, velocity: Components, f: Components) -> tuple[Components, ...]:
+        """Rows of ∂F/∂V at ``velocity``, where F is ``f``."""
+        position = along(self.q, self.drift, velocity)
+        slopes = self.system.slopes(self.ops, position, velocity, self.control)
+        if slopes is None:
+            return self._differences(velocity, f)
+        by_q, by_v = slopes
+        indices = range(len(velocity))
+        return tuple(
+            tuple(
+                (1.0 if i == j else 0.0) - self.kick * (self.drift * by_q[i][j] + by_v[i][j])
+                for j in indices
+            )
+            for i in indices
+        )
+
+    def _differences(self, velocity: Components, f: Components) -> tuple[Components, ...]:
+        columns = []
+        for j, x in enumerate(velocity):
+            increment = self.ops.epsilon**0.5 * (1.0 + abs(x))
+            moved = self.defect((*velocity[:j], x + increment, *velocity[j + 1 :]))
+            columns.append([(b - a) / increment for a, b in zip(f, moved, strict=True)])
+        return tuple(tuple(column[i] for column in columns) for i in range(len(velocity)))
 
 
 def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
@@ -76,24 +113,3 @@ def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
     for fi, vi in zip(f[1:], velocity[1:], strict=True):
         largest = ops.maximum(largest, abs(fi) / (1.0 + abs(vi)))
     return largest
-
-
-def _defect_jacobian(ops, system, q, velocity, f, control, kick, drift, defect):  # type: ignore[no-untyped-def]
-    """Rows of ∂(V - v - kick · a(q + drift V, V)) / ∂V."""
-    n = len(velocity)
-    slopes = system.slopes(ops, along(q, drift, velocity), velocity, control)
-    if slopes is not None:
-        by_q, by_v = slopes
-        return tuple(
-            tuple(
-                (1.0 if i == j else 0.0) - kick * (drift * by_q[i][j] + by_v[i][j])
-                for j in range(n)
-            )
-            for i in range(n)
-        )
-    columns = []
-    for j in range(n):
-        increment = ops.sqrt(ops.epsilon) * (1.0 + abs(velocity[j]))
-        moved = (*velocity[:j], velocity[j] + increment, *velocity[j + 1 :])
-        columns.append([(b - a) / increment for a, b in zip(f, defect(moved), strict=True)])
-    return tuple(tuple(column[i] for column in columns) for i in range(n))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators._dop853 import ERROR_3, ERROR_5, STAGES, WEIGHTS, Row
+from integ_gym.envs.integrators._dop853 import trial_step
 from integ_gym.envs.integrators.interface import Step, System
 from integ_gym.envs.ops import Component, Components, Ops
-
 
 _SMALLEST = 1e-13
 """Inner steps below this share of ``dt`` mean that the motion cannot be followed."""
@@ -56,7 +55,7 @@ class Reference:
         def attempt(carry: tuple[Component, ...]) -> tuple[Component, ...]:
             y, remaining, trial, attempts, worst = carry[:size], *carry[size:]
             h = ops.minimum(trial, remaining)
-            end, error = _trial_step(ops, derivative, y, h, tolerance)
+            end, error = trial_step(ops, derivative, y, h, tolerance)
             accepted = error <= 1.0
             y = tuple([ops.where(accepted, b, a) for a, b in zip(y, end, strict=True)])
             remaining = ops.where(accepted, remaining - h, remaining)
@@ -68,34 +67,6 @@ class Reference:
             end[:n], end[n : 2 * n], end[2 * n : size], end[size + 2], end[size + 3],
             end[size] <= 0.0,
         )  # fmt: skip
-
-
-def _trial_step(ops, derivative, y, h, tolerance):  # type: ignore[no-untyped-def]
-    """One inner step of size ``h``: the new state and its error in units of the tolerance."""
-    stages = [derivative(y)]
-    for row in STAGES[1:]:
-        stages.append(derivative(_combine(y, h, row, stages)))
-    end = _combine(y, h, WEIGHTS, stages)
-    zero = tuple([0.0 * a for a in y])
-    fifth = _norm(ops, _combine(zero, h, ERROR_5, stages), y, end, tolerance)
-    third = _norm(ops, _combine(zero, h, ERROR_3, stages), y, end, tolerance)
-    scale = ops.sqrt(fifth * fifth + 0.01 * third * third)
-    return end, fifth * fifth / ops.maximum(scale, 1e-30)
-
-
-def _combine(y: Components, h: Component, row: Row, stages: list[Components]) -> Components:
-    return tuple(
-        [a + h * sum([c * stages[j][i] for j, c in row]) for i, a in enumerate(y)]
-    )
-
-
-def _norm(
-    ops: Ops, error: Components, y: Components, end: Components, tolerance: float
-) -> Component:
-    largest = 0.0 * error[0]
-    for e, a, b in zip(error, y, end, strict=True):
-        largest = ops.maximum(largest, abs(e) / (1.0 + ops.maximum(abs(a), abs(b))))
-    return largest / tolerance
 
 
 def _growth(ops: Ops, error: Component) -> Component:

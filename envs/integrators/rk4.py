@@ -48,6 +48,4 @@ class RK4:
 
 
 def _weighted(k1: Components, k2: Components, k3: Components, k4: Components) -> Components:
-    return tuple(
-        [a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
-    )
+    return tuple([a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)])

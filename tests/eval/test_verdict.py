@@ -121,15 +121,18 @@ def test_five_seeds_are_enough_for_a_clear_failure() -> None:
 
 def test_not_learned_gets_a_mark_and_leaves_the_family() -> None:
     family = [
+        Comparison("not", [0.5, 0.49] * 5, GOOD, MIDDLE),
         Comparison("learned", GOOD, GOOD, [0.3, 0.7] * 5),
-        Comparison("not", [0.5, 0.49] * 5, GOOD, ZERO),
     ]
-    learned, not_learned = judge_family(family)
+    not_learned, learned = judge_family(family)
     assert not_learned.verdict == "not_learned"
     assert not_learned.p_exceeds is None
     assert not_learned.p_equivalent_adjusted is None
     assert "0.49" in not_learned.reason
+    assert learned.p_exceeds == unpaired_difference(GOOD, [0.3, 0.7] * 5).p_exceeds(0.2)
     assert learned.p_exceeds_adjusted == learned.p_exceeds
+    with_both = judge_family([dataclasses.replace(family[0], home=GOOD), family[1]])
+    assert with_both[1].p_exceeds_adjusted == pytest.approx(2.0 * learned.p_exceeds)
 
 
 def test_home_success_of_exactly_one_half_is_learned() -> None:
