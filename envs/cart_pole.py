@@ -10,6 +10,116 @@ from integ_gym.envs.vector import IntegVectorEnv
 
 
 class IntegCartPoleEnv(IntegEnv):
+    """Keep the pole of a cart-pole upright, under a chosen discretization.
+
+    ```python
+    >>> import gymnasium as gym, integ_gym
+    >>> env = gym.make("IntegCartPole-v0", integrator="rk4", dt=0.01, control_period=0.02)
+    >>> observation, info = env.reset(seed=0)
+
+    ```
+
+    ## Description
+
+    The plant is :class:`integ_gym.envs.plants.cart_pole.CartPole`. With the defaults the environment
+    is Gymnasium's ``CartPole-v1``.
+
+    | Contract | |
+    |---|---|
+    | State | (x, ẋ, θ, θ̇), `env.unwrapped.state`; start from one with `reset(options={"state": …})` |
+    | Observation | float32 (x, ẋ, θ, θ̇) of the last sensor sample |
+    | Action | `Discrete(2)`: force −`force_mag` or +`force_mag`; others raise |
+    | Rates | physics every `dt`, decisions every `control_period`, force held in between (zero-order hold), samples every `sensor_period` |
+    | Frame | track; x = 0 at its middle, θ = 0 upright, positive towards +x |
+    | Units | SI: m, m/s, rad, rad/s, N, kg, s, J |
+    | Uncertainty | start distribution; Gaussian `observation_noise` on each sample of every component |
+    | Fallback | `hold` or `zero` (0 N), before the first command arrives and on non-finite actions; counted |
+    | Metric | success: not terminated within `duration`; return in physical time |
+    | Likeliest failure | a coarse step hides or invents instability of the balancing loop |
+
+    ## Action Space
+
+    `Discrete(2)`: 0 pushes towards −x, 1 towards +x.
+
+    ## Observation Space
+
+    `Box`, float32: x within twice `x_threshold`, θ within twice `theta_threshold`, velocities
+    unbounded (±`max_speed` with one).
+
+    ## Rewards
+
+    1 per 0.02 s, the terminating step included, proportional to `control_period`: at 0.02 s it is
+    that of ``CartPole-v1``. With `sutton_barto_reward`, 0 per step and −1 at termination.
+
+    ## Starting State
+
+    Every component uniform in ±0.05; `reset(options={"low": …, "high": …})` gives other bounds.
+
+    ## Episode End
+
+    Termination beyond ±`x_threshold` or ±`theta_threshold`, checked at control instants, or by
+    divergence (a component that is not finite in float32, or a speed above 1000 m/s or rad/s),
+    whose reward is 0 (−1 with `sutton_barto_reward`). Truncation after `duration`.
+
+    ## Arguments
+
+    Keyword arguments of `gym.make`; all are JSON-serialisable. Plant parameters of `make_vec` may
+    be arrays with one value per environment.
+
+    | Name | Default | Unit | Meaning |
+    |---|---|---|---|
+    | `integrator` | `"explicit_euler"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
+    | `dt` | 0.02 | s | integration step |
+    | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
+    | `engine` | `"native"` | | what advances the plant |
+    | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
+    | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
+    | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
+    | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
+    | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
+    | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
+    | `start` | `"upright"` | | `upright` |
+    | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `cart_mass` | 1.0 | kg | of the cart |
+    | `mass` | 0.1 | kg | of the pole |
+    | `length` | 0.5 | m | hinge to centre of mass of the pole |
+    | `gravity` | 9.8 | m/s² | gravitational acceleration |
+    | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
+    | `cart_damping` | 0.0 | N s/m | viscous, of the cart |
+    | `mass_distribution` | `"uniform"` | | `uniform` pole or `point` mass at its centre of mass |
+    | `force_mag` | 10.0 | N | magnitude of the force |
+    | `x_threshold` | 2.4 | m | the episode ends beyond |
+    | `theta_threshold` | 0.2094 (12°) | rad | the episode ends beyond |
+    | `sutton_barto_reward` | `False` | | 0 per step and −1 at termination instead |
+
+    ## Info
+
+    The same keys after every reset and step; energies in J over the control period.
+
+    | Key | Unit | Meaning |
+    |---|---|---|
+    | `time` | s | since the start of the episode |
+    | `energy` | J | kinetic + potential; zero at rest hanging |
+    | `actuator_work` | J | Σ over sub-steps of control × displacement, exact |
+    | `dissipated` | J | taken out by damping, integrated with the motion |
+    | `clip_loss` | J | taken out by `max_speed` |
+    | `energy_residual` | J | ΔE − work + dissipated + clip_loss: what numerical error put in or took out |
+    | `control` | N | in force at the end of the period |
+    | `commanded` | N | asked for by this decision, after saturation and fallback |
+    | `saturated` | | whether the action was beyond its bounds |
+    | `fallback_used` | | whether the fallback acted in this period |
+    | `sensor_time` | s | when the observed sample was taken |
+    | `goal_since` | s | since when the state has been at the goal; −1 while it is not |
+    | `success` | | true at the end of an episode that succeeded |
+    | `solver_iterations` | | most iterations of any sub-step |
+    | `solver_residual` | | largest scaled residual of any sub-step |
+    | `solver_status` | | `ok`, `not_converged` or `diverged` |
+
+    ## Version History
+
+    * v0: initial version.
+    """
+
     task_name: ClassVar[str] = "cart_pole_balance"
     defaults: ClassVar[Mapping[str, Any]] = {"integrator": "explicit_euler", "dt": 0.02}
 

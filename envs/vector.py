@@ -73,7 +73,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         **arguments: Any,
     ) -> None:
         self.num_envs = num_envs
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
         self.setups = _make_setups(self.env_class, arguments, mixture)
         for setup in self.setups:
@@ -410,6 +410,14 @@ def _make_setups(
             "give `control_period`"
         )
     return setups
+
+
+def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        choices = ", ".join(repr(m.value) for m in AutoresetMode)
+        raise ValueError(f"`autoreset_mode` must be one of {choices}, got {mode!r}") from None
 
 
 def _array_parameters(setup: Setup) -> dict[str, Array]:

@@ -212,7 +212,9 @@ def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
     have a chance below 0.05, and so have wrong `transfers`. They are two questions, of which a
     reader acts on one, and no comparison can be given both answers; one correction over all
     the tests would bound both chances together, but at twice the number of tests. As it is, the
-    chance of any wrong verdict in the family is below 0.10.
+    chance of any wrong verdict in the family is below 0.10. All this holds as far as the
+    p-values do: `Difference.p_equivalent` names the case in which `transfers` is given too
+    easily (about the fewest seeds that allow it, and rare total failures).
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail. With
     every rate at 1.0 on both sides, the transfer gap needs 15 seeds a side in a family of one

@@ -14,9 +14,7 @@ from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 
 ALL = INTEGRATORS.names()
-EXPLICIT_ORDERS = {
-    name: INTEGRATORS.load(name).order for name in ALL if name != "reference"
-}
+EXPLICIT_ORDERS = {name: INTEGRATORS.load(name).order for name in ALL if name != "reference"}
 DRIVEN_PLANTS = {
     "pendulum": Pendulum(damping=0.3),
     "cart_pole": CartPole(damping=0.02, cart_damping=0.4),

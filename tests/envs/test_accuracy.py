@@ -10,7 +10,7 @@ import pytest
 from motions import DRIVEN_PLANTS, EXPLICIT_ORDERS, STARTS, driven
 from scipy.integrate import solve_ivp
 
-import integ_gym  # noqa: F401
+import integ_gym
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
