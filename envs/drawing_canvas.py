@@ -38,7 +38,7 @@ def load_pygame() -> ModuleType:
         raise ModuleNotFoundError(
             'pygame is not installed; run: pip install "integ-gym[render]"', name="pygame"
         ) from None
-    return pygame  # type: ignore[no-any-return]
+    return pygame
 
 
 def tint(colour: Colour, strength: float) -> Colour:
@@ -159,7 +159,7 @@ class Canvas:
     def text(
         self, text: str, where: Point, size: float, colour: Colour, *, align: float = 0.0
     ) -> None:
-        """One line of text whose middle left (``align`` 0), middle (0.5) or right (1) is at a point.
+        """One line of text whose left end (``align`` 0), middle (0.5) or right end (1) is given.
 
         It is made smaller where it would be wider than the picture.
         """

@@ -64,8 +64,8 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     """Track, cart and pole to scale, and an arrow that leaves the cart with the force."""
     x, _, theta, theta_dot = state
     arguments = setup.arguments()
-    end = arguments.get("x_threshold", 2.4)
-    goal = arguments.get("theta_threshold", NEAR_UPRIGHT)
+    end = float(np.max(arguments.get("x_threshold", 2.4)))
+    goal = float(np.max(arguments.get("theta_threshold", NEAR_UPRIGHT)))
     scale = 230.0 / end
     hinge = (300.0 + scale * x, 238.0)
     _track(canvas, hinge[1] + 27.0, end)

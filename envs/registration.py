@@ -1,8 +1,16 @@
-"""Registration of the environment ids with Gymnasium."""
+"""The environment ids: registration with Gymnasium, and their classes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+
+from integ_gym.envs.environment import IntegEnv, make_setup
+from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.settings import Setup
 
 ENVIRONMENTS = {
     "IntegPendulum-v0": "integ_gym.envs.pendulum:IntegPendulum",
@@ -16,3 +24,23 @@ def register_environments() -> None:
     for env_id, stem in ENVIRONMENTS.items():
         if env_id not in gym.registry:
             gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")
+
+
+def environment_class(env_id: str) -> type[IntegEnv]:
+    """The single environment's class.
+
+    Raises:
+        ValueError: for an id that is not one of ours, with the valid ones.
+    """
+    if env_id not in ENVIRONMENTS:
+        raise ValueError(unknown_name("environment", env_id, ENVIRONMENTS))
+    return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
+
+
+def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+    """Plant, task, timing and engine that an id and its constructor arguments stand for.
+
+    Raises:
+        TypeError, ValueError: for what the environment's constructor refuses.
+    """
+    return make_setup(environment_class(env_id), arguments)

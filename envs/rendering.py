@@ -24,7 +24,8 @@ class Renderer:
 
     Args:
         setup: what is drawn.
-        mode: ``"rgb_array"`` draws off-screen, ``"human"`` in a window, in real time.
+        mode: ``"rgb_array"`` draws off-screen, ``"human"`` in a window, in real time;
+            all windows of a process are parts of one, side by side.
         fps: how often :meth:`draw` is called per second of simulated time; a window shows
             at most 60 of these pictures per second.
 
@@ -69,9 +70,13 @@ class Renderer:
         canvas.text(discretization_label(setup), (16.0, 22.0), 24, INK)
         digits = 2 if setup.timing.control_period >= 0.01 else 3
         canvas.text(f"t = {time:.{digits}f} s", (16.0, height - 22.0), 24, MUTED)
-        plant = setup.plant
-        value = f"{plant.control_name} {signed(float(control), 2)} {plant.control_unit}"
-        canvas.text(value, (width - 16.0, height - 22.0), 24, MUTED, align=1.0)
+        canvas.text(
+            control_label(setup, float(control)),
+            (width - 16.0, height - 22.0),
+            24,
+            MUTED,
+            align=1.0,
+        )
         return canvas.frame()
 
 
@@ -83,6 +88,13 @@ def discretization_label(setup: Setup) -> str:
     if timing.substeps != 1:
         parts.append(f"control every {timing.control_period:g} s")
     return " · ".join(parts)
+
+
+def control_label(setup: Setup, control: float) -> str:
+    """Name, value and unit of the control, with the digits that its limit asks for."""
+    limit = float(np.max(setup.task.control_limit))
+    digits = max(2, 1 - math.floor(math.log10(limit)))
+    return f"{setup.plant.control_name} {signed(control, digits)} {setup.plant.control_unit}"
 
 
 def _pixels(surface: Any) -> npt.NDArray[np.uint8]:

@@ -92,7 +92,8 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self._member = np.zeros(num_envs, dtype=np.int64)
         self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
         self._control = np.zeros(num_envs)
-        self._renderer: Any = None
+        self._final_state = np.zeros_like(self._noise)
+        self._renderers: list[Any] = []
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -111,6 +112,11 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         """True states in Gymnasium's order, SI units, shape (num_envs, n)."""
         current = self._current()
         return np.stack(join_state(current.q, current.v), axis=1)
+
+    @property
+    def final_state(self) -> npt.NDArray[np.float64]:
+        """With ``SAME_STEP``, true states before the last step's resets, shape (num_envs, n)."""
+        return self._final_state.copy()
 
     def reset(
         self,
@@ -169,21 +175,20 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         if self.render_mode is None:
             gym.logger.warn('render() needs render_mode="rgb_array" in gym.make_vec')
             return None
-        if self._renderer is None:
+        if not self._renderers:
             from integ_gym.envs.rendering import Renderer
 
-            self._renderer = Renderer(self.setup, "rgb_array", self.metadata["render_fps"])
+            fps = self.metadata["render_fps"]
+            self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]
         times = self._current().steps * self.setup.timing.control_period
-        return tuple(
-            self._renderer.draw(state, control, time)
-            for state, control, time in zip(self.state, self._control, times, strict=True)
-        )
+        lanes = zip(self._member, self.state, self._control, times, strict=True)
+        return tuple(self._renderers[m].draw(state, u, time) for m, state, u, time in lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Release the drawing surface."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        """Release the drawing surfaces."""
+        for renderer in self._renderers:
+            renderer.close()
+        self._renderers = []
 
     def _current(self) -> EnvState:
         if self._state is None:
@@ -326,6 +331,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self, observation: Array, info: dict[str, Array]
     ) -> tuple[Array, dict[str, Any]]:
         done = self._done.copy()
+        self._final_state = self.state
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(done):
             final_obs[lane] = observation[lane].copy()

@@ -1,7 +1,7 @@
 """Gymnasium's vector environments as stable-baselines3 (SB3) wants them.
 
-SB3 takes its own `VecEnv` only. The adapter here gives SB3 exactly what its `DummyVecEnv` would give
-from single environments, while all lanes advance together.
+SB3 takes its own `VecEnv` only. The adapter here gives it exactly what its `DummyVecEnv` gives from
+single environments, while all lanes advance together.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Sb3VecEnv(VecEnv):
         """Start an episode in every lane, with the seeds and options set since the last reset.
 
         Returns:
-            Observations, float32 of shape (num_envs, obs_dim), in the environment's units.
+            Observations, float32, shape (num_envs, obs_dim), in the environment's units.
 
         Raises:
             ValueError: if the lanes were given options that differ in more than ``state``.
@@ -112,7 +112,7 @@ class Sb3VecEnv(VecEnv):
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """One RGB frame per lane, each of shape (height, width, 3)."""
-        frames = self.vector_env.render()
+        frames: Any = self.vector_env.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
@@ -145,7 +145,11 @@ class Sb3VecEnv(VecEnv):
         setattr(self.vector_env.unwrapped, attr_name, value)
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+        self,
+        method_name: str,
+        *method_args: Any,
+        indices: VecEnvIndices = None,
+        **method_kwargs: Any,
     ) -> list[Any]:
         """Refused, except for `render`: lanes are no objects of their own.
 

@@ -1,0 +1,1 @@
+"""Evaluation: panels, statistics, verdicts and reports."""

@@ -1,0 +1,208 @@
+"""``panel.json``: everything a panel found, in one file."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from integ_gym.eval.matrix import Matrix, Row
+from integ_gym.eval.run_directory import package_versions
+from integ_gym.eval.spec import Cell, Discretization
+from integ_gym.eval.statistics import rate_interval
+from integ_gym.eval.verdict import (
+    LEARNED,
+    Comparison,
+    Judgement,
+    PolicyCell,
+    compare_policies,
+    judge_family,
+)
+
+SCHEMA_VERSION = 1
+FAILURE_SAMPLE = 40
+"""Failed episodes listed in the artefact; the evidence holds them all."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Rows and cells of a panel, and what was declared about them.
+
+    Attributes:
+        rows: all rows.
+        homes: training discretization by row name.
+        cells: all cells by name.
+        cells_of: names of the cells that a row was evaluated in.
+        reference: name of the reference cell.
+        family: declared comparisons (row, cell).
+        compare: declared pairs of rows.
+    """
+
+    rows: tuple[Row, ...]
+    homes: Mapping[str, Discretization]
+    cells: Mapping[str, Cell]
+    cells_of: Mapping[str, tuple[str, ...]]
+    reference: str
+    family: Sequence[tuple[str, str]] = ()
+    compare: Sequence[tuple[str, str]] = ()
+
+    def native(self, cell: str) -> str | None:
+        """The row that was trained in a cell, if there is one."""
+        if self.cells[cell].perturbation is not None:
+            return None
+        trained = (row for row, home in self.homes.items() if home == self.cells[cell].discretization)
+        return next(trained, None)
+
+
+def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of ``panel.json``.
+
+    Args:
+        layout: rows and cells.
+        matrix: outcomes.
+        facts: further entries: name, question, spec, command, cost, policies' files, …
+    """
+    entries = [
+        matrix.entry(row.name, cell, layout.native(cell), layout.reference)
+        for row in layout.rows
+        for cell in layout.cells_of[row.name]
+    ]
+    judgements = _judge(layout, matrix)
+    failures = [
+        failure
+        for row in layout.rows
+        if row.kind != "baseline"
+        for cell in layout.cells_of[row.name]
+        for failure in matrix.failures(row.name, cell)
+    ]
+    return {
+        "schema_version": SCHEMA_VERSION,
+        **facts,
+        "answer": _answer(layout, matrix, judgements),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "platform": platform.platform(),
+        "versions": package_versions(),
+        "rows": [_row(row, layout, matrix, facts) for row in layout.rows],
+        "cells": [_cell(cell) for cell in layout.cells.values()],
+        "matrix": entries,
+        "verdicts": [
+            {**asdict(j), "row": row, "cell": cell}
+            for j, (row, cell) in zip(judgements, layout.family, strict=True)
+        ],
+        "policy_comparisons": [_compare(layout, matrix, a, b) for a, b in layout.compare],
+        "failures": _spread(failures),
+        "failures_total": len(failures),
+    }
+
+
+def _judge(layout: Layout, matrix: Matrix) -> tuple[Judgement, ...]:
+    comparisons = []
+    for row, cell in layout.family:
+        native, home = layout.native(cell), matrix.rows[row].home
+        assert home is not None
+        comparisons.append(
+            Comparison(
+                name=f"{row} → {cell}",
+                home=matrix.rates(row, home),
+                native=None if native in (None, row) else matrix.rates(str(native), cell),
+                transferred=matrix.rates(row, cell),
+            )
+        )
+    return judge_family(comparisons) if comparisons else ()
+
+
+def _compare(layout: Layout, matrix: Matrix, a: str, b: str) -> dict[str, Any]:
+    """Policies of two rows, compared in every grid cell and on the reference.
+
+    The finest step of both rows' own integrators decides, and so does the reference.
+    """
+    own = {layout.homes[a].integrator, layout.homes[b].integrator}
+    cells = []
+    for name in layout.cells_of[a]:
+        cell = layout.cells[name]
+        if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
+            continue
+        role: Any = cell.role
+        if role == "quarter_step" and cell.discretization.integrator not in own:
+            role = None
+        cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
+    return {"a": a, "b": b, **asdict(compare_policies(cells))}
+
+
+def _row(row: Row, layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
+    home = layout.homes.get(row.name)
+    rates = None if row.home is None else matrix.rates(row.name, row.home)
+    return {
+        "name": row.name,
+        "kind": row.kind,
+        "home": row.home,
+        "integrator": home.integrator if home else None,
+        "dt": home.dt if home else None,
+        "control_period": home.control_period if home else None,
+        "seeds": len(row.policies),
+        "policies": [facts["policies"][policy] for policy in row.policies],
+        "home_success": None if rates is None else asdict(rate_interval(rates)),
+        "learned": None if rates is None else bool(rates.mean() >= LEARNED),
+        "training_steps": facts.get("training_steps") if row.kind == "trained" else None,
+    }
+
+
+def _cell(cell: Cell) -> dict[str, Any]:
+    return {
+        "name": cell.name,
+        **cell.discretization.arguments(),
+        "kind": cell.kind,
+        "perturbation": cell.perturbation.name if cell.perturbation else None,
+        "role": cell.role,
+    }
+
+
+def _spread(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A sample that takes turns between cells and labels, in a fixed order."""
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for failure in failures:
+        key = (failure["label"], failure["row"], failure["cell"])
+        groups.setdefault(key, []).append(failure)
+    sample: list[dict[str, Any]] = []
+    depth = 0
+    while len(sample) < min(FAILURE_SAMPLE, len(failures)):
+        layer = [group[depth] for group in groups.values() if len(group) > depth]
+        step = max(1, len(layer) // FAILURE_SAMPLE)
+        sample += layer[::step][: FAILURE_SAMPLE - len(sample)]
+        depth += 1
+    return sample
+
+
+def _answer(layout: Layout, matrix: Matrix, judgements: Sequence[Judgement]) -> str:
+    """The panel's question answered in one sentence with numbers."""
+    learned = [j for j in judgements if j.verdict != "not_learned"]
+    fails = [j for j in learned if j.verdict == "fails"]
+    if fails:
+        worst = max(fails, key=lambda j: j.gap.estimate)
+        return (
+            f"Not always: {len(fails)} of {len(learned)} declared transfers fail, the worst "
+            f"{worst.name} with a {worst.quantity.replace('_', ' ')} of {worst.gap}."
+        )
+    if learned and all(j.verdict == "transfers" for j in learned):
+        return f"Yes: all {len(learned)} declared transfers hold within ±0.1 success."
+    if learned:
+        worst = max(learned, key=lambda j: j.gap.estimate)
+        return (
+            f"Not shown either way: none of {len(learned)} declared transfers is shown to fail by "
+            f"more than 0.2; the largest loss is {worst.name}, {worst.gap}."
+        )
+    return _range_answer(layout, matrix)
+
+
+def _range_answer(layout: Layout, matrix: Matrix) -> str:
+    row = layout.rows[0].name
+    columns = [n for n in layout.cells_of[row] if layout.cells[n].kind in ("grid", "reference")]
+    rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
+    low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
+    return (
+        f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "
+        f"{len(rates)} discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} "
+        f"({high})."
+    )

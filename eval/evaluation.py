@@ -1,0 +1,207 @@
+"""Evaluation of one policy over cells, from paired starts, with evidence of every episode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.settings import Settings
+from integ_gym.eval.spec import Cell, Discretization
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.recorder import RecordVectorEvidence
+from integ_gym.train.policy import Policy
+
+Array = npt.NDArray[Any]
+
+LATENCY_SAMPLES = 200
+"""Decisions at batch size 1 that the inference latency is taken from."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A policy under evaluation and where it comes from.
+
+    Attributes:
+        policy: what acts.
+        home: discretization it was trained on, or None.
+        seed: training seed, or None.
+    """
+
+    policy: Policy
+    home: Discretization | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What all cells of an evaluation share.
+
+    Attributes:
+        run_id: the run that the records belong to.
+        env_id: environment.
+        environment: constructor arguments common to all cells.
+        episodes: paired starts; episode k starts from seed ``episode_seed + k`` in every cell.
+        episode_seed: seed of episode 0.
+    """
+
+    run_id: str
+    env_id: str
+    environment: Mapping[str, Any]
+    episodes: int
+    episode_seed: int
+
+
+def evaluate(
+    subject: Subject,
+    cells: Sequence[Cell],
+    conditions: Conditions,
+    store: Any,
+    batch: str,
+    on_cell: Callable[[], None] = lambda: None,
+) -> None:
+    """Run every cell and commit all records as one batch.
+
+    Cells that replay others (the home discretization, the unperturbed environment) must come
+    before those that are labelled by them.
+
+    Args:
+        subject: the policy.
+        cells: in the order in which they are run.
+        conditions: what they share.
+        store: an ``EvidenceStore``.
+        batch: name of the batch, which must not exist yet.
+        on_cell: called after every cell.
+    """
+    latency = inference_latency(subject.policy, conditions)
+    succeeded: dict[tuple[Any, ...], Array] = {}
+    with store.batch(batch) as open_batch:
+        for cell in cells:
+            environment = gym.make_vec(
+                conditions.env_id,
+                num_envs=conditions.episodes,
+                **cell.arguments(conditions.environment),
+            )
+            context = _context(subject, cell, conditions, latency)
+            recorder = RecordVectorEvidence(
+                environment,
+                open_batch,
+                context,
+                episode_of_lane=range(conditions.episodes),
+            )
+            success = roll_out(recorder, subject.policy, conditions)
+            recorder.commit(_replays(subject, cell, conditions, succeeded))
+            succeeded[_key(cell, cell.discretization)] = success
+            environment.close()
+            on_cell()
+
+
+def roll_out(environment: Any, policy: Policy, conditions: Conditions) -> Array:
+    """One episode per lane; whether each succeeded, shape (episodes,)."""
+    count = conditions.episodes
+    observation, _ = environment.reset(seed=conditions.episode_seed)
+    running = np.ones(count, dtype=bool)
+    success = np.zeros(count, dtype=bool)
+    while running.any():
+        observation, _, terminated, truncated, info = environment.step(policy.act(observation))
+        ended = running & (terminated | truncated)
+        success[ended] = info["success"][ended]
+        running &= ~ended
+    return success
+
+
+def inference_latency(policy: Policy, conditions: Conditions) -> tuple[float, float]:
+    """Mean and 99th percentile of the time of one decision at batch size 1, ns."""
+    environment = gym.make_vec(conditions.env_id, num_envs=1, **conditions.environment)
+    observation, _ = environment.reset(seed=conditions.episode_seed)
+    environment.close()
+    times = []
+    for _ in range(LATENCY_SAMPLES):
+        start = time.perf_counter_ns()
+        policy.act(observation)
+        times.append(time.perf_counter_ns() - start)
+    return float(np.mean(times)), float(np.percentile(times, 99))
+
+
+def _context(
+    subject: Subject, cell: Cell, conditions: Conditions, latency: tuple[float, float]
+) -> EpisodeContext:
+    return EpisodeContext(
+        run_id=conditions.run_id,
+        cell=cell.name,
+        phase="evaluation",
+        policy_id=subject.policy.policy_id,
+        policy_hash=subject.policy.content_hash,
+        training_discretization=subject.home.arguments() if subject.home else None,
+        training_seed=subject.seed,
+        perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
+        inference_latency_mean=latency[0],
+        inference_latency_p99=latency[1],
+    )
+
+
+def _key(cell: Cell, discretization: Discretization | None) -> tuple[Any, ...]:
+    return discretization, cell.perturbation.name if cell.perturbation else None
+
+
+def _replays(
+    subject: Subject,
+    cell: Cell,
+    conditions: Conditions,
+    succeeded: Mapping[tuple[Any, ...], Array],
+) -> list[Replays]:
+    """What the cells run so far say about each episode of this one."""
+    at_home = succeeded.get(_key(cell, subject.home))
+    undisturbed = _undisturbed(cell, conditions, succeeded)
+    return [
+        Replays(
+            home=_home(subject, cell, at_home, k),
+            without_noise=undisturbed["without_noise"][k],
+            without_delay=undisturbed["without_delay"][k],
+        )
+        for k in range(conditions.episodes)
+    ]
+
+
+def _home(subject: Subject, cell: Cell, at_home: Array | None, k: int) -> Any:
+    if subject.home is None:
+        return "no home"
+    if cell.discretization == subject.home:
+        return "is home"
+    return None if at_home is None else bool(at_home[k])
+
+
+def _undisturbed(
+    cell: Cell, conditions: Conditions, succeeded: Mapping[tuple[Any, ...], Array]
+) -> dict[str, Sequence[bool | None]]:
+    """The unperturbed cell answers for noise and delays that the perturbation alone brings in."""
+    nothing: list[bool | None] = [None] * conditions.episodes
+    plain = succeeded.get((cell.discretization, None))
+    if cell.perturbation is None or plain is None:
+        return {"without_noise": nothing, "without_delay": nothing}
+    known = [bool(x) for x in plain]
+    return {
+        name: known if _only(cell, conditions, owned) else nothing
+        for name, owned in (
+            ("without_noise", {"observation_noise"}),
+            ("without_delay", {"action_latency", "sensor_period"}),
+        )
+    }
+
+
+def _only(cell: Cell, conditions: Conditions, names: set[str]) -> bool:
+    """Whether the perturbation changes these arguments alone, from their undisturbed values."""
+    assert cell.perturbation is not None
+    changed = set(cell.perturbation.environment)
+    plain = environment_setup(
+        conditions.env_id, replace(cell, perturbation=None).arguments(conditions.environment)
+    ).settings
+    disturbed = any(getattr(plain, name) != getattr(Settings, name) for name in names)
+    return changed <= names and not disturbed

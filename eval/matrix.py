@@ -1,0 +1,170 @@
+"""The panel's matrix: evidence records reduced to rows × cells, with intervals over seeds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.eval.statistics import (
+    Interval,
+    iqm_interval,
+    mean_interval,
+    paired_difference,
+    rate_interval,
+    unpaired_difference,
+)
+from integ_gym.eval.verdict import reference_class
+
+Array = npt.NDArray[Any]
+
+COLUMNS = (
+    "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
+    "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
+    "failure_reason",
+)  # fmt: skip
+"""Columns of the records that the matrix is made of."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the panel.
+
+    Attributes:
+        name: of the row.
+        kind: `trained`, `baseline` or `given`.
+        policies: policy ids, one per training seed.
+        home: name of the home cell, or None.
+    """
+
+    name: str
+    kind: str
+    policies: tuple[str, ...]
+    home: str | None = None
+
+
+class Matrix:
+    """Outcomes by row and cell.
+
+    Args:
+        rows: the panel's rows.
+        records: one mapping per evaluation record, with at least :data:`COLUMNS`.
+        episodes: paired starts per policy and cell.
+
+    Raises:
+        ValueError: if a policy's episodes in a cell are not exactly 0 … episodes - 1.
+    """
+
+    def __init__(
+        self, rows: Sequence[Row], records: Sequence[Mapping[str, Any]], episodes: int
+    ) -> None:
+        self.rows = {row.name: row for row in rows}
+        self.episodes = episodes
+        self._records: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+        for record in records:
+            key = (record["policy_id"], record["cell"])
+            self._records.setdefault(key, []).append(record)
+        for key, group in self._records.items():
+            group.sort(key=lambda record: record["episode_index"])
+            if [record["episode_index"] for record in group] != list(range(episodes)):
+                raise ValueError(f"episodes of {key[0]} in {key[1]} are not 0 … {episodes - 1}")
+
+    def has(self, row: str, cell: str) -> bool:
+        """Whether every policy of the row was evaluated in the cell."""
+        return all((policy, cell) in self._records for policy in self.rows[row].policies)
+
+    def records(self, row: str, cell: str) -> list[list[Mapping[str, Any]]]:
+        """Records by seed, then by episode."""
+        return [self._records[policy, cell] for policy in self.rows[row].policies]
+
+    def values(self, row: str, cell: str, name: str) -> Array:
+        """One column, shape (seeds, episodes); NaN where it is null."""
+        table = [[record[name] for record in group] for group in self.records(row, cell)]
+        return np.array(table, dtype=np.float64)
+
+    def rates(self, row: str, cell: str) -> Array:
+        """Success rate of every seed, shape (seeds,)."""
+        means: Array = self.values(row, cell, "success").mean(axis=1)
+        return means
+
+    def entry(self, row: str, cell: str, native: str | None, reference: str) -> dict[str, Any]:
+        """Everything that the panel says about one row in one cell.
+
+        Args:
+            row: row name.
+            cell: cell name.
+            native: the row that was trained in this cell, if there is one.
+            reference: name of the reference cell.
+        """
+        records = [record for group in self.records(row, cell) for record in group]
+        rates = self.rates(row, cell)
+        return {
+            "row": row,
+            "cell": cell,
+            "episodes": len(records),
+            "success": asdict(rate_interval(rates)),
+            "success_by_seed": rates.tolist(),
+            "return": _interval(iqm_interval(self.values(row, cell, "return"))),
+            "time_to_success": self._mean(row, cell, "time_to_success"),
+            "energy_residual": self._mean(row, cell, "energy_residual_total"),
+            "energy_residual_abs": self._mean(row, cell, "energy_residual_abs_total"),
+            "diverged": sum(record["solver_status"] == "diverged" for record in records),
+            "home_drop": self._home_drop(row, cell),
+            "transfer_gap": self._transfer_gap(row, cell, native),
+            "reference_class": self._reference_class(row, cell, reference),
+            "labels": dict(Counter(record["failure_label"] for record in records)),
+        }
+
+    def failures(self, row: str, cell: str) -> list[dict[str, Any]]:
+        """Failed episodes with their labels and reasons."""
+        return [
+            {
+                "row": row,
+                "cell": cell,
+                "policy": record["policy_id"],
+                "episode_index": record["episode_index"],
+                "record_id": record["record_id"],
+                "label": record["failure_label"],
+                "reason": record["failure_reason"],
+            }
+            for group in self.records(row, cell)
+            for record in group
+            if not record["success"]
+        ]
+
+    def _mean(self, row: str, cell: str, name: str) -> dict[str, Any] | None:
+        """Mean over seeds of each seed's mean over its episodes that have a value."""
+        values = self.values(row, cell, name)
+        present = np.isfinite(values)
+        means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
+        if not means:
+            return None
+        return _interval(mean_interval(means)) or {
+            "estimate": means[0], "low": None, "high": None, "level": None,
+        }  # fmt: skip
+
+    def _home_drop(self, row: str, cell: str) -> dict[str, Any] | None:
+        home = self.rows[row].home
+        if home is None or home == cell or not self.has(row, home):
+            return None
+        return asdict(paired_difference(self.rates(row, home), self.rates(row, cell)).interval)
+
+    def _transfer_gap(self, row: str, cell: str, native: str | None) -> dict[str, Any] | None:
+        if native is None or native == row or self.rows[row].kind == "baseline":
+            return None
+        return asdict(
+            unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
+        )
+
+    def _reference_class(self, row: str, cell: str, reference: str) -> str | None:
+        if cell == reference or not self.has(row, reference):
+            return None
+        return reference_class(self.rates(row, cell).mean(), self.rates(row, reference).mean())
+
+
+def _interval(interval: Interval | None) -> dict[str, Any] | None:
+    return None if interval is None else asdict(interval)

@@ -1,0 +1,279 @@
+"""The panel: training runs and evaluations in a pool of processes, resumable."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from integ_gym.envs.registration import environment_setup
+from integ_gym.eval.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
+from integ_gym.eval.spec import Discretization, PanelSpec, SpecError
+from integ_gym.eval.worker import Progress, report_work
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordVectorEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.sb3_zip import read_sb3_zip
+
+STEPS_PER_SECOND = 7000.0
+"""Training decisions per second and core that the progress bar counts on."""
+
+CELL_SECONDS = 0.4
+"""Time of one evaluation cell that the progress bar counts on, s."""
+
+
+class PanelError(RuntimeError):
+    """A unit of work that failed, in one sentence."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One training run with its evaluation, or the evaluation of one baseline.
+
+    Attributes:
+        row: name of the panel's row.
+        home: training discretization, or None for a baseline.
+        seed: training seed, or None.
+    """
+
+    row: str
+    home: Discretization | None = None
+    seed: int | None = None
+
+    @property
+    def policy(self) -> str:
+        """Identifier of the policy, usable as a file name."""
+        seed = "" if self.seed is None else f"-seed{self.seed}"
+        return re.sub(r"[^A-Za-z0-9._]+", "-", self.row) + seed
+
+    @property
+    def training(self) -> str:
+        """Name of the training unit."""
+        return f"train-{self.policy}"
+
+    @property
+    def evaluation(self) -> str:
+        """Name of the evaluation unit."""
+        return f"evaluate-{self.policy}"
+
+
+def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
+    """Baselines first, which are quick, then the training runs, seed by seed."""
+    baselines = tuple(Unit(name) for name in spec.baselines)
+    return baselines + tuple(Unit(d.name, d, seed) for seed in spec.seeds for d in spec.train)
+
+
+def check_spec(spec: PanelSpec) -> None:
+    """Check what only the trainer and the baselines know.
+
+    Raises:
+        SpecError: for unknown hyperparameters or baselines.
+    """
+    try:
+        for unit in units_of(spec):
+            if unit.home is not None:
+                training_config(spec, unit)
+            else:
+                make_baseline(unit.row, nominal_setup(spec))
+    except (TypeError, ValueError) as error:
+        raise SpecError(f"panel {spec.name!r}: {error}") from error
+
+
+def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
+    """Hyperparameters of one training run."""
+    assert unit.home is not None
+    return PPOConfig.of(
+        spec.env_id,
+        {**spec.environment, **unit.home.arguments()},
+        seed=unit.seed,
+        **spec.training,
+    )
+
+
+def nominal_setup(spec: PanelSpec) -> Any:
+    """The unperturbed reference environment, from whose parameters baselines are designed."""
+    arguments = {**spec.environment, **spec.reference.arguments()}
+    return environment_setup(spec.env_id, arguments)
+
+
+def run_panel(
+    spec: PanelSpec, out: Path, *, workers: int | None = None, progress: bool = True
+) -> RunDirectory:
+    """Train and evaluate everything that is not finished yet.
+
+    Args:
+        spec: the panel.
+        out: its directory.
+        workers: processes; by default one per core.
+        progress: show a bar with the remaining time.
+
+    Raises:
+        SpecError, RunDirectoryError: for what cannot be run, before anything is written.
+        PanelError: if a unit of work fails; what was finished stays.
+    """
+    check_spec(spec)
+    directory = RunDirectory(out, spec.to_json())
+    with directory.opened():
+        _run_units(spec, directory, workers or _cores(), progress)
+    return directory
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress: bool) -> None:
+    units = units_of(spec)
+    total = sum(_work(spec, unit) for unit in units)
+    shared = Progress()
+    with (
+        shared.pool(workers) as pool,
+        tqdm(total=round(total), unit="s", disable=not progress, smoothing=0.05,
+             bar_format="{l_bar}{bar}| {postfix} elapsed {elapsed}, about {remaining} left") as bar,
+    ):  # fmt: skip
+        bar.set_description(f"panel {spec.name}")
+        try:
+            for done in _scheduled(spec, directory, units, pool):
+                bar.set_postfix_str(f"{done} of {2 * len(units)} units,")
+                bar.n = min(bar.total, shared.total())
+                bar.refresh()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _scheduled(
+    spec: PanelSpec, directory: RunDirectory, units: tuple[Unit, ...], pool: ProcessPoolExecutor
+) -> Iterator[int]:
+    """Run every unit's training, then its evaluation; yields the number of finished halves."""
+    running: dict[Future[None], tuple[Unit, str]] = {}
+    finished = 0
+    for unit in units:
+        running[pool.submit(_train_unit, spec, directory, unit)] = (unit, "training")
+    while running:
+        ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+        for future in ended:
+            unit, what = running.pop(future)
+            try:
+                future.result()
+            except Exception as error:
+                raise PanelError(f"{what} of {unit.policy} failed: {error}") from error
+            finished += 1
+            if what == "training":
+                job = pool.submit(_evaluate_unit, spec, directory, unit)
+                running[job] = (unit, "evaluation")
+        yield finished
+
+
+def _work(spec: PanelSpec, unit: Unit) -> float:
+    """Expected time of a unit on one core, s."""
+    training = 0.0 if unit.home is None else _training_seconds(spec, unit)
+    return training + CELL_SECONDS * len(spec.cells_of(unit.home))
+
+
+def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
+    return training_config(spec, unit).total_steps / STEPS_PER_SECOND
+
+
+def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
+    """Train one policy into ``policies/`` and mark it finished, unless it is; baselines need none."""
+    if unit.home is None:
+        return
+    config = training_config(spec, unit)
+    key = key_of(config=config.to_json())
+    if directory.finished(unit.training, key):
+        report_work(_training_seconds(spec, unit))
+        return
+    directory.discard_remains(unit.training)
+    final = directory.policies / unit.policy
+    shutil.rmtree(final, ignore_errors=True)
+    start = time.time()
+    store = EvidenceStore(directory.evidence)
+    with store.batch(unit.training) as batch:
+        context = EpisodeContext(
+            run_id=spec.name,
+            cell=unit.training,
+            phase="training",
+            policy_id=unit.policy,
+            training_discretization=unit.home.arguments(),
+            training_seed=unit.seed,
+            trace_every=config.trace_every,
+            packages=package_versions(),
+        )
+        recorders: list[RecordVectorEvidence] = []
+
+        def recorded(environment: Any) -> Any:
+            recorders.append(RecordVectorEvidence(environment, batch, context))
+            return recorders[-1]
+
+        trained = train(
+            config, final, progress=_TrainingProgress(), wrap=recorded, tensorboard=False
+        )
+        recorders[-1].commit()
+    directory.finish(
+        unit.training, key, policy=trained.content_hash, seconds=round(time.time() - start, 1)
+    )
+
+
+class _TrainingProgress:
+    """Turns decisions into work done."""
+
+    def __call__(self, steps: int) -> None:
+        report_work(steps / STEPS_PER_SECOND)
+
+
+def _evaluate_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
+    """Evaluate one policy in all its cells and mark it finished, unless it is."""
+    subject = subject_of(spec, directory, unit)
+    cells = spec.cells_of(unit.home)
+    key = key_of(spec=spec.to_json(), policy=subject.policy.content_hash)
+    if directory.finished(unit.evaluation, key):
+        report_work(CELL_SECONDS * len(cells))
+        return
+    directory.discard_remains(unit.evaluation)
+    conditions = Conditions(
+        spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed
+    )
+    start = time.time()
+    evaluate(
+        subject,
+        cells,
+        conditions,
+        EvidenceStore(directory.evidence),
+        unit.evaluation,
+        on_cell=lambda: report_work(CELL_SECONDS),
+    )
+    directory.finish(
+        unit.evaluation, key, policy=subject.policy.content_hash,
+        seconds=round(time.time() - start, 1),
+    )  # fmt: skip
+
+
+def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
+    """The policy of a unit, read from its file or built."""
+    if unit.home is None:
+        return Subject(make_baseline(unit.row, nominal_setup(spec)))
+    policy = read_sb3_zip(directory.policies / unit.policy / "policy.zip", policy_id=unit.policy)
+    return Subject(policy, unit.home, unit.seed)
+
+
+def known_baselines() -> tuple[str, ...]:
+    """Names that a specification may list under ``baselines``."""
+    return tuple(BASELINES)
+
+
+def unit_markers(spec: PanelSpec, directory: RunDirectory) -> Mapping[str, Mapping[str, Any]]:
+    """Markers of all units, by unit name."""
+    names = [name for unit in units_of(spec) for name in (unit.training, unit.evaluation)]
+    return {name: marker for name in names if (marker := directory.marker(name)) is not None}

@@ -1,0 +1,184 @@
+"""A panel's directory: who it belongs to, which units are finished, and one runner at a time."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+MANIFEST = "run.json"
+LOCK = ".lock"
+PACKAGES = ("integ-gym", "numpy", "gymnasium", "stable-baselines3", "torch")
+"""Packages whose version can change a result of the native engine."""
+
+
+class RunDirectoryError(ValueError):
+    """A directory that a run cannot use, in one sentence with the remedy."""
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of the packages that results depend on; those not installed are left out."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+class RunDirectory:
+    """Directory of one run, with the markers of its finished units.
+
+    A unit of work is finished when its marker ``units/NAME.json`` exists; the marker is written
+    last and in one step. Files of a unit without a marker are remains of a killed run.
+
+    Args:
+        path: the directory.
+        specification: what the run is; another one in the same directory is refused.
+    """
+
+    def __init__(self, path: Path, specification: Mapping[str, Any]) -> None:
+        self.path = path
+        self.evidence = path / "evidence"
+        self.policies = path / "policies"
+        self._units = path / "units"
+        self._specification = json.loads(json.dumps(specification))
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """Create or check the directory and hold it for one runner.
+
+        The hold is released even when the process is killed.
+
+        Raises:
+            RunDirectoryError: if it holds another run, another version's results or other files,
+                or if another process runs in it.
+        """
+        self._check()
+        for folder in (self.evidence, self.policies, self._units):
+            folder.mkdir(parents=True, exist_ok=True)
+        with self._locked():
+            manifest = self.path / MANIFEST
+            if not manifest.exists():
+                content = {"specification": self._specification, "versions": package_versions()}
+                write_json(manifest, content)
+            yield
+
+    def _check(self) -> None:
+        manifest = self.path / MANIFEST
+        if manifest.exists():
+            self._check_manifest(manifest)
+        elif self.path.exists() and not self._is_bare():
+            raise RunDirectoryError(
+                f"{self.path} exists and holds no panel; give another directory with --out"
+            )
+
+    def _is_bare(self) -> bool:
+        """Whether there is nothing but what a run killed at once may have left."""
+        own = {self.evidence.name, self.policies.name, self._units.name, LOCK}
+        return self.path.is_dir() and {p.name for p in self.path.iterdir()} <= own and not any(
+            self._units.glob("*")
+        )
+
+    def _check_manifest(self, manifest: Path) -> None:
+        held = read_json(manifest)
+        if held.get("specification") != self._specification:
+            raise RunDirectoryError(
+                f"{self.path} holds another panel; give another directory with --out, or the "
+                "specification that it was started with"
+            )
+        versions = package_versions()
+        changed = [
+            f"{name} {was} (now {versions.get(name, 'missing')})"
+            for name, was in held.get("versions", {}).items()
+            if versions.get(name) != was
+        ]
+        if changed:
+            raise RunDirectoryError(
+                f"{self.path} holds results of {', '.join(changed)}, which are never mixed with "
+                "those of another version; finish it with that version, or give another directory "
+                "with --out"
+            )
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        with (self.path / LOCK).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise RunDirectoryError(
+                    f"another process is running the panel in {self.path}; wait for it, or give "
+                    "another directory with --out"
+                ) from None
+            yield
+
+    def finished(self, unit: str, key: str) -> Mapping[str, Any] | None:
+        """The marker of a finished unit, or None.
+
+        Raises:
+            RunDirectoryError: if the unit was finished under another key.
+        """
+        marker = self._units / f"{unit}.json"
+        if not marker.exists():
+            return None
+        held = read_json(marker)
+        if held.get("key") != key:
+            raise RunDirectoryError(
+                f"{marker} belongs to another specification, version or policy; give another "
+                "directory with --out"
+            )
+        return held
+
+    def finish(self, unit: str, key: str, **facts: Any) -> None:
+        """Mark a unit as finished; its files must be in place."""
+        write_json(self._units / f"{unit}.json", {"key": key, **facts})
+
+    def discard_remains(self, unit: str) -> None:
+        """Remove the files of a unit that was not finished."""
+        (self.evidence / f"{unit}.parquet").unlink(missing_ok=True)
+        shutil.rmtree(self.policies / unit, ignore_errors=True)
+
+
+def key_of(**parts: Any) -> str:
+    """Hash of a unit's inputs and of the versions of the packages."""
+    text = json.dumps({"versions": package_versions(), **parts}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        RunDirectoryError: if it is not one.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError) as error:
+        raise RunDirectoryError(f"cannot read {path}: {error}") from error
+    if not isinstance(content, dict):
+        raise RunDirectoryError(f"{path} does not hold a JSON object")
+    return content
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON in one step: the file is there whole or not at all."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

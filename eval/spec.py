@@ -1,0 +1,332 @@
+"""The panel's specification: read from TOML, checked, expanded into rows and cells."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.registration import environment_setup
+
+BUILT_IN = ("quick",)
+"""Panels that come with the package."""
+
+
+class SpecError(ValueError):
+    """A specification that cannot be run, in one sentence with the remedy."""
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """What a panel varies: engine, integrator, dt (s) and control period (s)."""
+
+    integrator: str
+    dt: float
+    control_period: float
+    engine: str = "native"
+
+    @property
+    def name(self) -> str:
+        """Short name; the control period is given where it differs from the panel's."""
+        engine = "" if self.engine == "native" else f"{self.engine} "
+        return f"{engine}{self.integrator} dt={self.dt:g}"
+
+    def arguments(self) -> dict[str, Any]:
+        """As constructor arguments of an environment."""
+        return {
+            "engine": self.engine,
+            "integrator": self.integrator,
+            "dt": self.dt,
+            "control_period": self.control_period,
+        }
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Environment arguments that differ from the panel's, on the home and reference cells."""
+
+    name: str
+    environment: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One evaluation column: a discretization, perturbed or not."""
+
+    discretization: Discretization
+    kind: str
+    """`grid`, `reference`, `perturbation` or `ladder` (the control period follows dt)."""
+    perturbation: Perturbation | None = None
+    role: str | None = None
+    """`reference` or `quarter_step` where the cell decides a comparison of policies."""
+
+    @property
+    def name(self) -> str:
+        """Unique within a panel."""
+        base = self.discretization.name
+        if self.kind == "ladder":
+            base = f"{base} control={self.discretization.control_period:g}"
+        return f"{base}, {self.perturbation.name}" if self.perturbation else base
+
+    def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
+        """Constructor arguments of this cell's environment."""
+        changed = self.perturbation.environment if self.perturbation else {}
+        return {**environment, **self.discretization.arguments(), **changed}
+
+
+@dataclass(frozen=True)
+class PanelSpec:
+    """One panel; see docs/panel.md for the TOML form."""
+
+    name: str
+    env_id: str
+    control_period: float
+    train: tuple[Discretization, ...]
+    grid: tuple[Discretization, ...]
+    seeds: tuple[int, ...]
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+    baselines: tuple[str, ...] = ()
+    perturbations: tuple[Perturbation, ...] = ()
+    family: tuple[tuple[str, str], ...] = ()
+    """Declared comparisons: (training discretization, cell)."""
+    compare: tuple[tuple[str, str], ...] = ()
+    """Pairs of training discretizations whose policies are compared under refinement."""
+    ladder: bool = True
+    """Also refine each policy's own discretization with the control period following dt."""
+    episodes: int = 20
+    episode_seed: int = 1000
+    question: str = "Does a policy trained on one integrator and timestep survive another?"
+
+    @property
+    def reference(self) -> Discretization:
+        """The truth column: the plant solved to rounding under the same zero-order hold."""
+        return Discretization("reference", self.control_period, self.control_period)
+
+    def columns(self) -> tuple[Cell, ...]:
+        """Cells that every row is evaluated in: the grid, then the reference."""
+        finest = min((d.dt for d in self.grid), default=0.0)
+        quarter = finest * 4.0 <= self.control_period * (1.0 + 1e-9)
+        grid = tuple(
+            Cell(d, "grid", role="quarter_step" if quarter and d.dt <= finest else None)
+            for d in self.grid
+            if d != self.reference
+        )
+        return (*grid, Cell(self.reference, "reference", role="reference"))
+
+    def cells_of(self, home: Discretization | None) -> tuple[Cell, ...]:
+        """Cells of one row, its home first: columns, perturbations and its own ladder."""
+        columns = sorted(self.columns(), key=lambda cell: cell.discretization != home)
+        where = [self.reference] if home in (None, self.reference) else [home, self.reference]
+        perturbed = [
+            Cell(d, "perturbation", perturbation=p)
+            for p in self.perturbations
+            for d in where
+            if d is not None
+        ]
+        return (*columns, *perturbed, *self._ladder(home))
+
+    def _ladder(self, home: Discretization | None) -> tuple[Cell, ...]:
+        if not self.ladder or home is None:
+            return ()
+        steps = [home.dt / 2.0, home.dt / 4.0]
+        return tuple(
+            Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The specification as plain data, everything resolved."""
+        return {
+            "name": self.name,
+            "question": self.question,
+            "env_id": self.env_id,
+            "control_period": self.control_period,
+            "environment": dict(self.environment),
+            "training": dict(self.training),
+            "train": [d.arguments() for d in self.train],
+            "grid": [d.arguments() for d in self.grid],
+            "seeds": list(self.seeds),
+            "baselines": list(self.baselines),
+            "perturbations": [
+                {"name": p.name, "environment": dict(p.environment)} for p in self.perturbations
+            ],
+            "family": [list(pair) for pair in self.family],
+            "compare": [list(pair) for pair in self.compare],
+            "ladder": self.ladder,
+            "episodes": self.episodes,
+            "episode_seed": self.episode_seed,
+        }
+
+
+def built_in_spec(name: str = "quick") -> PanelSpec:
+    """A panel that comes with the package."""
+    text = (resources.files("integ_gym.eval") / f"{name}.toml").read_text(encoding="utf-8")
+    return parse_spec(tomllib.loads(text), source=f"built-in panel {name!r}")
+
+
+def read_spec(path: Path) -> PanelSpec:
+    """Read a specification from a TOML file.
+
+    Raises:
+        SpecError: if the file cannot be read, or is no valid specification.
+    """
+    try:
+        with path.open("rb") as file:
+            data = tomllib.load(file)
+    except OSError as error:
+        raise SpecError(
+            f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
+            "file, or none for the built-in panel"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise SpecError(f"{path} is not valid TOML: {error}") from error
+    return parse_spec(data, source=str(path))
+
+
+def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
+    """Check plain data and expand it.
+
+    Raises:
+        SpecError: for an unknown key or an impossible value, naming ``source``.
+    """
+    try:
+        spec = _parse(data)
+        _check(spec)
+    except SpecError as error:
+        raise SpecError(f"{source}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise SpecError(f"{source}: {error}") from error
+    return spec
+
+
+_KEYS = (
+    "name", "question", "env_id", "control_period", "seeds", "episodes", "episode_seed",
+    "baselines", "family", "compare", "ladder", "environment", "training", "train", "evaluate",
+    "perturbations",
+)  # fmt: skip
+_REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
+
+
+def _parse(data: Mapping[str, Any]) -> PanelSpec:
+    _check_keys("key", data, _KEYS)
+    missing = [key for key in _REQUIRED if key not in data]
+    if missing:
+        raise SpecError(f"missing key {missing[0]!r}; see docs/panel.md for the format")
+    period = _number(data, "control_period")
+    return PanelSpec(
+        name=str(data["name"]),
+        env_id=str(data["env_id"]),
+        control_period=period,
+        train=_expand("train", data["train"], period),
+        grid=_expand("evaluate", data["evaluate"], period),
+        seeds=tuple(_integer("seeds", seed) for seed in _list(data, "seeds")),
+        environment=dict(_table(data, "environment")),
+        training=dict(_table(data, "training")),
+        baselines=tuple(_list(data, "baselines")),
+        perturbations=tuple(_perturbation(p) for p in _list(data, "perturbations")),
+        family=tuple(_pair("family", pair) for pair in _list(data, "family")),
+        compare=tuple(_pair("compare", pair) for pair in _list(data, "compare")),
+        ladder=bool(data.get("ladder", True)),
+        episodes=_integer("episodes", data.get("episodes", 20)),
+        episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),
+        question=str(data.get("question", PanelSpec.question)),
+    )
+
+
+def _check(spec: PanelSpec) -> None:
+    if spec.episodes < 1 or not spec.seeds or not spec.train:
+        raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
+    for values, label in ((spec.seeds, "seeds"), ([d.name for d in spec.train], "train")):
+        if len(set(values)) != len(values):
+            raise SpecError(f"`{label}` lists something twice: {list(values)}")
+    for home in (*spec.train, None):
+        for cell in spec.cells_of(home):
+            environment_setup(spec.env_id, cell.arguments(spec.environment))
+    homes = {d.name for d in spec.train}
+    columns = {cell.name for cell in spec.columns()}
+    for home_name, cell_name in spec.family:
+        _known("training discretization in `family`", home_name, homes)
+        _known("cell in `family`", cell_name, columns)
+    for pair in spec.compare:
+        for name in pair:
+            _known("training discretization in `compare`", name, homes)
+    for home in spec.train:
+        if home.name not in columns:
+            raise SpecError(
+                f"every training discretization must also be evaluated, {home.name!r} is not; "
+                "add it to `evaluate`"
+            )
+
+
+def _expand(
+    key: str, entries: Sequence[Mapping[str, Any]], period: float
+) -> tuple[Discretization, ...]:
+    """Discretizations of a list of tables, in which integrator and dt may be lists."""
+    found: list[Discretization] = []
+    for entry in entries:
+        _check_keys(f"key in `{key}`", entry, ("integrator", "dt", "engine"))
+        if "integrator" not in entry or "dt" not in entry:
+            raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
+        engine = str(entry.get("engine", "native"))
+        for integrator in _many(entry["integrator"]):
+            for dt in _many(entry["dt"]):
+                found.append(Discretization(str(integrator), float(dt), period, engine))
+    return tuple(dict.fromkeys(found))
+
+
+def _perturbation(entry: Mapping[str, Any]) -> Perturbation:
+    _check_keys("key in `perturbations`", entry, ("name", "environment"))
+    if not entry.get("name") or not entry.get("environment"):
+        raise SpecError("every perturbation needs a `name` and an `environment` table")
+    return Perturbation(str(entry["name"]), dict(entry["environment"]))
+
+
+def _check_keys(kind: str, data: Mapping[str, Any], valid: Sequence[str]) -> None:
+    for key in data:
+        _known(kind, key, valid)
+
+
+def _known(kind: str, name: str, valid: Sequence[str] | set[str]) -> None:
+    if name not in valid:
+        raise SpecError(unknown_name(kind, name, valid))
+
+
+def _many(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _list(data: Mapping[str, Any], key: str) -> list[Any]:
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise SpecError(f"`{key}` must be a list, got {value!r}")
+    return value
+
+
+def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = data.get(key, {})
+    if not isinstance(value, Mapping):
+        raise SpecError(f"`{key}` must be a table, got {value!r}")
+    return value
+
+
+def _number(data: Mapping[str, Any], key: str) -> float:
+    value = data[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
+        raise SpecError(f"`{key}` must be a number above 0, got {value!r}")
+    return float(value)
+
+
+def _integer(key: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise SpecError(f"`{key}` must be made of whole numbers, 0 or above, got {value!r}")
+    return value
+
+
+def _pair(key: str, value: Any) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise SpecError(f"every entry of `{key}` must be a pair of names, got {value!r}")
+    return str(value[0]), str(value[1])

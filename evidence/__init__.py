@@ -1,0 +1,1 @@
+"""Evidence: one record per episode, stored in Parquet."""

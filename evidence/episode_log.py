@@ -1,0 +1,134 @@
+"""Finished episodes on their way to the store."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.summary import summarise
+
+Array = npt.NDArray[Any]
+
+_ROWS_AT_ONCE = 1 << 16
+"""Episodes wait for so many rows until they are summarised together."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeHead:
+    """What identifies an episode.
+
+    Attributes:
+        index: number of the episode in its cell.
+        seed: seed given, or None.
+        rng_key: see the record field of that name.
+        wall_start: Unix time of its start, µs.
+        wall_end: Unix time of its end, µs.
+        setup: which of the environment's setups it ran on.
+    """
+
+    index: int
+    seed: int | None
+    rng_key: str
+    wall_start: int
+    wall_end: int
+    setup: int = 0
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Finished episodes as columns.
+
+    Attributes:
+        heads: one per episode.
+        summary: see :func:`integ_gym.evidence.summary.summarise`.
+        traced: whether an episode has a trace, shape (episodes,).
+        rows: rows of those that have, shape (sum of counts, entries).
+        counts: rows of each of those, shape (episodes with a trace,).
+    """
+
+    heads: tuple[EpisodeHead, ...]
+    summary: dict[str, Array]
+    traced: Array
+    rows: Array
+    counts: Array
+
+
+class EpisodeLog:
+    """Summarises finished episodes as they come and keeps the traces that are wanted.
+
+    Args:
+        layout: what the entries of a row are.
+        context: what the episodes are for.
+    """
+
+    def __init__(self, layout: Layout, context: EpisodeContext) -> None:
+        self.layout = layout
+        self.context = context
+        self._parts: list[Episodes] = []
+        self._heads: list[EpisodeHead] = []
+        self._pending: list[tuple[Array, Array]] = []
+        self._pending_rows = 0
+
+    def __len__(self) -> int:
+        return sum(len(part.heads) for part in self._parts) + len(self._heads)
+
+    def add(self, rows: Array, counts: Array, heads: Sequence[EpisodeHead]) -> None:
+        """Take in whole episodes.
+
+        Args:
+            rows: their rows one after the other, shape (sum of counts, entries); not to be changed
+                afterwards.
+            counts: rows of each, its reset included, shape (episodes,).
+            heads: one per episode.
+        """
+        self._heads += heads
+        self._pending.append((rows, counts))
+        self._pending_rows += len(rows)
+        if self._pending_rows >= _ROWS_AT_ONCE:
+            self._summarise()
+
+    def episodes(self) -> Episodes:
+        """All episodes so far, in the order in which they came."""
+        self._summarise()
+        if len(self._parts) > 1:
+            self._parts = [_joined(self._parts)]
+        return self._parts[0] if self._parts else _nothing(self.layout)
+
+    def clear(self) -> None:
+        """Forget them."""
+        self._parts = []
+        self._heads, self._pending, self._pending_rows = [], [], 0
+
+    def _summarise(self) -> None:
+        """Summarise what is pending and drop the traces that are not wanted."""
+        if not self._heads:
+            return
+        rows = np.concatenate([rows for rows, _ in self._pending])
+        counts = np.concatenate([counts for _, counts in self._pending])
+        traced = np.array([self.context.has_trace(head.index) for head in self._heads])
+        kept = rows if traced.all() else rows[np.repeat(traced, counts)]
+        summary = summarise(self.layout, rows, counts)
+        self._parts.append(Episodes(tuple(self._heads), summary, traced, kept, counts[traced]))
+        self._heads, self._pending, self._pending_rows = [], [], 0
+
+
+def _joined(parts: list[Episodes]) -> Episodes:
+    return Episodes(
+        tuple(head for part in parts for head in part.heads),
+        {name: np.concatenate([p.summary[name] for p in parts]) for name in parts[0].summary},
+        np.concatenate([part.traced for part in parts]),
+        np.concatenate([part.rows for part in parts]),
+        np.concatenate([part.counts for part in parts]),
+    )
+
+
+def _nothing(layout: Layout) -> Episodes:
+    rows, counts = np.zeros((2, len(layout))), np.array([2])
+    summary = {name: x[:0] for name, x in summarise(layout, rows, counts).items()}
+    return Episodes((), summary, np.zeros(0, dtype=bool), rows[:0], counts[:0])

@@ -1,0 +1,168 @@
+"""``RecordEvidence``: evidence of every episode of a single environment."""
+
+from __future__ import annotations
+
+import struct
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
+
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.episode_log import EpisodeHead
+from integ_gym.evidence.fields import STATUS_CODES
+from integ_gym.evidence.recording import Recording, check_unchanged, now
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import ReplayLookup
+
+_FEWEST_ROWS = 4096
+"""Rows between two handings over to the log, at least."""
+
+
+class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
+    """Records every finished episode of an integ-gym environment.
+
+    Spaces, spec, observations, rewards and info pass through unchanged. Episodes are kept in
+    memory and written as one batch by :meth:`commit` or :meth:`close`; an episode that is not
+    finished is not written. Episodes count up from ``context.first_episode``.
+
+    Args:
+        env: an integ-gym environment, with no wrapper that changes what a policy sees.
+        store: an :class:`EvidenceStore` or its directory.
+        context: what the episodes are for.
+        commit_on_close: whether :meth:`close` commits what has not been committed.
+
+    Raises:
+        TypeError: for another environment.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        store: EvidenceStore | str | Path,
+        context: EpisodeContext,
+        *,
+        commit_on_close: bool = True,
+    ) -> None:
+        super().__init__(env)
+        check_unchanged(env, IntegEnv, ("observation_space", "action_space"))
+        self._inner: Any = env.unwrapped
+        self._recording = Recording(env, [(self._inner.setup, 0)], store, context)
+        self._commit_on_close = commit_on_close
+        self._next_index = context.first_episode
+        self._seed: int | None = None
+        self._draws = -1
+        self._active = False
+        self._heads: list[EpisodeHead] = []
+        self._counts: list[int] = []
+        self._allocate()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; one that has not ended is forgotten."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._seed, self._draws = seed, -1
+        self._draws += 1
+        if self._recording.note_contact(info):
+            self._allocate()
+        self._row = self._start
+        self._wall_start = now()
+        self._active = True
+        self._write(observation, 0.0, False, False, info)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        result = observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._active:
+            self._write(observation, reward, terminated, truncated, info)
+            if terminated or truncated:
+                self._finish()
+        return result
+
+    def commit(self, name: str | None = None, replays: ReplayLookup | None = None) -> Path | None:
+        """Write the finished episodes as one batch; None if there are none.
+
+        Args:
+            name: name of the batch; by default made of environment, cell, policy and episodes, so
+                that the same work done twice is refused.
+            replays: what replays said, for all episodes or by episode index.
+
+        Raises:
+            BatchExistsError: if the batch has been committed before.
+        """
+        self._hand_over()
+        return self._recording.commit(name, replays)
+
+    def summaries(self) -> dict[str, npt.NDArray[Any]]:
+        """Summaries of the finished episodes that are not committed yet, by field name."""
+        self._hand_over()
+        return self._recording.summaries()
+
+    def close(self) -> None:
+        """Commit, if wanted, and close the environment."""
+        try:
+            if self._commit_on_close:
+                self.commit()
+        finally:
+            super().close()
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The environment's own: recording is no part of it."""
+        return self.env.spec
+
+    def _allocate(self) -> None:
+        layout = self._recording.layout
+        self._width = 8 * len(layout)
+        self._read_info = itemgetter(*layout.info)
+        self._pack = struct.Struct(f"{len(layout)}d").pack_into
+        rows = max(_FEWEST_ROWS, self._recording.horizon + 1)
+        self._rows = np.zeros((rows, len(layout)))
+        self._memory = self._rows.data.cast("B")
+        self._capacity = rows
+        self._start = self._row = 0
+
+    def _write(
+        self, observation: Any, reward: Any, terminated: bool, truncated: bool, info: dict[str, Any]
+    ) -> None:
+        if self._row == self._capacity:
+            self._hand_over()
+        self._pack(
+            self._memory,
+            self._row * self._width,
+            *self._read_info(info),
+            STATUS_CODES[info["solver_status"]],
+            reward,
+            terminated,
+            truncated,
+            *self._inner.state.tolist(),
+            *observation.tolist(),
+        )
+        self._row += 1
+
+    def _finish(self) -> None:
+        self._active = False
+        key = f"{self._inner.np_random_seed}/{self._draws}"
+        head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
+        self._heads.append(head)
+        self._counts.append(self._row - self._start)
+        self._start = self._row
+        self._next_index += 1
+
+    def _hand_over(self) -> None:
+        """Give the finished episodes to the log and move the unfinished one to the front."""
+        if self._heads:
+            counts = np.array(self._counts, dtype=np.int64)
+            self._recording.log.add(self._rows[: self._start].copy(), counts, self._heads)
+        begun = self._row - self._start
+        self._rows[:begun] = self._rows[self._start : self._row]
+        self._start, self._row = 0, begun
+        self._heads, self._counts = [], []

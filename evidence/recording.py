@@ -1,0 +1,122 @@
+"""What the recorders of single and vector environments have in common."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.settings import Setup
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.episode_log import EpisodeLog
+from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import ReplayLookup, SetupOfLane, record_table
+
+
+class Recording:
+    """Finished episodes of one environment, committed to a store in batches.
+
+    Args:
+        env: the environment, single or vector.
+        setups: its setups with the lane whose plant parameters hold.
+        store: the store, or its directory.
+        context: what the episodes are for.
+
+    Raises:
+        TypeError: for an environment that is not ours, or whose observations a wrapper changes.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        setups: list[SetupOfLane],
+        store: EvidenceStore | str | Path,
+        context: EpisodeContext,
+    ) -> None:
+        self.store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
+        self.context = context
+        self.setups = setups
+        self.env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
+        setup = setups[0][0]
+        self.layout = Layout(setup.plant, setup.task)
+        self.log = EpisodeLog(self.layout, context)
+        self._noted = False
+        self.horizon = max(s.timing.horizon for s, _ in setups)
+
+    def note_contact(self, info: Mapping[str, Any]) -> bool:
+        """Learn from the first reset whether there is contact; True if rows are now others."""
+        if self._noted:
+            return False
+        self._noted = True
+        before, setup = self.layout.names, self.setups[0][0]
+        self.layout = Layout(setup.plant, setup.task, info)
+        self.log = EpisodeLog(self.layout, self.context)
+        return self.layout.names != before
+
+    def summaries(self) -> dict[str, npt.NDArray[Any]]:
+        """Summaries of the finished episodes that are not committed yet, by field name."""
+        episodes = self.log.episodes()
+        indices = np.array([head.index for head in episodes.heads], dtype=np.int64)
+        return {"episode_index": indices, **episodes.summary}
+
+    def commit(self, name: str | None = None, replays: ReplayLookup | None = None) -> Path | None:
+        """Write the finished episodes as one batch; None if there are none.
+
+        Args:
+            name: name of the batch; by default made of environment, cell, policy and episodes, so
+                that the same work done twice is refused.
+            replays: what replays said, for all episodes or by episode index.
+
+        Raises:
+            BatchExistsError: if the batch has been committed before.
+        """
+        if not len(self.log):
+            return None
+        table = record_table(self.log, self.env_id, self.setups, replays)
+        path = self.store.commit(name or self._batch_name(), table)
+        self.log.clear()
+        return path
+
+    def _batch_name(self) -> str:
+        indices = [head.index for head in self.log.episodes().heads]
+        identity = repr((self.context.cell, self.context.policy_id, self.context.policy_hash))
+        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
+        stem = "".join(c if c.isalnum() or c in "._-" else "-" for c in self.env_id)
+        return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
+
+
+def check_unchanged(env: Any, kind: type, spaces: tuple[str, ...]) -> None:
+    """Check that ``env`` is one of ours and that no wrapper changes what a policy sees.
+
+    Raises:
+        TypeError: otherwise.
+    """
+    if not isinstance(env.unwrapped, kind):
+        raise TypeError(
+            f"evidence is recorded of integ-gym environments, got {type(env.unwrapped).__name__}; "
+            "make one with gym.make or gym.make_vec"
+        )
+    for space in spaces:
+        own, changed = getattr(env.unwrapped, space), getattr(env, space)
+        if own != changed:
+            raise TypeError(
+                f"a wrapper changes {space} from {own} to {changed}: put the recorder around the "
+                "environment first, and the other wrappers around the recorder"
+            )
+
+
+def all_setups(setups: list[Setup], lanes: int) -> list[SetupOfLane]:
+    """Setups with lanes, setup by setup; one lane is enough where all lanes are alike."""
+    varied = any(isinstance(x, np.ndarray) for setup in setups for x in setup.arguments().values())
+    return [(setup, lane) for setup in setups for lane in range(lanes if varied else 1)]
+
+
+def now() -> int:
+    """Unix time, µs."""
+    return time.time_ns() // 1000

@@ -1,0 +1,203 @@
+"""Finished episodes as an Arrow table of evidence records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.evidence.arrow_schema import arrow_schema, arrow_type
+from integ_gym.evidence.content_hash import with_hashes
+from integ_gym.evidence.context import EpisodeContext, json_text
+from integ_gym.evidence.description import describe, in_words, staleness
+from integ_gym.evidence.episode_log import EpisodeLog, Episodes
+from integ_gym.evidence.extra import pyarrow
+from integ_gym.evidence.fields import SCHEMA_VERSION, Field
+from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
+from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.provenance import host, package_versions
+
+Array = npt.NDArray[Any]
+Columns = dict[str, Sequence[Any]]
+SetupOfLane = tuple[Setup, int]
+
+ReplayLookup = Replays | Mapping[int, Replays]
+"""What replays said: for all episodes, or by episode index."""
+
+
+def record_table(
+    log: EpisodeLog, env_id: str, setups: Sequence[SetupOfLane], replays: ReplayLookup | None = None
+) -> Any:
+    """The records of a log's episodes.
+
+    Args:
+        log: the finished episodes.
+        env_id: Gymnasium id of the environment.
+        setups: what ``setup`` of an episode's head counts: setups with the lane whose plant
+            parameters hold.
+        replays: overrides what the context says.
+
+    Returns:
+        An Arrow table with the schema of that environment's records, by episode index.
+    """
+    pa = pyarrow()
+    episodes, fields = log.episodes(), log.layout.fields
+    columns = _scalar_columns(log.context, episodes, env_id, setups, replays)
+    arrays = [
+        _trace_array(log.layout, episodes, field)
+        if field.at
+        else _array(columns[field.name], field)
+        for field in fields
+    ]
+    table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
+    return with_hashes(_in_order(table, columns["episode_index"]))
+
+
+def _in_order(table: Any, indices: Sequence[int]) -> Any:
+    order = np.argsort(indices, kind="stable")
+    return table if (np.diff(order) > 0).all() else table.take(order)
+
+
+def _scalar_columns(
+    context: EpisodeContext,
+    episodes: Episodes,
+    env_id: str,
+    setups: Sequence[SetupOfLane],
+    replays: ReplayLookup | None,
+) -> Columns:
+    heads, summary = episodes.heads, episodes.summary
+    used = {head.setup for head in heads}
+    descriptions = {k: describe(*setups[k]) for k in used}
+    stale = {k: staleness(setups[k][0]) for k in used}
+    described = [descriptions[head.setup] for head in heads]
+    names = describe(*setups[0])
+    labels = _labels(context, episodes, described, [stale[h.setup] for h in heads], replays)
+    constants = _constants(context, env_id)
+    return {
+        **{name: [value] * len(heads) for name, value in constants.items()},
+        **{name: [description[name] for description in described] for name in names},
+        **{name: _values(column) for name, column in summary.items()},
+        "record_id": [context.record_id(head.index) for head in heads],
+        "episode_index": [head.index for head in heads],
+        "seed": [_small(head.seed) for head in heads],
+        "rng_key": [head.rng_key for head in heads],
+        "wall_start": [head.wall_start for head in heads],
+        "wall_end": [head.wall_end for head in heads],
+        "solver_status": [STATUS_NAMES[code] for code in summary["status_code"]],
+        "failure_label": [label for label, _ in labels],
+        "failure_reason": [reason for _, reason in labels],
+        "content_hash": [""] * len(heads),
+    }
+
+
+def _constants(context: EpisodeContext, env_id: str) -> dict[str, Any]:
+    def optional(value: Any) -> str | None:
+        return None if value is None else json_text(value)
+
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "run_id": context.run_id,
+        "phase": context.phase,
+        "env_id": env_id,
+        "cell": context.cell,
+        "policy_id": context.policy_id,
+        "policy_hash": context.policy_hash,
+        "training_discretization": optional(context.training_discretization),
+        "training_seed": context.training_seed,
+        "perturbation": optional(context.perturbation),
+        "trace_every": context.trace_every,
+        "float_width": context.float_width,
+        "package_versions": json_text(package_versions(context.packages)),
+        "platform": host(),
+        "inference_latency_mean": context.inference_latency_mean,
+        "inference_latency_p99": context.inference_latency_p99,
+    }
+
+
+def _labels(
+    context: EpisodeContext,
+    episodes: Episodes,
+    described: list[dict[str, Any]],
+    stale: list[float],
+    replays: ReplayLookup | None,
+) -> list[tuple[str, str]]:
+    columns = {fact: _values(episodes.summary[name]) for fact, name in _FACTS.items()}
+    given = context.replays if replays is None else replays
+    labels = []
+    for i, (head, description) in enumerate(zip(episodes.heads, described, strict=True)):
+        facts = EpisodeFacts(
+            goal=description["metric_definition"],
+            discretization=in_words(description),
+            observation_noise=description["observation_noise"],
+            staleness=stale[i],
+            solver_status=STATUS_NAMES[episodes.summary["status_code"][i]],
+            **{name: values[i] for name, values in columns.items()},
+        )
+        said = given if isinstance(given, Replays) else given.get(head.index, Replays())
+        home = context.home(description) if said.home is None else said.home
+        said = Replays(home, said.without_noise, said.without_delay)
+        labels.append(failure_label(facts, said))
+    return labels
+
+
+_FACTS = {
+    "success": "success",
+    "time": "time",
+    "episode_return": "return",
+    "saturated_share": "saturated_share",
+    "goal_reached": "goal_reached",
+    "goal_left": "goal_left",
+    "goal_since": "goal_since",
+}
+"""Facts of :class:`EpisodeFacts` to the summary that holds them."""
+
+
+def _values(column: Array) -> list[Any]:
+    """Python values; None for what is not finite."""
+    values: list[Any] = column.tolist()
+    if column.dtype.kind != "f" or np.isfinite(column).all():
+        return values
+    return [x if y else None for x, y in zip(values, np.isfinite(column).tolist(), strict=True)]
+
+
+def _small(seed: int | None) -> int | None:
+    return seed if seed is not None and -(2**63) <= seed < 2**63 else None
+
+
+def _array(values: Sequence[Any], field: Field) -> Any:
+    return pyarrow().array(values, type=arrow_type(field.kind))
+
+
+def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
+    """One list per episode; null where it has no trace or the environment no such quantity."""
+    pa = pyarrow()
+    kind = arrow_type(field.kind)
+    if field.source not in layout:
+        return pa.nulls(len(episodes.heads), kind)
+    numbers = episodes.rows[:, layout.place(field.source)]
+    if field.at == "step":
+        numbers = np.append(numbers[1:], 0.0)
+    numbers = np.ascontiguousarray(numbers).astype(kind.value_type.to_pandas_dtype(), copy=False)
+    lengths = np.zeros(len(episodes.heads), dtype=np.int64)
+    lengths[episodes.traced] = episodes.counts
+    ends = np.concatenate(([0], np.cumsum(lengths)))
+    values = pa.array(numbers, mask=_absent(numbers, ends) if field.at == "step" else _nan(numbers))
+    missing = None if episodes.traced.all() else pa.array(~episodes.traced)
+    return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
+
+
+def _nan(numbers: Array) -> Array | None:
+    """Where a value is not known; None if all are."""
+    unknown: Array = np.isnan(numbers)
+    return unknown if unknown.any() else None
+
+
+def _absent(numbers: Array, ends: Array) -> Array:
+    """True at the last row of every episode, from which no step follows."""
+    mask = np.zeros(len(numbers), dtype=bool)
+    mask[ends[1:][np.diff(ends) > 0] - 1] = True
+    return mask

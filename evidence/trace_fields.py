@@ -1,0 +1,115 @@
+"""The EvidenceRecord, version 1: the trace, one column per named scalar."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.evidence.fields import STATUS_CODES, SUMMARY_FIELDS, Field
+
+CONTACT_SOURCES = ("penetration", "contact_force", "contact_loss", "constraint_violation")
+"""What an environment with contact reports in ``info``, per control step."""
+
+_CODES = ", ".join(f"{code} {name}" for name, code in STATUS_CODES.items())
+
+
+def _column(
+    name: str, kind: str, unit: str, meaning: str, at: str, source: str = "", frame: str = "",
+    nullable: bool = True,
+) -> Field:  # fmt: skip
+    return Field(
+        name, f"list<{kind}>", unit, meaning, "trace", nullable, frame=frame, at=at,
+        source=source or name,
+    )  # fmt: skip
+
+
+COMMON_TRACE: tuple[Field, ...] = (
+    _column("time", "float64", "s", "time since the start", "instant"),
+    _column("sensor_time", "float64", "s", "when the sensed sample was taken", "instant"),
+    _column("energy", "float64", "J", "kinetic plus potential energy", "instant"),
+    _column("reward", "float64", "1", "reward", "step"),
+    _column("work", "float64", "J", "work of the actuator", "step", "actuator_work"),
+    _column("dissipated", "float64", "J", "energy that damping took out", "step"),
+    _column("clip_loss", "float64", "J", "energy that the speed limit took out", "step"),
+    _column("energy_residual", "float64", "J", "energy that numerical error put in", "step"),
+    _column("solver_iterations", "int32", "1", "most iterations in one integration step", "step"),
+    _column("solver_status_code", "int8", "1", f"codes: {_CODES}", "step"),
+)
+"""Trace columns of every environment."""
+
+CONTACT_TRACE: tuple[Field, ...] = (
+    _column("penetration", "float64", "m", "deepest penetration", "step"),
+    _column("contact_force", "float64", "N", "largest contact force", "step"),
+    _column("contact_loss", "float64", "J", "energy that contact took out", "step"),
+    _column("constraint_violation", "float64", "m", "largest constraint violation", "step"),
+)
+"""Null in environments without contact."""
+
+
+def state_fields(plant: Any) -> tuple[Field, ...]:
+    """True state, by the plant's own names."""
+    return tuple(
+        _column(name, "float64", unit, "true state", "instant", frame=plant.frame)
+        for name, unit in zip(state_names(plant), state_units(plant), strict=True)
+    )
+
+
+def sensed_fields(plant: Any, task: Any) -> tuple[Field, ...]:
+    """Observation as the policy was given it."""
+    return tuple(
+        _column(f"sensed_{name}", "float32", unit, "observation", "instant", frame=plant.frame)
+        for name, unit in zip(task.observation_names, task.observation_units, strict=True)
+    )
+
+
+def control_fields(plant: Any) -> tuple[Field, Field]:
+    """Commanded and applied control."""
+    name, unit, frame = plant.control_name, plant.control_unit, plant.frame
+    asked = "control asked for by the decision, after saturation and fallback"
+    applied = "control in force at the end of the control step"
+    return (
+        _column(f"{name}_commanded", "float64", unit, asked, "step", "commanded", frame),
+        _column(f"{name}_applied", "float64", unit, applied, "step", "control", frame),
+    )
+
+
+def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
+    """Trace columns of one environment.
+
+    Args:
+        plant: plant or plant class.
+        task: task or task class.
+    """
+    contact = tuple(replace(field, frame=plant.frame) for field in CONTACT_TRACE)
+    return (
+        COMMON_TRACE[0],
+        *state_fields(plant),
+        *sensed_fields(plant, task),
+        COMMON_TRACE[1],
+        *control_fields(plant),
+        *COMMON_TRACE[2:],
+        *contact,
+    )
+
+
+def record_fields(plant: Any, task: Any) -> tuple[Field, ...]:
+    """All columns of one environment's records.
+
+    Raises:
+        ValueError: if the plant or task names a component like another column.
+    """
+    unit = ", ".join(state_units(plant))
+    summary = tuple(
+        replace(field, unit=unit, frame=plant.frame) if field.name == "initial_state" else field
+        for field in SUMMARY_FIELDS
+    )
+    fields = (*summary, *trace_fields(plant, task))
+    names = [field.name for field in fields]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(
+            f"{plant.name}: evidence would have two columns named {', '.join(twice)}; "
+            "rename the plant's or the task's component"
+        )
+    return fields

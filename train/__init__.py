@@ -1,0 +1,1 @@
+"""Training: PPO with stable-baselines3, baseline controllers and the policy file."""

@@ -1,0 +1,347 @@
+"""Controllers that nobody trained, for the same seat as a trained policy.
+
+`random` and `zero` say what no skill reaches; `handmade` says what the physics allows. Where a
+trained policy fails and `handmade` succeeds, learning has failed, not the actuator.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
+from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp, wrapped
+from integ_gym.train.lqr import held, linearized, lqr_gain
+from integ_gym.train.policy import ActionArray, FloatArray, Policy
+
+BASELINES = ("random", "zero", "handmade")
+"""Names that `make_baseline` takes, for every environment."""
+
+_CATCH_TIME = 4.0
+"""How long the regulator may take, in simulation, to bring a state near upright, s."""
+_CATCH_ANGLE = 0.1
+"""How near upright it must then be, rad."""
+_LARGEST_STEP = 0.01
+"""Largest integration step of that simulation, s; RK4's error is then below 1e-5 rad."""
+
+
+def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
+    """A baseline controller for an environment.
+
+    Args:
+        name: one of `BASELINES`.
+        setup: ``env.unwrapped.setup``. The controller is designed for its plant, limits and control
+            period, never for its integrator; latency, noise and fallback are not compensated.
+        seed: of `random`.
+
+    Raises:
+        ValueError: for an unknown name, a plant whose parameters differ between lanes, or, of
+            `handmade`, an environment that has none or that has no gravity.
+    """
+    if name not in BASELINES:
+        raise ValueError(unknown_name("baseline", name, BASELINES))
+    varied = [key for key, value in setup.arguments().items() if isinstance(value, np.ndarray)]
+    if varied:
+        raise ValueError(
+            f"a baseline is made for one plant, and {', '.join(varied)} has one value per lane; "
+            "make one baseline per value"
+        )
+    if name == "random":
+        return RandomPolicy(setup, seed)
+    if name == "zero":
+        return ZeroPolicy(setup)
+    return _handmade(setup)
+
+
+def _handmade(setup: Setup) -> Policy:
+    """The hand-made controller of the environment's task."""
+    if not setup.arguments()["gravity"]:
+        raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
+    for task, maker in _HANDMADE.items():
+        if isinstance(setup.task, task):
+            return maker(setup)
+    raise ValueError(
+        f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
+        f"{', '.join(task.__name__ for task in _HANDMADE)}; leave `handmade` out"
+    )
+
+
+class Baseline:
+    """What all baselines have: a name, and a hash over the name and the design parameters."""
+
+    policy_id: str
+
+    def parameters(self) -> dict[str, Any]:
+        """Everything that decides the actions, JSON-serialisable."""
+        raise NotImplementedError
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 (hex) over class, name and design parameters, the same in every process."""
+        described = {
+            "format": "integ-gym baseline 1",
+            "class": type(self).__name__,
+            "name": self.policy_id,
+            "parameters": self.parameters(),
+        }
+        return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+
+
+class RandomPolicy(Baseline):
+    """Uniform over the action space, from a generator of its own.
+
+    The actions depend on the seed and on how many were drawn before, so a fresh policy gives the
+    same episodes again when it is asked for the same batches.
+
+    Args:
+        setup: of the environment.
+        seed: of the generator.
+    """
+
+    policy_id = "random"
+
+    def __init__(self, setup: Setup, seed: int = 0) -> None:
+        self.seed = seed
+        self.count = setup.task.discrete
+        self.limit = float(setup.task.control_limit)
+        self._rng = np.random.default_rng(seed)
+
+    def parameters(self) -> dict[str, Any]:
+        """Seed and action space."""
+        return {"seed": self.seed, "actions": self.count, "limit": self.limit}
+
+    def act(self, observations: NDArray[Any]) -> ActionArray:
+        """Random actions.
+
+        Args:
+            observations: shape (n, obs_dim); only n matters.
+
+        Returns:
+            float32 of shape (n, 1), N or N m, or int64 of shape (n,) for a `Discrete` space.
+        """
+        n = len(observations)
+        if self.count is not None:
+            return self._rng.integers(self.count, size=n)
+        return self._rng.uniform(-self.limit, self.limit, size=(n, 1)).astype(np.float32)
+
+
+class ZeroPolicy(Baseline):
+    """No control at all: 0 N m, or 0 N.
+
+    A `Discrete` action set has no zero (the cart-pole's two actions push left and right), so there
+    the action is NaN, on which the environment's fallback acts. It gives 0 N from the first step:
+    with ``fallback="zero"`` because it says so, and with ``fallback="hold"`` because before any
+    command there is nothing but 0 N to hold. Every step is counted as fallback.
+
+    Args:
+        setup: of the environment.
+    """
+
+    policy_id = "zero"
+
+    def __init__(self, setup: Setup) -> None:
+        self.discrete = setup.task.discrete is not None
+
+    def parameters(self) -> dict[str, Any]:
+        """Kind of the action space."""
+        return {"discrete": self.discrete}
+
+    def act(self, observations: NDArray[Any]) -> FloatArray:
+        """Zeros of shape (n, 1), or NaN of shape (n,) for a `Discrete` space; float32."""
+        n = len(observations)
+        if self.discrete:
+            return np.full(n, np.nan, dtype=np.float32)
+        return np.zeros((n, 1), dtype=np.float32)
+
+
+class EnergyShaping(Baseline):
+    r"""Swing-up of the pendulum: energy shaping below, a linear-quadratic regulator near the top.
+
+    *Below*, the torque is the one whose work over the coming control period would bring the
+    pendulum's energy to that of standing upright, saturated:
+    :math:`\tau = -(E - E_{up}) / (\bar\omega T) + b\bar\omega` with :math:`\bar\omega` the mean
+    speed expected over the period. It pumps at full torque while energy is missing, brakes where
+    there is too much, and leaves the pendulum on the orbit that runs into the upright equilibrium.
+
+    *Near the top*, :math:`\tau = -K x` with K the discrete LQR gain of the plant linearized upright
+    and held exactly over the control period. It takes over inside its own region of attraction,
+    torque limit included: at construction the regulated plant is simulated from a grid of states,
+    and those from which it comes to rest upright form the region.
+
+    Source: Åström and Furuta (2000), *Swinging up a pendulum by energy control*, Automatica 36.
+
+    Args:
+        setup: of the environment.
+    """
+
+    policy_id = "handmade"
+
+    def __init__(self, setup: Setup) -> None:
+        plant = setup.plant
+        assert isinstance(plant, Pendulum)
+        self.plant = plant
+        self.limit = float(setup.task.control_limit)
+        self.period = setup.timing.control_period
+        self.rate = math.sqrt(plant.gravity_torque / plant.inertia)
+        a, b = held(*linearized(plant), self.period)
+        weights = np.diag([1.0, 1.0 / self.rate**2])
+        effort = np.array([[1.0 / plant.gravity_torque**2]])
+        self.gain = lqr_gain(a, b, weights, effort)[0]
+        self.region = _Region.of(self)
+
+    def parameters(self) -> dict[str, Any]:
+        """The plant, the torque limit and the control period."""
+        return {"plant": asdict(self.plant), "limit": self.limit, "period": self.period}
+
+    def act(self, observations: NDArray[Any]) -> FloatArray:
+        """Torques.
+
+        Args:
+            observations: (cos θ, sin θ, θ̇), shape (n, 3), θ̇ in rad/s.
+
+        Returns:
+            N m, float32 of shape (n, 1), within the limit.
+        """
+        cosine, sine, speed = np.asarray(observations, dtype=np.float64).T
+        angle = np.arctan2(sine, cosine)
+        torque = np.where(
+            self.region.holds(angle, speed), self.regulate(angle, speed), self.pump(angle, speed)
+        )
+        return torque.astype(np.float32)[:, None]
+
+    def regulate(self, angle: NDArray[Any], speed: NDArray[Any]) -> NDArray[np.float64]:
+        """Saturated LQR torques in N m, shape (n,), of angles in rad and speeds in rad/s."""
+        return self._saturated(-(self.gain[0] * angle + self.gain[1] * speed))
+
+    def pump(self, angle: NDArray[Any], speed: NDArray[Any]) -> NDArray[np.float64]:
+        """Energy-shaping torques in N m, shape (n,), of angles in rad and speeds in rad/s."""
+        plant, period = self.plant, self.period
+        (free,) = plant.acceleration(ARRAY, (angle,), (speed,), (0.0,))
+        mean_speed = speed + 0.5 * period * free
+        excess = plant.energy(ARRAY, (angle,), (speed,)) - 2.0 * plant.gravity_torque
+        floor = np.copysign(1e-9, mean_speed)
+        advance = period * np.where(np.abs(mean_speed) < 1e-9, floor, mean_speed)
+        return self._saturated(-excess / advance + plant.damping * mean_speed)
+
+    def _saturated(self, torque: NDArray[Any]) -> NDArray[np.float64]:
+        within: NDArray[np.float64] = np.clip(torque, -self.limit, self.limit)
+        return within
+
+
+class _Region:
+    """States (θ, θ̇) from which the regulator brings a pendulum to rest upright.
+
+    Args:
+        angles: grid over θ, rad, ascending and evenly spaced, shape (rows,).
+        speeds: grid over θ̇, rad/s, likewise, shape (columns,).
+        caught: whether each grid point belongs to the region, shape (rows, columns).
+    """
+
+    def __init__(
+        self, angles: NDArray[Any], speeds: NDArray[Any], caught: NDArray[np.bool_]
+    ) -> None:
+        self.angles, self.speeds = angles, speeds
+        self.cells = caught[:-1, :-1] & caught[1:, :-1] & caught[:-1, 1:] & caught[1:, 1:]
+
+    @classmethod
+    def of(cls, controller: EnergyShaping) -> _Region:
+        """Simulate the regulated plant from a grid of states."""
+        angles = np.linspace(-1.0, 1.0, 81)
+        speeds = np.linspace(-2.0 * controller.rate, 2.0 * controller.rate, 81)
+        angle, speed = (grid.ravel() for grid in np.meshgrid(angles, speeds, indexing="ij"))
+        period = controller.period
+        substeps = math.ceil(period / _LARGEST_STEP)
+        engine = NativeEngine(PlantSystem(controller.plant), "rk4", period / substeps)
+        upright = np.ones(angle.shape, dtype=bool)
+        for _ in range(math.ceil(_CATCH_TIME / period)):
+            torque = controller.regulate(wrapped(angle), speed)
+            motion = engine.advance(ARRAY, (angle,), (speed,), ((torque, substeps),), None)
+            (angle,), (speed,) = motion.q, motion.v
+            upright &= np.abs(angle) < 0.5 * math.pi
+        caught = upright & (np.abs(angle) < _CATCH_ANGLE)
+        return cls(angles, speeds, caught.reshape(len(angles), len(speeds)))
+
+    def holds(self, angle: NDArray[Any], speed: NDArray[Any]) -> NDArray[np.bool_]:
+        """Whether states lie in a grid cell whose four corners are caught; shape (n,)."""
+        rows, row_inside = _cell(self.angles, angle)
+        columns, column_inside = _cell(self.speeds, speed)
+        inside: NDArray[np.bool_] = row_inside & column_inside & self.cells[rows, columns]
+        return inside
+
+
+def _cell(grid: NDArray[Any], values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Index of the interval that each value lies in, and whether it lies in the grid at all."""
+    position = (values - grid[0]) / (grid[1] - grid[0])
+    inside = (position >= 0.0) & (position < len(grid) - 1)
+    return np.where(inside, position, 0.0).astype(np.int64), inside
+
+
+class BangBangRegulator(Baseline):
+    r"""Balance of the cart-pole: the linear-quadratic regulator's force, rounded to ±F.
+
+    With K the discrete LQR gain of the plant linearized upright and held exactly over the control
+    period, the action pushes towards +x where :math:`-Kx > 0`, else towards -x. Of the two forces
+    this is the one after which the LQR's cost-to-go :math:`x^\top P x` is least, because
+    :math:`Kx` is a positive multiple of :math:`B^\top P A x`. The pole keeps rocking by about
+    what one push does.
+
+    Args:
+        setup: of the environment.
+    """
+
+    policy_id = "handmade"
+
+    def __init__(self, setup: Setup) -> None:
+        plant, task = setup.plant, setup.task
+        assert isinstance(plant, CartPole)
+        assert isinstance(task, CartPoleBalance)
+        self.plant = plant
+        self.limit = float(task.control_limit)
+        self.period = setup.timing.control_period
+        self.thresholds = (task.x_threshold, task.theta_threshold)
+        rate = math.sqrt(plant.gravity / plant.length)
+        scales = np.outer(self.thresholds, (1.0, rate)).ravel()
+        a, b = held(*linearized(plant), self.period)
+        self.gain = lqr_gain(a, b, np.diag(scales**-2.0), np.array([[self.limit**-2.0]]))[0]
+
+    def parameters(self) -> dict[str, Any]:
+        """The plant, the force, the control period and the thresholds that scale the cost."""
+        return {
+            "plant": asdict(self.plant),
+            "limit": self.limit,
+            "period": self.period,
+            "thresholds": self.thresholds,
+        }
+
+    def act(self, observations: NDArray[Any]) -> NDArray[np.int64]:
+        """Actions.
+
+        Args:
+            observations: (x, ẋ, θ, θ̇), shape (n, 4), SI units.
+
+        Returns:
+            1 (towards +x) or 0 (towards -x), int64 of shape (n,).
+        """
+        force: NDArray[np.float64] = -(np.asarray(observations, dtype=np.float64) @ self.gain)
+        return np.where(force > 0.0, 1, 0)
+
+
+_HANDMADE: dict[type[Any], Callable[[Setup], Policy]] = {
+    PendulumSwingUp: EnergyShaping,
+    CartPoleBalance: BangBangRegulator,
+}

@@ -1,0 +1,577 @@
+"""Proximal policy optimization with stable-baselines3 (SB3): the reference trainer, in one script.
+
+    python train/ppo.py --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
+
+`PPOConfig` holds every hyperparameter, `train` is the whole run. It writes `policy.zip` (an SB3
+model), `policy.json` (how it came about) and `tensorboard/`. The same configuration gives the same
+weights bit by bit on one machine: one thread, fixed seeds, no GPU.
+
+Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import io
+import json
+import math
+import platform
+import random
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import Field, asdict, dataclass, field, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NoReturn, TypeAlias
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from integ_gym.envs.parameters import (
+    boolean,
+    check_values,
+    finite,
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+    text,
+    unknown_name,
+)
+from integ_gym.envs.registration import ENVIRONMENTS, register_environments
+from integ_gym.envs.settings import Settings, Setup
+from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
+
+Wrap: TypeAlias = Callable[[VectorEnv[Any, Any, Any]], VectorEnv[Any, Any, Any]]
+"""Wraps the training environments, for example to record their episodes; keeps their API."""
+
+
+def whole(least: int) -> Callable[[Any], str | None]:
+    """A whole number of at least ``least``."""
+
+    def check_whole(value: Any) -> str | None:
+        fits = isinstance(value, int) and not isinstance(value, bool) and value >= least
+        return None if fits else f"must be a whole number, {least} or above"
+
+    return check_whole
+
+
+def fraction(value: Any) -> str | None:
+    """A number in [0, 1]."""
+    return None if nonnegative(value) is None and value <= 1 else "must be a number from 0 to 1"
+
+
+def layer_sizes(value: Any) -> str | None:
+    """Sizes of layers."""
+    fits = isinstance(value, tuple) and all(whole(1)(size) is None for size in value)
+    return None if fits else "must be a list of whole numbers, 1 or above"
+
+
+def named_values(value: Any) -> str | None:
+    """A mapping from names."""
+    fits = isinstance(value, Mapping) and all(isinstance(name, str) for name in value)
+    return None if fits else "must map argument names to values"
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Everything that decides a training run. `PPOConfig.of` has defaults for each environment.
+
+    Raises:
+        ValueError: for an impossible value, in one sentence.
+    """
+
+    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
+    env_arguments: dict[str, Any] = field(
+        default_factory=dict,
+        metadata={
+            "unit": "",
+            "meaning": "constructor arguments; those left out take the environment's defaults",
+            "check": named_values,
+        },
+    )
+    seed: int = parameter(0, "", "of starts, sensor noise, weights and exploration", whole(0))
+    total_steps: int = parameter(
+        300_000, "", "decisions of all environments together, rounded up to rollouts", whole(1)
+    )
+    n_envs: int = parameter(16, "", "environments that advance together", whole(1))
+    n_steps: int = parameter(256, "", "decisions per environment in a rollout", whole(1))
+    batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
+    n_epochs: int = parameter(10, "", "passes over each rollout", whole(1))
+    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
+    learning_rate_end: float | None = parameter(
+        None, "", "reached linearly at the end; None: constant", optional(nonnegative)
+    )
+    discount_time: float = parameter(
+        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
+    )
+    gae_lambda: float = parameter(
+        0.95, "", "λ of generalized advantage estimation, per decision", fraction
+    )
+    clip_range: float = parameter(0.2, "", "of the probability ratio, around 1", positive)
+    ent_coef: float = parameter(0.0, "", "weight of the entropy bonus", nonnegative)
+    vf_coef: float = parameter(0.5, "", "weight of the value loss", nonnegative)
+    max_grad_norm: float = parameter(0.5, "", "larger gradients are scaled to it", positive)
+    normalize_advantage: bool = parameter(True, "", "in each gradient step", boolean)
+    target_kl: float | None = parameter(
+        None, "", "stop a rollout's passes beyond 1.5 times this; None: never", optional(positive)
+    )
+    reward_scale: float = parameter(
+        0.1, "", "factor on rewards for the learner; all that is reported is unscaled", positive
+    )
+    net_arch: tuple[int, ...] = parameter(
+        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
+    )
+    activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
+    log_std_init: float = parameter(
+        0.0, "", "log of the exploration noise at the start (Box actions)", finite
+    )
+    trace_every: int = parameter(
+        50, "", "every N-th training episode is recorded with its trace", whole(1)
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value, and that rollouts split into batches."""
+        object.__setattr__(self, "net_arch", tuple(self.net_arch))
+        check_values(PPOConfig, {f.name: getattr(self, f.name) for f in fields(self)})
+        if self.env_id not in ENVIRONMENTS:
+            raise ValueError(unknown_name("environment", self.env_id, ENVIRONMENTS))
+        if self.rollout % self.batch_size:
+            raise ValueError(
+                f"`batch_size`={self.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
+                f"= {self.rollout} decisions; give a divisor, such as "
+                f"{math.gcd(self.rollout, self.batch_size)}"
+            )
+
+    @classmethod
+    def of(cls, env_id: str, **overrides: Any) -> PPOConfig:
+        """The defaults that are known to learn an environment, with some values replaced.
+
+        Raises:
+            TypeError, ValueError: for unknown or impossible values.
+        """
+        return cls(**{"env_id": env_id, **ENVIRONMENT_DEFAULTS.get(env_id, {}), **overrides})
+
+    @property
+    def rollout(self) -> int:
+        """Decisions between two updates, over all environments."""
+        return self.n_envs * self.n_steps
+
+    @property
+    def rounded_steps(self) -> int:
+        """Decisions that the run will take: whole rollouts."""
+        return math.ceil(self.total_steps / self.rollout) * self.rollout
+
+    def discount(self, control_period: float) -> float:
+        """γ, the discount per decision, for a control period in s."""
+        return math.exp(-control_period / self.discount_time)
+
+
+ENVIRONMENT_DEFAULTS: dict[str, dict[str, Any]] = {
+    "IntegPendulum-v0": {},
+    "IntegCartPole-v0": {},
+}
+"""Where an environment's defaults differ from those of `PPOConfig`."""
+
+
+def train(
+    config: PPOConfig,
+    out_dir: str | Path,
+    *,
+    wrap: Wrap | None = None,
+    progress: bool = True,
+    tensorboard: bool = True,
+    force: bool = False,
+) -> TrainedPolicy:
+    """Train one policy and write it.
+
+    Nothing outside the run changes: torch's thread count and the global random states are put back.
+
+    Args:
+        config: the run.
+        out_dir: folder for `policy.zip`, `policy.json` and `tensorboard/`.
+        wrap: put around the training environments, whose rewards it sees unscaled.
+        progress: show a bar on stderr.
+        tensorboard: write logs.
+        force: replace a policy that is already there.
+
+    Raises:
+        OSError: if the folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for environment arguments that are not possible.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+    """
+    _need_extra(tensorboard)
+    folder = claim_folder(out_dir, force)
+    vector_env = make_training_envs(config)
+    setups: list[Setup] = vector_env.unwrapped.setups  # type: ignore[attr-defined]
+    if wrap is not None:
+        vector_env = wrap(vector_env)
+    try:
+        with _reproducible():
+            model = _make_model(config, vector_env, setups[0])
+            _log_to(model, folder / "tensorboard" if tensorboard else None)
+            start = time.perf_counter()
+            with _Progress(config.rounded_steps, progress) as bar:
+                model.learn(config.total_steps, callback=bar)
+            seconds = time.perf_counter() - start
+            model.logger.close()
+            buffer = io.BytesIO()
+            model.save(buffer, exclude=["tensorboard_log"])
+    finally:
+        vector_env.close()
+    card = _card(config, setups, model, seconds)
+    return write_policy(folder, buffer.getvalue(), card, vector_env.single_action_space)
+
+
+def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
+    """The training environments, which reset within the step that ends an episode.
+
+    Raises:
+        TypeError, ValueError: for arguments that are not possible.
+    """
+    register_environments()
+    return gym.make_vec(
+        config.env_id,
+        num_envs=config.n_envs,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP.value,
+        **config.env_arguments,
+    )
+
+
+def first_lane_seed(seed: int) -> int:
+    """Seed of the first training environment; the others count up from it.
+
+    Spread out, so that runs with neighbouring seeds do not share start states.
+    """
+    return int(np.random.SeedSequence(seed).generate_state(1)[0])
+
+
+def _make_model(config: PPOConfig, vector_env: VectorEnv[Any, Any, Any], setup: Setup) -> Any:
+    """SB3's PPO, with episodes monitored before rewards are scaled."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.utils import LinearSchedule
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
+
+    episodes = VecMonitor(Sb3VecEnv(vector_env, info_keys=("success",)))
+    rate, rate_end = config.learning_rate, config.learning_rate_end
+    model = PPO(
+        "MlpPolicy",
+        ScaledRewards(episodes, config.reward_scale),
+        learning_rate=rate if rate_end is None else LinearSchedule(rate, rate_end, 1.0),
+        n_steps=config.n_steps,
+        batch_size=config.batch_size,
+        n_epochs=config.n_epochs,
+        gamma=config.discount(setup.timing.control_period),
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        normalize_advantage=config.normalize_advantage,
+        ent_coef=config.ent_coef,
+        vf_coef=config.vf_coef,
+        max_grad_norm=config.max_grad_norm,
+        target_kl=config.target_kl,
+        policy_kwargs={
+            "net_arch": {"pi": list(config.net_arch), "vf": list(config.net_arch)},
+            "activation_fn": getattr(torch.nn, config.activation),
+            "log_std_init": config.log_std_init,
+        },
+        seed=config.seed,
+        device="cpu",
+    )
+    episodes.seed(first_lane_seed(config.seed))
+    return model
+
+
+def _log_to(model: Any, folder: Path | None) -> None:
+    """Log to TensorBoard, or not at all."""
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+
+    outputs: list[Any] = [] if folder is None else [TensorBoardOutputFormat(str(folder))]
+    model.set_logger(Logger(None if folder is None else str(folder), outputs))
+
+
+@contextmanager
+def _reproducible() -> Iterator[None]:
+    """One torch thread; afterwards the thread count and all global random states are put back."""
+    import torch
+
+    threads, states = torch.get_num_threads(), torch.get_rng_state()
+    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002  (SB3 seeds it)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_rng_state(states)
+        random.setstate(python)
+        np.random.set_state(legacy)  # noqa: NPY002
+
+
+class _Progress:
+    """A bar over the decisions taken, with return and success of the last episodes.
+
+    Args:
+        total: decisions of the whole run.
+        shown: whether there is a bar at all.
+    """
+
+    def __init__(self, total: int, shown: bool) -> None:
+        from tqdm import tqdm
+
+        self._bar = tqdm(total=total, desc="PPO", unit=" steps", unit_scale=True, disable=not shown)
+        self._episode_ended = False
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.close()
+
+    def __call__(self, variables: dict[str, Any], _: dict[str, Any]) -> bool:
+        """Called by SB3 after every step of the environments; True goes on."""
+        model = variables["self"]
+        if self._episode_ended:  # SB3 counts the episodes of a step after this call
+            self._bar.set_postfix_str(_told(_last_episodes(model)), refresh=False)
+        self._bar.update(model.num_timesteps - self._bar.n)
+        self._episode_ended = bool(variables["dones"].any())
+        return True
+
+
+def _last_episodes(model: Any) -> dict[str, Any]:
+    """Number, mean return and success rate of the last (up to 100) episodes of training."""
+    returns = [float(episode["r"]) for episode in model.ep_info_buffer]
+    successes = [float(success) for success in model.ep_success_buffer]
+    return {
+        "episodes": len(returns),
+        "return_mean": float(np.mean(returns)) if returns else None,
+        "success_rate": float(np.mean(successes)) if successes else None,
+    }
+
+
+def _told(episodes: Mapping[str, Any]) -> str:
+    """Return and success in a few words."""
+    if not episodes["episodes"]:
+        return "no episode ended yet"
+    success = episodes["success_rate"]
+    told = f"return {episodes['return_mean']:.1f}"
+    return told if success is None else f"{told}, success {success:.2f}"
+
+
+def _card(config: PPOConfig, setups: Sequence[Setup], model: Any, seconds: float) -> dict[str, Any]:
+    """What the side-car says."""
+    setup = setups[0]
+    discretizations = [_discretization(member) for member in setups]
+    mixed = "mixture" in config.env_arguments
+    name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
+    packages = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
+    return {
+        "policy_id": f"ppo-{name}-seed{config.seed}",
+        "algorithm": "PPO",
+        "env_id": config.env_id,
+        "discretization": None if mixed else discretizations[0],
+        "mixture": discretizations if mixed else None,
+        "env_arguments": _json_values(setup.arguments()),
+        "units": setup.units(),
+        "seed": config.seed,
+        "config": asdict(config),
+        "derived": {
+            "gamma": config.discount(setup.timing.control_period),
+            "gae_lambda": config.gae_lambda,
+            "rollout": config.rollout,
+            "first_lane_seed": first_lane_seed(config.seed),
+        },
+        "steps": int(model.num_timesteps),
+        "wall_seconds": round(seconds, 3),
+        "last_episodes": {**_last_episodes(model), "exploring": True},
+        "versions": {name: version(name) for name in packages},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }
+
+
+def _discretization(setup: Setup) -> dict[str, Any]:
+    """Engine, integrator, step and control period in s."""
+    return {
+        "engine": setup.settings.engine,
+        "engine_version": setup.engine.version,
+        "integrator": setup.settings.integrator,
+        "dt": setup.timing.dt,
+        "control_period": setup.timing.control_period,
+    }
+
+
+def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays as lists."""
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}
+
+
+def _need_extra(tensorboard: bool) -> None:
+    """Import what the extra brings.
+
+    Raises:
+        ModuleNotFoundError: with the command that installs it.
+    """
+    for name in ("torch", "stable_baselines3", "tqdm", *(["tensorboard"] if tensorboard else [])):
+        try:
+            importlib.import_module(name)
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                f'{name} is not installed; run: pip install "integ-gym[train]"', name=name
+            ) from None
+
+
+# --- command line ----------------------------------------------------------------------------
+
+_EXAMPLES = """\
+examples:
+  integ-gym train --integrator rk4 --dt 0.05 --out runs/rk4
+  integ-gym train --integrator explicit_euler --dt 0.05 --control-period 0.05 \\
+      --start hanging --max-torque 1.0 --seed 3 --out runs/explicit-3
+  integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
+  integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
+"""
+
+_OWN_FLAGS = ("env_id", "env_arguments")
+_ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
+    parser = _parser()
+    given = vars(parser.parse_args(argv))
+    options = {name: given.pop(name) for name in ("out", "force", "tensorboard", "progress")}
+    try:
+        config = _config(given)
+        _need_extra(options["tensorboard"])
+        make_training_envs(config).close()
+        claim_folder(options["out"], options["force"])
+    except (ValueError, TypeError, OSError, ModuleNotFoundError) as error:
+        print(f"{parser.prog}: error: {error}", file=sys.stderr)
+        return 2
+    try:
+        trained = train(
+            config,
+            options["out"],
+            progress=options["progress"],
+            tensorboard=options["tensorboard"],
+            force=options["force"],
+        )
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted; no policy was written", file=sys.stderr)
+        return 130
+    card = trained.card
+    print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
+    print(
+        f"last {card['last_episodes']['episodes']} training episodes, exploration included: "
+        f"{_told(card['last_episodes'])}"
+    )
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message}\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="integ-gym train",
+        description="Train a policy with PPO on one discretization of an environment.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the policy")
+    parser.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    parser.add_argument(
+        "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
+    )
+    parser.add_argument(
+        "--no-progress", dest="progress", action="store_false", default=True, help="no bar"
+    )
+    environment = parser.add_argument_group("environment (default: its own)")
+    for env_field in _ENV_FIELDS:
+        _add_flag(environment, env_field)
+    environment.add_argument(
+        "--env-arg",
+        action="append",
+        type=_named_value,
+        metavar="NAME=VALUE",
+        help="any other constructor argument",
+    )
+    learner = parser.add_argument_group(
+        "run (defaults as shown, but for what `PPOConfig.of` sets for an environment)"
+    )
+    for config_field in fields(PPOConfig):
+        if config_field.name not in _OWN_FLAGS:
+            _add_flag(learner, config_field, shown=True)
+    return parser
+
+
+def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
+    """A flag for a parameter, described by the parameter's own metadata."""
+    unit = f" [{of.metadata['unit']}]" if of.metadata["unit"] else ""
+    default = f" (default: {of.default})" if shown else ""
+    described: dict[str, Any] = {"help": f"{of.metadata['meaning']}{unit}{default}"}
+    flag = f"--{of.name.replace('_', '-')}"
+    if of.type == "bool":
+        group.add_argument(flag, action=argparse.BooleanOptionalAction, **described)
+        return
+    if of.type == "tuple[int, ...]":
+        described["nargs"] = "*"
+    group.add_argument(flag, type=_READERS[str(of.type)], metavar=_metavar(of), **described)
+
+
+def _metavar(of: Field[Any]) -> str:
+    return {"str": "NAME", "int": "N", "tuple[int, ...]": "N"}.get(str(of.type), "X")
+
+
+def _number_or_none(word: str) -> float | None:
+    return None if word.lower() == "none" else float(word)
+
+
+_number_or_none.__name__ = "number"
+_READERS: dict[str, Callable[[str], Any]] = {
+    "str": str,
+    "int": int,
+    "float": float,
+    "float | None": _number_or_none,
+    "tuple[int, ...]": int,
+}
+
+
+def _named_value(word: str) -> tuple[str, Any]:
+    """``name=value``, the value read as JSON where it is JSON, else as text."""
+    name, equals, value = word.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def _config(given: dict[str, Any]) -> PPOConfig:
+    """The run that the flags describe."""
+    arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
+    arguments.update(given.pop("env_arg", []))
+    env_id = given.pop("env_id", PPOConfig.env_id)
+    return PPOConfig.of(env_id, env_arguments=arguments, **given)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,161 @@
+"""The two files of a trained policy: SB3's zip, and a JSON side-car that says how it came about.
+
+The side-car is written last, so a policy without one is not finished; and it holds the policy's
+content hash, so a pair that does not belong together is found out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+
+from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.sb3_zip import PolicyFileError, read_sb3_zip
+
+POLICY_FILE = "policy.zip"
+SIDECAR_FILE = "policy.json"
+FORMAT = "integ-gym policy 1"
+
+
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A finished policy on disk.
+
+    Attributes:
+        policy: path of the SB3 zip.
+        sidecar: path of the JSON beside it.
+        card: content of the side-car.
+    """
+
+    policy: Path
+    sidecar: Path
+    card: Mapping[str, Any]
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything that decides the actions; see `MlpPolicy.content_hash`."""
+        return str(self.card["content_hash"])
+
+
+def claim_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
+    """Make the folder for a policy, unless it holds one.
+
+    Raises:
+        OSError: if it cannot be made; or, unless ``force``, if there is a policy in it.
+    """
+    folder = Path(out_dir)
+    held = [name for name in (POLICY_FILE, SIDECAR_FILE) if (folder / name).exists()]
+    if held and not force:
+        raise FileExistsError(
+            f"{folder} already holds {' and '.join(held)}; give another folder, or --force "
+            "(force=True) to replace the policy"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_policy(
+    out_dir: Path, zip_bytes: bytes, card: Mapping[str, Any], action_space: spaces.Space[Any]
+) -> TrainedPolicy:
+    """Write a policy and its side-car, each in one step, the side-car last.
+
+    A process killed in between leaves no file half-written and no side-car beside a zip that it
+    does not describe. ``format``, ``policy_file``, ``content_hash`` and ``action_bounds`` are added
+    to the card from the zip itself.
+
+    Args:
+        out_dir: folder that exists; a policy in it is replaced.
+        zip_bytes: what SB3 saved.
+        card: JSON-serialisable, without NaN or infinity.
+        action_space: that the policy was trained in.
+
+    Raises:
+        ValueError: if the policy cannot be read back, for example because its weights are not
+            finite, or if the card is not JSON.
+    """
+    zip_path, sidecar_path = out_dir / POLICY_FILE, out_dir / SIDECAR_FILE
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=out_dir) as folder:
+        new_zip, new_sidecar = Path(folder) / POLICY_FILE, Path(folder) / SIDECAR_FILE
+        _write_durably(new_zip, zip_bytes)
+        bounds = _bounds(action_space)
+        policy = read_sb3_zip(new_zip, action_bounds=bounds)
+        full = {
+            "format": FORMAT,
+            "policy_file": POLICY_FILE,
+            "content_hash": policy.content_hash,
+            "action_bounds": bounds,
+            **card,
+        }
+        text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        _write_durably(new_sidecar, text.encode())
+        sidecar_path.unlink(missing_ok=True)
+        os.replace(new_zip, zip_path)
+        os.replace(new_sidecar, sidecar_path)
+    return TrainedPolicy(zip_path, sidecar_path, full)
+
+
+def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
+    """The side-car of a policy zip: the JSON file of the same name.
+
+    Raises:
+        PolicyFileError: in one sentence, if it is missing, damaged or of another format.
+    """
+    path = Path(policy).with_suffix(".json")
+    try:
+        card = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PolicyFileError(
+            f"{path}: cannot be opened ({error.strerror or error}); keep the side-car beside the "
+            "policy it was written with"
+        ) from error
+    except ValueError as error:
+        raise PolicyFileError(f"{path}: is not readable JSON; train the policy again") from error
+    found = card.get("format") if isinstance(card, dict) else None
+    if found != FORMAT:
+        raise PolicyFileError(
+            f"{path}: has format {found!r} where {FORMAT!r} was expected; "
+            "give the side-car that the trainer wrote"
+        )
+    return dict(card)
+
+
+def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, Any]]:
+    """A trained policy, named as its side-car says, and the side-car.
+
+    Args:
+        policy: path of the zip.
+
+    Raises:
+        PolicyFileError: in one sentence, if a file cannot be read or the two do not belong
+            together.
+    """
+    card = read_sidecar(policy)
+    read = read_sb3_zip(policy, action_bounds=card.get("action_bounds"))
+    if read.content_hash != card.get("content_hash"):
+        raise PolicyFileError(
+            f"{policy}: is not the policy that {Path(policy).with_suffix('.json').name} describes; "
+            "restore the pair, or train again"
+        )
+    return replace(read, policy_id=str(card.get("policy_id", read.policy_id))), card
+
+
+def _bounds(action_space: spaces.Space[Any]) -> tuple[list[float], list[float]] | None:
+    """(low, high) of a `Box`, in the action's units."""
+    if not isinstance(action_space, spaces.Box):
+        return None
+    return action_space.low.tolist(), action_space.high.tolist()
+
+
+def _write_durably(path: Path, content: bytes) -> None:
+    """Write a file and wait until it is on disk."""
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
