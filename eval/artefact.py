@@ -52,7 +52,9 @@ class Layout:
         """The row that was trained in a cell, if there is one."""
         if self.cells[cell].perturbation is not None:
             return None
-        trained = (row for row, home in self.homes.items() if home == self.cells[cell].discretization)
+        trained = (
+            row for row, home in self.homes.items() if home == self.cells[cell].discretization
+        )
         return next(trained, None)
 
 

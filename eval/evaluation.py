@@ -16,7 +16,8 @@ from integ_gym.envs.settings import Settings
 from integ_gym.eval.spec import Cell, Discretization
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.labels import Replays
-from integ_gym.evidence.recorder import RecordVectorEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.policy import Policy
 
 Array = npt.NDArray[Any]
@@ -63,7 +64,7 @@ def evaluate(
     subject: Subject,
     cells: Sequence[Cell],
     conditions: Conditions,
-    store: Any,
+    store: EvidenceStore,
     batch: str,
     on_cell: Callable[[], None] = lambda: None,
 ) -> None:
@@ -76,31 +77,33 @@ def evaluate(
         subject: the policy.
         cells: in the order in which they are run.
         conditions: what they share.
-        store: an ``EvidenceStore``.
+        store: where the records go.
         batch: name of the batch, which must not exist yet.
         on_cell: called after every cell.
     """
     latency = inference_latency(subject.policy, conditions)
     succeeded: dict[tuple[Any, ...], Array] = {}
-    with store.batch(batch) as open_batch:
-        for cell in cells:
-            environment = gym.make_vec(
-                conditions.env_id,
-                num_envs=conditions.episodes,
-                **cell.arguments(conditions.environment),
-            )
-            context = _context(subject, cell, conditions, latency)
-            recorder = RecordVectorEvidence(
-                environment,
-                open_batch,
-                context,
-                episode_of_lane=range(conditions.episodes),
-            )
-            success = roll_out(recorder, subject.policy, conditions)
-            recorder.commit(_replays(subject, cell, conditions, succeeded))
-            succeeded[_key(cell, cell.discretization)] = success
-            environment.close()
-            on_cell()
+    tables = []
+    for cell in cells:
+        environment = gym.make_vec(
+            conditions.env_id,
+            num_envs=conditions.episodes,
+            **cell.arguments(conditions.environment),
+        )
+        context = _context(subject, cell, conditions, latency)
+        recorder = RecordVectorEvidence(
+            environment,
+            store,
+            context,
+            episodes=range(conditions.episodes),
+            commit_on_close=False,
+        )
+        success = roll_out(recorder, subject.policy, conditions)
+        tables.append(recorder.take(_replays(subject, cell, conditions, succeeded)))
+        succeeded[_key(cell, cell.discretization)] = success
+        recorder.close()
+        on_cell()
+    store.commit_all(batch, tables)
 
 
 def roll_out(environment: Any, policy: Policy, conditions: Conditions) -> Array:
@@ -156,18 +159,18 @@ def _replays(
     cell: Cell,
     conditions: Conditions,
     succeeded: Mapping[tuple[Any, ...], Array],
-) -> list[Replays]:
+) -> dict[int, Replays]:
     """What the cells run so far say about each episode of this one."""
     at_home = succeeded.get(_key(cell, subject.home))
     undisturbed = _undisturbed(cell, conditions, succeeded)
-    return [
-        Replays(
+    return {
+        k: Replays(
             home=_home(subject, cell, at_home, k),
             without_noise=undisturbed["without_noise"][k],
             without_delay=undisturbed["without_delay"][k],
         )
         for k in range(conditions.episodes)
-    ]
+    }
 
 
 def _home(subject: Subject, cell: Cell, at_home: Array | None, k: int) -> Any:

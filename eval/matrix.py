@@ -156,9 +156,7 @@ class Matrix:
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> dict[str, Any] | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
             return None
-        return asdict(
-            unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
-        )
+        return asdict(unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval)
 
     def _reference_class(self, row: str, cell: str, reference: str) -> str | None:
         if cell == reference or not self.has(row, reference):

@@ -6,9 +6,9 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,12 @@ from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
 from integ_gym.eval.spec import Discretization, PanelSpec, SpecError
 from integ_gym.eval.worker import Progress, report_work
 from integ_gym.evidence.context import EpisodeContext
-from integ_gym.evidence.recorder import RecordVectorEvidence
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import PPOConfig, train
 from integ_gym.train.sb3_zip import read_sb3_zip
+from integ_gym.train.sidecar import POLICY_FILE
 
 STEPS_PER_SECOND = 7000.0
 """Training decisions per second and core that the progress bar counts on."""
@@ -95,7 +96,7 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
     assert unit.home is not None
     return PPOConfig.of(
         spec.env_id,
-        {**spec.environment, **unit.home.arguments()},
+        env_arguments={**spec.environment, **unit.home.arguments()},
         seed=unit.seed,
         **spec.training,
     )
@@ -191,7 +192,7 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     if unit.home is None:
         return
     config = training_config(spec, unit)
-    key = key_of(config=config.to_json())
+    key = key_of(config=asdict(config))
     if directory.finished(unit.training, key):
         report_work(_training_seconds(spec, unit))
         return
@@ -200,37 +201,38 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     shutil.rmtree(final, ignore_errors=True)
     start = time.time()
     store = EvidenceStore(directory.evidence)
-    with store.batch(unit.training) as batch:
-        context = EpisodeContext(
-            run_id=spec.name,
-            cell=unit.training,
-            phase="training",
-            policy_id=unit.policy,
-            training_discretization=unit.home.arguments(),
-            training_seed=unit.seed,
-            trace_every=config.trace_every,
-            packages=package_versions(),
-        )
-        recorders: list[RecordVectorEvidence] = []
+    context = _training_context(spec, unit, config)
+    recorders: list[RecordVectorEvidence] = []
 
-        def recorded(environment: Any) -> Any:
-            recorders.append(RecordVectorEvidence(environment, batch, context))
-            return recorders[-1]
+    def recorded(environment: Any) -> RecordVectorEvidence:
+        recorders.append(RecordVectorEvidence(environment, store, context, commit_on_close=False))
+        return recorders[-1]
 
-        trained = train(
-            config, final, progress=_TrainingProgress(), wrap=recorded, tensorboard=False
-        )
-        recorders[-1].commit()
+    trained = train(
+        config, final, progress=False, on_steps=_report_training, wrap=recorded, tensorboard=False
+    )
+    recorders[-1].commit(unit.training)
     directory.finish(
         unit.training, key, policy=trained.content_hash, seconds=round(time.time() - start, 1)
     )
 
 
-class _TrainingProgress:
-    """Turns decisions into work done."""
+def _training_context(spec: PanelSpec, unit: Unit, config: PPOConfig) -> EpisodeContext:
+    assert unit.home is not None
+    return EpisodeContext(
+        run_id=spec.name,
+        cell=unit.training,
+        phase="training",
+        policy_id=unit.policy,
+        training_discretization=unit.home.arguments(),
+        training_seed=unit.seed,
+        trace_every=config.trace_every,
+        packages=package_versions(),
+    )
 
-    def __call__(self, steps: int) -> None:
-        report_work(steps / STEPS_PER_SECOND)
+
+def _report_training(steps: int) -> None:
+    report_work(steps / STEPS_PER_SECOND)
 
 
 def _evaluate_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
@@ -264,16 +266,5 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     """The policy of a unit, read from its file or built."""
     if unit.home is None:
         return Subject(make_baseline(unit.row, nominal_setup(spec)))
-    policy = read_sb3_zip(directory.policies / unit.policy / "policy.zip", policy_id=unit.policy)
-    return Subject(policy, unit.home, unit.seed)
-
-
-def known_baselines() -> tuple[str, ...]:
-    """Names that a specification may list under ``baselines``."""
-    return tuple(BASELINES)
-
-
-def unit_markers(spec: PanelSpec, directory: RunDirectory) -> Mapping[str, Mapping[str, Any]]:
-    """Markers of all units, by unit name."""
-    names = [name for unit in units_of(spec) for name in (unit.training, unit.evaluation)]
-    return {name: marker for name in names if (marker := directory.marker(name)) is not None}
+    policy = read_sb3_zip(directory.policies / unit.policy / POLICY_FILE)
+    return Subject(replace(policy, policy_id=unit.policy), unit.home, unit.seed)

@@ -85,8 +85,10 @@ class RunDirectory:
     def _is_bare(self) -> bool:
         """Whether there is nothing but what a run killed at once may have left."""
         own = {self.evidence.name, self.policies.name, self._units.name, LOCK}
-        return self.path.is_dir() and {p.name for p in self.path.iterdir()} <= own and not any(
-            self._units.glob("*")
+        return (
+            self.path.is_dir()
+            and {p.name for p in self.path.iterdir()} <= own
+            and not any(self._units.glob("*"))
         )
 
     def _check_manifest(self, manifest: Path) -> None:
@@ -121,19 +123,21 @@ class RunDirectory:
                 ) from None
             yield
 
+    def marker(self, unit: str) -> Mapping[str, Any] | None:
+        """What was noted when the unit was finished, or None."""
+        path = self._units / f"{unit}.json"
+        return read_json(path) if path.exists() else None
+
     def finished(self, unit: str, key: str) -> Mapping[str, Any] | None:
         """The marker of a finished unit, or None.
 
         Raises:
             RunDirectoryError: if the unit was finished under another key.
         """
-        marker = self._units / f"{unit}.json"
-        if not marker.exists():
-            return None
-        held = read_json(marker)
-        if held.get("key") != key:
+        held = self.marker(unit)
+        if held is not None and held.get("key") != key:
             raise RunDirectoryError(
-                f"{marker} belongs to another specification, version or policy; give another "
+                f"{self.path}: unit {unit} belongs to another specification, version or policy; give another "
                 "directory with --out"
             )
         return held

@@ -27,7 +27,7 @@ def content_hashes(table: Any) -> list[str]:
 
     The hash is taken over, in this order:
 
-    1. JSON of {column: [type, unit, frame]} for all columns but the volatile ones;
+    1. JSON of {column: [Arrow type, unit, frame]} for all columns but the volatile ones;
     2. JSON of [fields, counts]: the row's values outside the trace, and for each trace column the
        number of its values that are not null, or null;
     3. those values, column by column, little-endian.
@@ -56,8 +56,9 @@ def content_hashes(table: Any) -> list[str]:
 
 
 def _signature(field: Any) -> list[str]:
-    about = described(field)
-    return [str(field.type), about["unit"], about["frame"]]
+    about, kind = described(field), field.type
+    named = f"list<{kind.value_type}>" if pyarrow().types.is_list(kind) else str(kind)
+    return [named, about["unit"], about["frame"]]
 
 
 def _json(value: Any) -> bytes:

@@ -48,7 +48,7 @@ class Episodes:
         heads: one per episode.
         summary: see :func:`integ_gym.evidence.summary.summarise`.
         traced: whether an episode has a trace, shape (episodes,).
-        rows: rows of those that have, shape (sum of counts, entries).
+        rows: rows of those that have, shape (entries, sum of counts).
         counts: rows of each of those, shape (episodes with a trace,).
     """
 
@@ -82,14 +82,14 @@ class EpisodeLog:
         """Take in whole episodes.
 
         Args:
-            rows: their rows one after the other, shape (sum of counts, entries); not to be changed
+            rows: their rows one after the other, shape (entries, sum of counts); not to be changed
                 afterwards.
             counts: rows of each, its reset included, shape (episodes,).
             heads: one per episode.
         """
         self._heads += heads
         self._pending.append((rows, counts))
-        self._pending_rows += len(rows)
+        self._pending_rows += rows.shape[1]
         if self._pending_rows >= _ROWS_AT_ONCE:
             self._summarise()
 
@@ -109,10 +109,10 @@ class EpisodeLog:
         """Summarise what is pending and drop the traces that are not wanted."""
         if not self._heads:
             return
-        rows = np.concatenate([rows for rows, _ in self._pending])
+        rows = _beside([rows for rows, _ in self._pending])
         counts = np.concatenate([counts for _, counts in self._pending])
         traced = np.array([self.context.has_trace(head.index) for head in self._heads])
-        kept = rows if traced.all() else rows[np.repeat(traced, counts)]
+        kept = rows if traced.all() else rows[:, np.repeat(traced, counts)]
         summary = summarise(self.layout, rows, counts)
         self._parts.append(Episodes(tuple(self._heads), summary, traced, kept, counts[traced]))
         self._heads, self._pending, self._pending_rows = [], [], 0
@@ -123,12 +123,16 @@ def _joined(parts: list[Episodes]) -> Episodes:
         tuple(head for part in parts for head in part.heads),
         {name: np.concatenate([p.summary[name] for p in parts]) for name in parts[0].summary},
         np.concatenate([part.traced for part in parts]),
-        np.concatenate([part.rows for part in parts]),
+        _beside([part.rows for part in parts]),
         np.concatenate([part.counts for part in parts]),
     )
 
 
+def _beside(rows: list[Array]) -> Array:
+    return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
+
+
 def _nothing(layout: Layout) -> Episodes:
-    rows, counts = np.zeros((2, len(layout))), np.array([2])
+    rows, counts = np.zeros((len(layout), 2)), np.array([2])
     summary = {name: x[:0] for name, x in summarise(layout, rows, counts).items()}
-    return Episodes((), summary, np.zeros(0, dtype=bool), rows[:0], counts[:0])
+    return Episodes((), summary, np.zeros(0, dtype=bool), rows[:, :0], counts[:0])

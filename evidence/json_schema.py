@@ -1,6 +1,6 @@
 """The published JSON Schema of a record, as JSON lines and :meth:`EvidenceRecord.to_json` give it.
 
-``python -m integ_gym.evidence.json_schema`` writes it to ``evidence_record.schema.json``.
+After a change of the fields, :func:`write_schema` brings the published file up to date.
 """
 
 from __future__ import annotations
@@ -86,5 +86,6 @@ def _numbers(kind: str) -> dict[str, Any]:
     return {"type": ["array", "null"], "items": {"type": [_TYPES[kind]["type"], "null"]}}
 
 
-if __name__ == "__main__":
+def write_schema() -> None:
+    """Write the published file."""
     SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")

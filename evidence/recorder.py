@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -51,7 +51,7 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         check_unchanged(env, IntegEnv, ("observation_space", "action_space"))
-        self._inner: Any = env.unwrapped
+        self._inner = cast(Any, env.unwrapped)
         self._recording = Recording(env, [(self._inner.setup, 0)], store, context)
         self._commit_on_close = commit_on_close
         self._next_index = context.first_episode
@@ -115,7 +115,7 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
             super().close()
 
     @property
-    def spec(self) -> EnvSpec | None:
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
         """The environment's own: recording is no part of it."""
         return self.env.spec
 
@@ -128,7 +128,8 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         self._rows = np.zeros((rows, len(layout)))
         self._memory = self._rows.data.cast("B")
         self._capacity = rows
-        self._start = self._row = 0
+        self._start = 0
+        self._row = 0
 
     def _write(
         self, observation: Any, reward: Any, terminated: bool, truncated: bool, info: dict[str, Any]
@@ -161,7 +162,8 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         """Give the finished episodes to the log and move the unfinished one to the front."""
         if self._heads:
             counts = np.array(self._counts, dtype=np.int64)
-            self._recording.log.add(self._rows[: self._start].copy(), counts, self._heads)
+            rows = np.ascontiguousarray(self._rows[: self._start].T)
+            self._recording.log.add(rows, counts, self._heads)
         begun = self._row - self._start
         self._rows[:begun] = self._rows[self._start : self._row]
         self._start, self._row = 0, begun

@@ -65,6 +65,18 @@ class Recording:
         indices = np.array([head.index for head in episodes.heads], dtype=np.int64)
         return {"episode_index": indices, **episodes.summary}
 
+    def take(self, replays: ReplayLookup | None = None) -> Any:
+        """The finished episodes as a table, to be committed with others; None if there are none.
+
+        Args:
+            replays: what replays said, for all episodes or by episode index.
+        """
+        if not len(self.log):
+            return None
+        table = record_table(self.log, self.env_id, self.setups, replays)
+        self.log.clear()
+        return table
+
     def commit(self, name: str | None = None, replays: ReplayLookup | None = None) -> Path | None:
         """Write the finished episodes as one batch; None if there are none.
 

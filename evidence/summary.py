@@ -33,7 +33,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
 
     Args:
         layout: what the entries of a row are.
-        rows: rows of whole episodes one after the other, shape (sum of counts, entries).
+        rows: rows of whole episodes one after the other, shape (entries, sum of counts).
         counts: rows of each episode, at least 2, shape (episodes,).
 
     Returns:
@@ -42,7 +42,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
     """
     ends = np.cumsum(counts)
     starts = ends - counts
-    columns = {name: np.ascontiguousarray(rows[:, layout.place(name)]) for name in layout.names}
+    columns = dict(zip(layout.names, rows, strict=True))
     first = {name: column[starts] for name, column in columns.items()}
     last = {name: column[ends - 1] for name, column in columns.items()}
     steps = counts - 1
@@ -80,7 +80,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
         "energy_end": last["energy"],
         "energy_residual_abs_total": reduced(np.add, np.abs(columns["energy_residual"])),
         "solver_iterations_mean": reduced(np.add, columns["solver_iterations"]) / steps,
-        "initial_state": rows[starts, layout.places(layout.state)],
+        "initial_state": rows[layout.places(layout.state), starts].T,
     }
 
 

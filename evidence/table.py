@@ -178,10 +178,10 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
     kind = arrow_type(field.kind)
     if field.source not in layout:
         return pa.nulls(len(episodes.heads), kind)
-    numbers = episodes.rows[:, layout.place(field.source)]
+    numbers = episodes.rows[layout.place(field.source)]
     if field.at == "step":
         numbers = np.append(numbers[1:], 0.0)
-    numbers = np.ascontiguousarray(numbers).astype(kind.value_type.to_pandas_dtype(), copy=False)
+    numbers = numbers.astype(kind.value_type.to_pandas_dtype(), copy=False)
     lengths = np.zeros(len(episodes.heads), dtype=np.int64)
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))

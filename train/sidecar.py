@@ -57,6 +57,8 @@ def claim_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
             f"{folder} already holds {' and '.join(held)}; give another folder, or --force "
             "(force=True) to replace the policy"
         )
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{folder} is a file; give a folder for the policy")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

@@ -1,0 +1,67 @@
+"""``integ-gym panel``: run a panel and write its directory."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from integ_gym.eval.panel import run_panel
+from integ_gym.eval.panel_artefact import write_artefact
+from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
+
+EXAMPLES = """\
+examples:
+  integ-gym panel --out runs/panel                        the built-in quick panel
+  integ-gym panel specs/cart_pole.toml --out runs/balance  a panel of your own (docs/panel.md)
+  integ-gym panel --out runs/panel                        again: finishes what was interrupted
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = argparse.ArgumentParser(
+        prog="integ-gym panel",
+        description="Train policies on several discretizations, evaluate each on all of them and on "
+        "the reference, and write panel.json, report.html, figures and one evidence record per "
+        "episode. Run it again to finish what was interrupted.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("spec", nargs="?", help="TOML file, or the name of a built-in panel "
+                      f"({', '.join(BUILT_IN)}); default: quick")  # fmt: skip
+    made.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="the panel's directory"
+    )
+    made.add_argument("--workers", type=int, metavar="N", help="processes; default: one per core")
+    made.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    arguments = parser().parse_args(argv)
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
+    spec = _spec(arguments.spec)
+    start = time.time()
+    directory = run_panel(
+        spec, arguments.out, workers=arguments.workers, progress=not arguments.no_progress
+    )
+    command = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
+    panel = write_artefact(
+        spec, directory, shlex.join([*command, "--out", str(arguments.out)]), time.time() - start
+    )
+    print(f"{panel['question']}\n{panel['answer']}")
+    for verdict in panel["verdicts"]:
+        print(f"  {verdict['verdict']:<13}{verdict['name']}: {verdict['reason']}")
+    print(f"Page: {(arguments.out / 'report.html').resolve()}")
+    return 0
+
+
+def _spec(given: str | None) -> PanelSpec:
+    if given is None or given in BUILT_IN:
+        return built_in_spec(given or BUILT_IN[0])
+    return read_spec(Path(given))

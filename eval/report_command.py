@@ -1,0 +1,32 @@
+"""``integ-gym report``: write a panel's page and figures again."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from integ_gym.eval.figures import write_figures
+from integ_gym.eval.report import write_report
+from integ_gym.eval.run_directory import read_json
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    made = argparse.ArgumentParser(
+        prog="integ-gym report",
+        description="Write report.html and figures/ anew from a finished panel's panel.json.",
+        epilog="example:\n  integ-gym report runs/panel",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("directory", type=Path, metavar="DIR", help="a panel's directory")
+    directory = made.parse_args(argv).directory
+    if not (directory / "panel.json").exists():
+        raise ValueError(
+            f"{directory} holds no panel.json; finish the panel first: integ-gym panel --out "
+            f"{directory}"
+        )
+    panel = read_json(directory / "panel.json")
+    write_figures(panel, directory / "figures")
+    print(f"Page: {write_report(panel, directory).resolve()}")
+    return 0

@@ -1,0 +1,68 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+_SUFFIX = ".tmp"
+
+LEFTOVER_AGE = 3600.0
+"""A temporary file that nobody has written to for so long was left by a killed writer, s."""
+
+
+def write_once(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a new file so that it becomes visible in one step.
+
+    Args:
+        path: the file.
+        write: writes the content to the temporary path that it is given.
+
+    Raises:
+        FileExistsError: if the file exists; it is left as it is.
+    """
+    if path.exists():
+        raise FileExistsError(str(path))
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
+    try:
+        write(temporary)
+        _synchronise(temporary)
+        _publish(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    _synchronise(path.parent)
+
+
+def remove_leftovers(directory: Path) -> None:
+    """Remove temporary files that killed writers left behind."""
+    for file in directory.glob(f".*{_SUFFIX}"):
+        with suppress(FileNotFoundError):
+            if time.time() - file.stat().st_mtime > LEFTOVER_AGE:
+                file.unlink()
+
+
+def _publish(temporary: Path, path: Path) -> None:
+    """Give the file its name; a link, unlike a renaming, never replaces another file."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if path.exists():
+            raise FileExistsError(str(path)) from None
+        os.replace(temporary, path)
+
+
+def _synchronise(path: Path) -> None:
+    """Flush a file, or the entries of a directory, to the disk."""
+    if os.name == "nt" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

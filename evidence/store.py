@@ -1,0 +1,278 @@
+"""The store: a directory of Parquet files, each one batch of records of one environment."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from integ_gym.evidence.arrow_schema import VERSION_KEY, is_trace
+from integ_gym.evidence.atomic import remove_leftovers, write_once
+from integ_gym.evidence.content_hash import content_hashes
+from integ_gym.evidence.errors import BatchExistsError, EvidenceError
+from integ_gym.evidence.extra import duckdb, parquet, pyarrow
+from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.record import EvidenceRecord, records_of
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
+
+_ROW_GROUP = 1024
+_LEVEL = 1
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What :meth:`EvidenceStore.verify` found.
+
+    Attributes:
+        file: name of the file.
+        record_id: the record, or None if the whole file is meant.
+        message: what is wrong.
+    """
+
+    file: str
+    record_id: str | None
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.file}{': ' + self.record_id if self.record_id else ''}: {self.message}"
+
+
+class EvidenceStore:
+    """Evidence records in a directory.
+
+    Args:
+        directory: made by the first commit.
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        self.directory = Path(directory)
+
+    def files(self) -> list[Path]:
+        """The committed files, sorted."""
+        return sorted(self.directory.glob("*.parquet"))
+
+    def batches(self) -> tuple[str, ...]:
+        """Names of the committed batches, sorted."""
+        return tuple(file.stem for file in self.files())
+
+    def commit(self, name: str, table: Any) -> Path:
+        """Make a batch of records visible by one atomic step.
+
+        Args:
+            name: name of the batch: letters, digits, ``.``, ``_`` and ``-``.
+            table: Arrow table of records of one environment.
+
+        Raises:
+            BatchExistsError: if a batch of that name has been committed.
+            ValueError: for a name that cannot be a file's.
+        """
+        if not _NAME.fullmatch(name):
+            raise ValueError(
+                f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
+                f"letter or digit, got {name!r}"
+            )
+        self.directory.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(self.directory)
+        path = self.directory / f"{name}.parquet"
+        try:
+            write_once(path, lambda file: _write(table, file))
+        except FileExistsError:
+            raise BatchExistsError(
+                f"batch {name!r} has already been committed to {self.directory}; remove its file "
+                "to record it anew, or give another name"
+            ) from None
+        return path
+
+    def commit_all(self, name: str, tables: Sequence[Any]) -> Path:
+        """Make several tables of records of one environment visible as one batch.
+
+        Raises:
+            BatchExistsError, ValueError: as for :meth:`commit`.
+        """
+        return self.commit(name, pyarrow().concat_tables(tables))
+
+    def records(self, *, trace: bool = True) -> Iterator[EvidenceRecord]:
+        """All records, file by file.
+
+        Args:
+            trace: whether to read the traces.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        for file in self.files():
+            yield from records_of(read(file, trace=trace))
+
+    def find(self, record_id: str) -> EvidenceRecord:
+        """The record with that id, or with the one id that begins so.
+
+        Raises:
+            EvidenceError: if there is none, or more than one.
+        """
+        found = [
+            (file, full_id)
+            for file in self.files()
+            for full_id in read(file, columns=["record_id"]).column("record_id").to_pylist()
+            if full_id.startswith(record_id)
+        ]
+        exact = [match for match in found if match[1] == record_id]
+        found = exact or found
+        if not found:
+            raise EvidenceError(
+                f"no record {record_id!r} in {self.directory}; list them with "
+                '`integ-gym evidence query RUN "SELECT record_id FROM records"`'
+            )
+        if len(found) > 1:
+            some = ", ".join(full_id for _, full_id in found[:4])
+            raise EvidenceError(
+                f"{len(found)} records of {self.directory} begin with {record_id!r}: {some}"
+                f"{', …' if len(found) > 4 else ''}; give more digits"
+            )
+        file, full_id = found[0]
+        return records_of(read(file, filters=[("record_id", "=", full_id)]))[0]
+
+    def query(self, sql: str) -> Any:
+        """Run SQL over the view ``records``, which holds all files with their columns united.
+
+        Args:
+            sql: one statement in DuckDB's dialect.
+
+        Returns:
+            An Arrow table.
+
+        Raises:
+            EvidenceError: if there are no records, a file is not readable, or DuckDB refuses the
+                statement.
+        """
+        files = self.files()
+        if not files:
+            raise EvidenceError(f"{self.directory} holds no evidence")
+        for file in files:
+            check_version(file, _schema(file))
+        engine = duckdb()
+        with engine.connect() as connection:
+            try:
+                relation = connection.read_parquet(
+                    [str(file) for file in files], union_by_name=True
+                )
+                relation.create_view("records")
+                result = connection.sql(sql)
+                return None if result is None else result.to_arrow_table()
+            except engine.Error as error:
+                raise EvidenceError(f"DuckDB refuses the query: {error}") from None
+
+    def verify(self) -> list[Problem]:
+        """Re-compute all content hashes and look for records that are there twice."""
+        problems: list[Problem] = []
+        seen: dict[str, str] = {}
+        for file in self.files():
+            try:
+                table = read(file)
+            except EvidenceError as error:
+                problems.append(Problem(file.name, None, str(error)))
+                continue
+            problems += _altered(file.name, table)
+            for record_id in table.column("record_id").to_pylist():
+                if record_id in seen:
+                    message = f"is also in {seen[record_id]}; remove one of the two files"
+                    problems.append(Problem(file.name, record_id, message))
+                seen.setdefault(record_id, file.name)
+        return problems
+
+
+def open_run(run: str | Path) -> EvidenceStore:
+    """The store of a run's directory, or of its directory ``evidence``.
+
+    Raises:
+        EvidenceError: if there is no such directory, or no evidence in it.
+    """
+    directory = Path(run)
+    if not directory.is_dir():
+        raise EvidenceError(f"no directory {directory}; give a run's directory")
+    inner = directory / "evidence"
+    store = EvidenceStore(inner if inner.is_dir() else directory)
+    if not store.files():
+        raise EvidenceError(
+            f"{store.directory} holds no evidence (*.parquet); give the directory that a run wrote "
+            "to, or the one named `evidence` in it"
+        )
+    return store
+
+
+def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
+    """Columns or rows of one file as an Arrow table.
+
+    Args:
+        file: a committed file.
+        trace: whether to read the traces.
+        selection: ``columns`` and ``filters`` of ``pyarrow.parquet.read_table``.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    schema = _schema(file)
+    check_version(file, schema)
+    if not trace:
+        selection["columns"] = [name for name in schema.names if not is_trace(name)]
+    try:
+        return parquet().read_table(file, partitioning=None, **selection)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def check_version(file: Path, schema: Any) -> None:
+    """Refuse a file of another schema version.
+
+    Raises:
+        EvidenceError: with the remedy.
+    """
+    version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise EvidenceError(
+            f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
+            "it with the version that wrote it, or move it away"
+        )
+
+
+def _schema(file: Path) -> Any:
+    try:
+        return parquet().read_schema(file)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def _unreadable(file: Path, error: Exception) -> EvidenceError:
+    reason = " ".join(str(error).split())
+    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")
+
+
+def _altered(name: str, table: Any) -> list[Problem]:
+    ids = table.column("record_id").to_pylist()
+    stored = table.column("content_hash").to_pylist()
+    return [
+        Problem(name, record_id, f"was altered: content hash {found[:12]}…, recorded {kept[:12]}…")
+        for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
+        if kept != found
+    ]
+
+
+def _write(table: Any, file: Path) -> None:
+    """Traces of real numbers are stored by byte stream; what repeats is stored by dictionary."""
+    numbers = [f for f in table.schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
+    dictionaries = [f.name for f in table.schema if f.name not in {x.name for x in numbers}]
+    parquet().write_table(
+        table,
+        file,
+        compression="zstd",
+        compression_level=_LEVEL,
+        row_group_size=_ROW_GROUP,
+        use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
+        use_byte_stream_split=streams,
+    )
+
+
+_REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")

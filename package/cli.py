@@ -1,0 +1,56 @@
+"""The ``integ-gym`` command."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from integ_gym.cli_errors import report_errors
+
+COMMANDS = {
+    "panel": ("integ_gym.eval.panel_command", "train and evaluate a whole panel (the main job)"),
+    "train": ("integ_gym.train.ppo", "train one policy with PPO"),
+    "evaluate": ("integ_gym.eval.evaluate_command", "evaluate an existing policy"),
+    "report": ("integ_gym.eval.report_command", "write a panel's page and figures again"),
+    "evidence": ("integ_gym.evidence.command", "show, query, verify and export records"),
+}
+"""Command to the module whose ``main(argv)`` runs it, and what it is for."""
+
+EXAMPLES = """\
+examples:
+  integ-gym panel --out runs/panel
+  integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
+  integ-gym evidence query runs/panel "SELECT cell, avg(success) FROM records GROUP BY cell"
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    parser = argparse.ArgumentParser(
+        prog="integ-gym",
+        description="Gymnasium environments in which the discretization is a constructor argument.",
+        epilog=_commands() + EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="see below")
+    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
+    chosen = parser.parse_args(arguments[:1] or ["--help"])
+    module, _ = COMMANDS[chosen.command]
+    return report_errors(chosen.command, lambda: _run(module, arguments[1:]))
+
+
+def _run(module: str, arguments: Sequence[str]) -> int:
+    return int(importlib.import_module(module).main(arguments))
+
+
+def _commands() -> str:
+    lines = [f"  {name:<10} {purpose}" for name, (_, purpose) in COMMANDS.items()]
+    return "\n".join(["commands (each has its own --help):", *lines, "", ""])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,35 @@
+"""Bad input ends a command with one clear line and exit code 2."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+INTERRUPTED = 130
+
+
+def report_errors(command: str, run: Callable[[], int]) -> int:
+    """Run a command; print what the user can mend as one line on standard error.
+
+    Errors that are not about the input are raised with their traceback.
+    """
+    try:
+        return run()
+    except KeyboardInterrupt:
+        print(f"integ-gym {command}: interrupted; what was finished stays", file=sys.stderr)
+        return INTERRUPTED
+    except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
+        if not _is_meant_for_users(error):
+            raise
+        print(f"integ-gym {command}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+
+
+def _is_meant_for_users(error: Exception) -> bool:
+    """Whether the error was raised by this package's own checks."""
+    traceback = error.__traceback__
+    while traceback is not None and traceback.tb_next is not None:
+        traceback = traceback.tb_next
+    return traceback is not None and str(
+        traceback.tb_frame.f_globals.get("__name__", "")
+    ).startswith("integ_gym.")
