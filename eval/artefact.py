@@ -52,10 +52,8 @@ class Layout:
         """The row that was trained in a cell, if there is one."""
         if self.cells[cell].perturbation is not None:
             return None
-        trained = (
-            row for row, home in self.homes.items() if home == self.cells[cell].discretization
-        )
-        return next(trained, None)
+        wanted = self.cells[cell].discretization
+        return next((row for row, home in self.homes.items() if home == wanted), None)
 
 
 def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:

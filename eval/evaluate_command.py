@@ -39,19 +39,25 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")
-    made.add_argument("--env", required=True, choices=list(ENVIRONMENTS), help="environment id")
-    made.add_argument("--out", required=True, type=Path, metavar="DIR", help="where results go")
-    made.add_argument("--integrator", action="append", default=[], metavar="NAME",
-                      help="evaluate on this one; may be repeated (default: all)")  # fmt: skip
-    made.add_argument("--dt", action="append", default=[], type=float, metavar="S",
-                      help="integration step, s; may be repeated (default: 1, 1/2, 1/4 period)")  # fmt: skip
-    made.add_argument("--env-arg", action="append", default=[], type=_named_value,
-                      metavar="NAME=VALUE", help="environment argument; may be repeated")  # fmt: skip
-    made.add_argument("--obs-stats", type=Path, metavar="FILE.json",
-                      help="observation statistics of VecNormalize")  # fmt: skip
-    made.add_argument("--episodes", type=int, default=50, metavar="N", help="starts (default: 50)")
-    made.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    add = made.add_argument
+    add("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")
+    add("--env", required=True, choices=list(ENVIRONMENTS), help="environment id")
+    add("--out", required=True, type=Path, metavar="DIR", help="where results go")
+    add(
+        "--integrator", action="append", default=[], metavar="NAME",
+        help="evaluate on this one; may be repeated (default: all)",
+    )  # fmt: skip
+    add(
+        "--dt", action="append", default=[], type=float, metavar="S",
+        help="integration step, s; may be repeated (default: the control period, 1/2, 1/4 of it)",
+    )  # fmt: skip
+    add(
+        "--env-arg", action="append", default=[], type=_named_value, metavar="NAME=VALUE",
+        help="environment argument; may be repeated",
+    )  # fmt: skip
+    add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
+    add("--episodes", type=int, default=50, metavar="N", help="starts (default: 50)")
+    add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -138,20 +139,25 @@ def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress:
     units = units_of(spec)
     total = sum(_work(spec, unit) for unit in units)
     shared = Progress()
-    with (
-        shared.pool(workers) as pool,
-        tqdm(total=round(total), unit="s", disable=not progress, smoothing=0.05,
-             bar_format="{l_bar}{bar}| {postfix} elapsed {elapsed}, about {remaining} left") as bar,
-    ):  # fmt: skip
-        bar.set_description(f"panel {spec.name}")
+    with shared.pool(workers) as pool, _bar(spec, total, progress) as bar:
         try:
             for done in _scheduled(spec, directory, units, pool):
-                bar.set_postfix_str(f"{done} of {2 * len(units)} units,")
-                bar.n = min(bar.total, shared.total())
-                bar.refresh()
+                bar.set_postfix_str(f"{done} of {2 * len(units)} units,", refresh=False)
+                bar.update(min(bar.total, shared.total()) - bar.n)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _bar(spec: PanelSpec, total: float, shown: bool) -> Any:
+    return tqdm(
+        total=total,
+        desc=f"panel {spec.name}",
+        disable=not shown,
+        mininterval=0.5 if sys.stderr.isatty() else 15.0,
+        smoothing=0.05,
+        bar_format="{l_bar}{bar}| {postfix} elapsed {elapsed}, about {remaining} left",
+    )
 
 
 def _scheduled(
@@ -188,7 +194,7 @@ def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
 
 
 def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
-    """Train one policy into ``policies/`` and mark it finished, unless it is; baselines need none."""
+    """Train one policy and mark it finished, unless it is; baselines need no training."""
     if unit.home is None:
         return
     config = training_config(spec, unit)
@@ -209,7 +215,12 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
         return recorders[-1]
 
     trained = train(
-        config, final, progress=False, on_steps=_report_training, wrap=recorded, tensorboard=False
+        config,
+        final,
+        progress=False,
+        on_steps=_report_training,
+        wrap=recorded,
+        tensorboard=False,
     )
     recorders[-1].commit(unit.training)
     directory.finish(

@@ -24,19 +24,18 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = argparse.ArgumentParser(
         prog="integ-gym panel",
-        description="Train policies on several discretizations, evaluate each on all of them and on "
-        "the reference, and write panel.json, report.html, figures and one evidence record per "
+        description="Train policies on several discretizations, evaluate each on all of them and "
+        "on the reference, and write panel.json, report.html, figures and one evidence record per "
         "episode. Run it again to finish what was interrupted.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("spec", nargs="?", help="TOML file, or the name of a built-in panel "
-                      f"({', '.join(BUILT_IN)}); default: quick")  # fmt: skip
-    made.add_argument(
-        "--out", required=True, type=Path, metavar="DIR", help="the panel's directory"
-    )
-    made.add_argument("--workers", type=int, metavar="N", help="processes; default: one per core")
-    made.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    names = ", ".join(BUILT_IN)
+    add = made.add_argument
+    add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
+    add("--out", required=True, type=Path, metavar="DIR", help="the panel's directory")
+    add("--workers", type=int, metavar="N", help="processes; default: one per core")
+    add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
 

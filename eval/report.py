@@ -170,9 +170,9 @@ def _template() -> Any:
     markup = require("markupsafe")
 
     def soft(text: Any) -> Any:
-        """Allow line breaks after underscores and before signs of equality."""
+        """Allow line breaks after underscores."""
         safe = str(markup.escape(text))
-        return markup.Markup(safe.replace("_", "_<wbr>").replace("=", "=<wbr>"))
+        return markup.Markup(safe.replace("_", "_<wbr>"))
 
     environment.filters.update(
         soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href
@@ -188,7 +188,7 @@ def _context(panel: Panel) -> dict[str, Any]:
         "script": require("markupsafe").Markup(_SCRIPT),
         "script_hash": f"sha256-{digest}",
         "tiles": _tiles(panel),
-        "cards": [_card(gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],
+        "cards": [_card(panel, gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],
         "success": _matrix(panel, _success_cells),
         "energy": _energy(panel),
         "gaps": _gaps(panel),
@@ -254,7 +254,7 @@ def _tiles(panel: Panel) -> list[tuple[str, str]]:
     return tiles
 
 
-def _card(gap: Gap, raw: Json, axis: "Axis") -> dict[str, Any]:
+def _card(panel: Panel, gap: Gap, raw: Json, axis: "Axis") -> dict[str, Any]:
     """One verdict of the declared family."""
     p_values = [
         (words, finite(raw.get(name)))
@@ -270,7 +270,7 @@ def _card(gap: Gap, raw: Json, axis: "Axis") -> dict[str, Any]:
         "mark": {"fails": "✕", "transfers": "✓", "inconclusive": "?", "not_learned": "○"}[verdict],
         "word": {"not_learned": "not learned"}.get(verdict, verdict),
         "quantity": gap.quantity.replace("_", " "),
-        "bar": None if math.isnan(gap.value.estimate) else axis.bar(gap.value),
+        "bar": axis.bar(gap.value) if gap in panel.declared_gaps else None,
         "axis": axis,
         "reason": str(raw.get("reason") or "").replace(" -0.", " −0."),
         "p_values": [(words, _p(value)) for words, value in p_values if value is not None],
@@ -313,13 +313,13 @@ def _gap_axis(panel: Panel) -> Axis:
     return difference_axis([gap.value for gap in gaps])
 
 
-def difference_axis(values: Iterable[Estimate]) -> Axis:
+def difference_axis(values: Iterable[Estimate], size: float = 0.2) -> Axis:
     """An axis for differences of rates that holds all of them and the margins of the verdicts."""
     ends = [end for value in values for end in (value.estimate, *value.ends)]
     low = math.floor(min([-0.2, *ends]) * 5.0 - 1e-9) / 5.0
     high = math.ceil(max([0.4, *ends]) * 5.0 + 1e-9) / 5.0
     low, high = max(low, -1.0), min(high, 1.0)
-    size = 0.2 if high - low <= 1.2 else 0.5
+    size = size if high - low <= 1.6 else 0.5
     first, last = math.ceil(low / size - 1e-9), math.floor(high / size + 1e-9)
     return Axis(low, high, tuple(round(size * k, 2) for k in range(first, last + 1)))
 
@@ -655,8 +655,7 @@ def _failures(panel: Panel) -> list[dict[str, Any]]:
     for raw in panel.items("failures"):
         label = str(raw.get("label") or "unattributed")
         by_label.setdefault(label, []).append(_failure(panel, raw))
-    order = {name: place for place, name in enumerate(LABEL_WORDS)}
-    labels = sorted(by_label, key=lambda name: order.get(name, len(order)))
+    labels = sorted(by_label, key=lambda name: -len(by_label[name]))
     return [{"label": label, "records": by_label[label]} for label in labels]
 
 
@@ -678,7 +677,7 @@ def _comparison(raw: Json) -> dict[str, Any]:
     """One comparison of two policies."""
     cells = []
     differences = [estimate(cell.get("difference")) for cell in raw.get("cells") or []]
-    axis = difference_axis([value for value in differences if value is not None])
+    axis = difference_axis([value for value in differences if value is not None], 0.5)
     for cell, value in zip(raw.get("cells") or [], differences, strict=True):
         cells.append(
             {

@@ -135,10 +135,8 @@ def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
         return NONE
     plus = "+" if sign and value > 0.0 else ""
     if value == 0.0 or 1e-3 <= abs(value) < 9.995e3:
-        text = f"{value:z.{digits}g}"
-        if "e" in text:
-            text = f"{value:.0f}"
-        return plus + text.replace("-", "−")
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        return plus + f"{value:z.{decimals}f}".replace("-", "−")
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
     power = str(int(exponent)).translate(_SUPERSCRIPT)
     return f"{plus}{mantissa}·10{power}".replace("-", "−")
@@ -472,8 +470,12 @@ class Panel:
 
     @cached_property
     def declared_gaps(self) -> tuple[Gap, ...]:
-        """Gaps of the declared family that have a value, largest first."""
-        gaps = [gap for gap, _ in self.verdicts if not math.isnan(gap.value.estimate)]
+        """Gaps of the declared family, largest first; a row that did not learn has none."""
+        gaps = [
+            gap
+            for gap, _ in self.verdicts
+            if gap.verdict != "not_learned" and not math.isnan(gap.value.estimate)
+        ]
         return tuple(sorted(gaps, key=lambda gap: -gap.value.estimate))
 
     @cached_property
@@ -529,9 +531,13 @@ class Panel:
 
     @cached_property
     def checks(self) -> Mapping[str, tuple[Check, ...]]:
-        """For every perturbation, the rows that met it."""
+        """For every perturbation, the rows that met it; those that learned, if any did."""
+        learned = [row for row in self.ordered_rows if row.learned is not False]
+        return self._checks(learned) or self._checks(self.ordered_rows)
+
+    def _checks(self, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]]:
         checks: dict[str, list[Check]] = {}
-        for row in self.ordered_rows:
+        for row in rows:
             for cell in self.cells:
                 after = self.entry(row, cell)
                 if after is not None and not cell.plain:

@@ -137,8 +137,8 @@ class RunDirectory:
         held = self.marker(unit)
         if held is not None and held.get("key") != key:
             raise RunDirectoryError(
-                f"{self.path}: unit {unit} belongs to another specification, version or policy; give another "
-                "directory with --out"
+                f"{self.path}: unit {unit} belongs to another specification, version or policy; "
+                "give another directory with --out"
             )
         return held
 

@@ -272,9 +272,11 @@ def _expand(
         if "integrator" not in entry or "dt" not in entry:
             raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
         engine = str(entry.get("engine", "native"))
-        for integrator in _many(entry["integrator"]):
-            for dt in _many(entry["dt"]):
-                found.append(Discretization(str(integrator), float(dt), period, engine))
+        found += [
+            Discretization(str(integrator), float(dt), period, engine)
+            for integrator in _many(entry["integrator"])
+            for dt in _many(entry["dt"])
+        ]
     return tuple(dict.fromkeys(found))
 
 

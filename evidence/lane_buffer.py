@@ -58,6 +58,8 @@ class LaneBuffer:
             first: their rows at the reset, shape (entries, len(lanes)).
             record: whether each of these episodes is recorded.
         """
+        if not self.active.any():
+            self._time = 0
         self._first[:, lanes] = first
         for name in _ENDING:
             self._first[self.layout.place(name), lanes] = 0.0
@@ -76,8 +78,16 @@ class LaneBuffer:
             start = self._starts[together[0]]
             rows = np.empty((len(self.layout), len(together), self._time - start + 1))
             rows[:, :, 0] = self._first[:, together]
-            rows[:, :, 1:] = self._steps[:, start : self._time, together].transpose(0, 2, 1)
+            rows[:, :, 1:] = self._taken(start, together).transpose(0, 2, 1)
             yield together, rows
+
+    def _taken(self, start: int, lanes: Array) -> Array:
+        """Steps of some lanes, shape (entries, steps, lanes); a view where they are neighbours."""
+        steps = self._steps[:, start : self._time]
+        first, last = int(lanes[0]), int(lanes[-1])
+        if last - first + 1 == len(lanes):
+            return steps[:, :, first : last + 1]
+        return steps.take(lanes, axis=2)
 
 
 def fill(

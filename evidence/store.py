@@ -89,10 +89,22 @@ class EvidenceStore:
     def commit_all(self, name: str, tables: Sequence[Any]) -> Path:
         """Make several tables of records of one environment visible as one batch.
 
+        Args:
+            name: name of the batch.
+            tables: Arrow tables of records; None stands for no records.
+
         Raises:
             BatchExistsError, ValueError: as for :meth:`commit`.
         """
-        return self.commit(name, pyarrow().concat_tables(tables))
+        return self.commit(name, pyarrow().concat_tables([t for t in tables if t is not None]))
+
+    def count(self) -> int:
+        """Number of records.
+
+        Raises:
+            EvidenceError: for a file that cannot be read.
+        """
+        return sum(_metadata(file).num_rows for file in self.files())
 
     def records(self, *, trace: bool = True) -> Iterator[EvidenceRecord]:
         """All records, file by file.
@@ -129,7 +141,7 @@ class EvidenceStore:
             some = ", ".join(full_id for _, full_id in found[:4])
             raise EvidenceError(
                 f"{len(found)} records of {self.directory} begin with {record_id!r}: {some}"
-                f"{', …' if len(found) > 4 else ''}; give more digits"
+                f"{', ...' if len(found) > 4 else ''}; give more digits"
             )
         file, full_id = found[0]
         return records_of(read(file, filters=[("record_id", "=", full_id)]))[0]
@@ -238,8 +250,12 @@ def check_version(file: Path, schema: Any) -> None:
 
 
 def _schema(file: Path) -> Any:
+    return _metadata(file).schema.to_arrow_schema()
+
+
+def _metadata(file: Path) -> Any:
     try:
-        return parquet().read_schema(file)
+        return parquet().read_metadata(file)
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
 
@@ -253,7 +269,7 @@ def _altered(name: str, table: Any) -> list[Problem]:
     ids = table.column("record_id").to_pylist()
     stored = table.column("content_hash").to_pylist()
     return [
-        Problem(name, record_id, f"was altered: content hash {found[:12]}…, recorded {kept[:12]}…")
+        Problem(name, record_id, f"was altered: content hash {found[:12]}, recorded {kept[:12]}")
         for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
         if kept != found
     ]

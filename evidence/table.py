@@ -185,15 +185,9 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
     lengths = np.zeros(len(episodes.heads), dtype=np.int64)
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))
-    values = pa.array(numbers, mask=_absent(numbers, ends) if field.at == "step" else _nan(numbers))
+    values = pa.array(numbers, mask=_absent(numbers, ends) if field.at == "step" else None)
     missing = None if episodes.traced.all() else pa.array(~episodes.traced)
     return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
-
-
-def _nan(numbers: Array) -> Array | None:
-    """Where a value is not known; None if all are."""
-    unknown: Array = np.isnan(numbers)
-    return unknown if unknown.any() else None
 
 
 def _absent(numbers: Array, ends: Array) -> Array:

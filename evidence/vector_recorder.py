@@ -127,7 +127,7 @@ class RecordVectorEvidence(VectorWrapper):
         begun = np.flatnonzero(done if self._mode is AutoresetMode.SAME_STEP else self._waiting)
         first = row[:, begun]
         if self._mode is AutoresetMode.SAME_STEP and begun.size:
-            observed, state = np.stack(info["final_obs"][begun]), final_state(self._inner)[begun]
+            observed, state = np.stack(info["final_obs"][begun]), self._inner.final_state[begun]
             fill(buffer.layout, row, begun, info["final_info"], observed, state)
         fill_ending(buffer.layout, row, (reward, terminated, truncated))
         self._finish(buffer, np.flatnonzero(done & buffer.active))
@@ -232,12 +232,3 @@ def _seed_of(seed: int | Sequence[int | None] | None, lane: int) -> int | None:
         return int(seed) + lane
     given = None if seed is None else seed[lane]
     return None if given is None else int(given)
-
-
-def final_state(env: Any) -> Array:
-    """True states at the end of the last step, before any reset, shape (num_envs, n).
-
-    NaN where the environment does not keep them.
-    """
-    kept: Array = getattr(env, "final_state", np.full(env.state.shape, np.nan))
-    return kept

@@ -30,6 +30,5 @@ def _is_meant_for_users(error: Exception) -> bool:
     traceback = error.__traceback__
     while traceback is not None and traceback.tb_next is not None:
         traceback = traceback.tb_next
-    return traceback is not None and str(
-        traceback.tb_frame.f_globals.get("__name__", "")
-    ).startswith("integ_gym.")
+    raised_in = traceback.tb_frame.f_globals.get("__name__", "") if traceback else ""
+    return str(raised_in).startswith("integ_gym.")

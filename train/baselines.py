@@ -103,14 +103,16 @@ class Baseline:
 
 
 class RandomPolicy(Baseline):
-    """Uniform over the action space, from a generator of its own.
+    """Uniform over the action space, as a fixed random function of the observation.
 
-    The actions depend on the seed and on how many were drawn before, so a fresh policy gives the
-    same episodes again when it is asked for the same batches.
+    The action is a hash of the seed and of the observation's float32 bits, made uniform. So the
+    policy has no memory: an episode that is played again, alone or in another batch, is the same
+    episode, as with every other policy. Observations that differ in one bit give independent
+    actions.
 
     Args:
         setup: of the environment.
-        seed: of the generator.
+        seed: chooses the function.
     """
 
     policy_id = "random"
@@ -119,7 +121,6 @@ class RandomPolicy(Baseline):
         self.seed = seed
         self.count = setup.task.discrete
         self.limit = float(setup.task.control_limit)
-        self._rng = np.random.default_rng(seed)
 
     def parameters(self) -> dict[str, Any]:
         """Seed and action space."""
@@ -129,15 +130,28 @@ class RandomPolicy(Baseline):
         """Random actions.
 
         Args:
-            observations: shape (n, obs_dim); only n matters.
+            observations: shape (n, obs_dim).
 
         Returns:
             float32 of shape (n, 1), N or N m, or int64 of shape (n,) for a `Discrete` space.
         """
-        n = len(observations)
+        values = np.asarray(observations, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
+        bits = np.full(len(values), self.seed, dtype=np.uint64)
+        for column in values.view(np.uint32).T:
+            bits = _scrambled(bits ^ column.astype(np.uint64))
+        uniform = (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
         if self.count is not None:
-            return self._rng.integers(self.count, size=n)
-        return self._rng.uniform(-self.limit, self.limit, size=(n, 1)).astype(np.float32)
+            return (uniform * self.count).astype(np.int64)
+        return ((2.0 * uniform - 1.0) * self.limit).astype(np.float32)[:, None]
+
+
+def _scrambled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """One step of SplitMix64: Steele, Lea and Flood (2014), *Fast splittable pseudorandom number
+    generators*."""
+    bits = bits + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return bits ^ (bits >> np.uint64(31))
 
 
 class ZeroPolicy(Baseline):

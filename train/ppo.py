@@ -187,6 +187,7 @@ def train(
     *,
     wrap: Wrap | None = None,
     progress: bool = True,
+    on_steps: Callable[[int], None] | None = None,
     tensorboard: bool = True,
     force: bool = False,
 ) -> TrainedPolicy:
@@ -199,6 +200,7 @@ def train(
         out_dir: folder for `policy.zip`, `policy.json` and `tensorboard/`.
         wrap: put around the training environments, whose rewards it sees unscaled.
         progress: show a bar on stderr.
+        on_steps: told the number of decisions after each advance.
         tensorboard: write logs.
         force: replace a policy that is already there.
 
@@ -218,7 +220,7 @@ def train(
             model = _make_model(config, vector_env, setups[0])
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
-            with _Progress(config.rounded_steps, progress) as bar:
+            with _Progress(config.rounded_steps, progress, on_steps) as bar:
                 model.learn(config.total_steps, callback=bar)
             seconds = time.perf_counter() - start
             model.logger.close()
@@ -323,10 +325,16 @@ class _Progress:
     Args:
         total: decisions of the whole run.
         shown: whether there is a bar at all.
+        on_steps: told the decisions of each advance.
     """
 
-    def __init__(self, total: int, shown: bool) -> None:
+    def __init__(
+        self, total: int, shown: bool, on_steps: Callable[[int], None] | None = None
+    ) -> None:
         from tqdm import tqdm
+
+        self._on_steps = on_steps
+        self._done = 0
 
         self._bar = tqdm(total=total, desc="PPO", unit=" steps", unit_scale=True, disable=not shown)
         self._episode_ended = False
@@ -342,7 +350,11 @@ class _Progress:
         model = variables["self"]
         if self._episode_ended:  # SB3 counts the episodes of a step after this call
             self._bar.set_postfix_str(_told(_last_episodes(model)), refresh=False)
-        self._bar.update(model.num_timesteps - self._bar.n)
+        advanced = model.num_timesteps - self._done
+        self._done = model.num_timesteps
+        self._bar.update(advanced)
+        if self._on_steps is not None:
+            self._on_steps(advanced)
         self._episode_ended = bool(variables["dones"].any())
         return True
 

@@ -34,6 +34,19 @@ PUMP = {"explicit_euler": 1.0, "implicit_euler": -1.6, "symplectic_euler": 0.05}
 HOSTILE = "<script>alert('x')</script>&\"'`{{ 7*7 }}$\\frac{"
 
 
+REASONS = {
+    "evaluation_error": "the simulation diverged at 6.85 s",
+    "discretization_error": (
+        "the same policy succeeds from the same start on its training discretization, but it "
+        "never came within 0.2 rad of upright and was saturated in 31 % of the steps"
+    ),
+    "planning_error": "it never came within 0.2 rad of upright and was saturated in 3 % of the "
+    "steps",
+    "control_error": "it reached the goal at 4.1 s and left it at 6.3 s",
+}
+"""What a record says, by label."""
+
+
 def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[str, Any]:
     """One entry of ``cells``."""
     name = f"{scheme} dt={dt:g}" if scheme != "reference" else "reference"
@@ -256,11 +269,7 @@ def failures(panel: dict[str, Any], count: int) -> list[dict[str, Any]]:
                     "episode_index": number % EPISODES,
                     "record_id": f"{(number * 2654435761) % 16**16:016x}",
                     "label": label,
-                    "reason": (
-                        "the same policy succeeds from the same start on its training "
-                        f"discretization, but on {entry['cell']} it never came within 0.2 rad "
-                        "of upright and was saturated in 61 % of the steps"
-                    ),
+                    "reason": f"{REASONS[label]} on {entry['cell']}",
                 }
             )
     return sample[:: max(1, len(sample) // count)][:count]

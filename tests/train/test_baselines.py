@@ -149,19 +149,30 @@ def test_one_plant_per_baseline() -> None:
 # --- random and zero --------------------------------------------------------------------------
 
 
-def test_random_repeats_itself_and_fills_the_action_space() -> None:
-    setup = setup_of(PENDULUM, max_torque=3.0)
-    nothing = np.zeros((1000, 3))
-    first, second = (make_baseline("random", setup) for _ in range(2))
-    actions = first.act(nothing)
-    np.testing.assert_array_equal(actions, second.act(nothing))
-    assert not np.array_equal(actions, first.act(nothing))
-    assert not np.array_equal(actions, make_baseline("random", setup, seed=1).act(nothing))
-    assert -3.0 <= actions.min() < -2.9
-    assert 2.9 < actions.max() <= 3.0
-    counts = np.bincount(make_baseline("random", setup_of(CART_POLE)).act(nothing))
-    assert len(counts) == 2
-    assert counts.min() > 400
+def test_random_is_uniform_and_has_no_memory() -> None:
+    """Over a trajectory of neighbouring observations: uniform, and free of serial correlation."""
+    n = 20_000
+    angle = np.linspace(0.0, 0.5, n)
+    observations = np.stack([np.cos(angle), np.sin(angle), angle], axis=1).astype(np.float32)
+    policy = make_baseline("random", setup_of(PENDULUM, max_torque=3.0))
+    actions = policy.act(observations)[:, 0]
+    share_below = np.sort(actions / 6.0 + 0.5)
+    assert np.abs(share_below - np.linspace(0.0, 1.0, n)).max() < 1.95 / math.sqrt(n)
+    assert abs(np.corrcoef(actions[1:], actions[:-1])[0, 1]) < 4.0 / math.sqrt(n)
+    assert abs(np.corrcoef(actions, angle)[0, 1]) < 4.0 / math.sqrt(n)
+    order = np.random.default_rng(0).permutation(n)[:500]
+    np.testing.assert_array_equal(policy.act(observations[order])[:, 0], actions[order])
+    other = make_baseline("random", setup_of(PENDULUM, max_torque=3.0), seed=1)
+    assert abs(np.corrcoef(other.act(observations)[:, 0], actions)[0, 1]) < 4.0 / math.sqrt(n)
+    zeros = np.array([[0.0, 0.0, 0.0], [-0.0, 0.0, -0.0]])
+    assert np.ptp(policy.act(zeros)) == 0.0
+
+
+def test_random_choices_are_even() -> None:
+    observations = np.random.default_rng(0).normal(size=(20_000, 4)).astype(np.float32)
+    choices = make_baseline("random", setup_of(CART_POLE)).act(observations)
+    assert set(choices) == {0, 1}
+    assert abs(choices.mean() - 0.5) < 4.0 * 0.5 / math.sqrt(20_000)
 
 
 @pytest.mark.parametrize("fallback", ["hold", "zero"])

@@ -1,0 +1,39 @@
+"""A panel small enough for tests: real training, real evaluation, a few seconds."""
+
+from __future__ import annotations
+
+TOML = """
+name = "small"
+env_id = "IntegPendulum-v0"
+control_period = 0.05
+seeds = [0, 1]
+episodes = 3
+baselines = ["random", "zero", "handmade"]
+family = [["rk4 dt=0.05", "reference dt=0.05"]]
+compare = [["rk4 dt=0.05", "explicit_euler dt=0.05"]]
+
+[environment]
+start = "hanging"
+max_torque = 1.0
+duration = 3.0
+
+[training]
+total_steps = 2048
+n_steps = 64
+
+[[train]]
+integrator = ["explicit_euler", "rk4"]
+dt = 0.05
+
+[[evaluate]]
+integrator = ["explicit_euler", "rk4"]
+dt = [0.05, 0.0125]
+
+[[perturbations]]
+name = "mass +20 %"
+environment = { mass = 1.2 }
+
+[[perturbations]]
+name = "latency 50 ms"
+environment = { action_latency = 0.05 }
+"""

@@ -1,0 +1,139 @@
+"""`integ-gym evaluate` on policies really trained on Gymnasium's own environments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from integ_gym.cli import main
+from integ_gym.evidence.store import EvidenceStore
+
+
+def _trained(env_id: str, steps: int, path: Path, **arguments) -> Path:
+    torch.set_num_threads(1)
+    model = PPO("MlpPolicy", env_id, seed=0, device="cpu", **arguments)
+    model.learn(steps)
+    model.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def cart_pole_policy(tmp_path_factory) -> Path:
+    """ReLU, unequal nets; clearly better than random on CartPole-v1."""
+    return _trained(
+        "CartPole-v1", 12_288, tmp_path_factory.mktemp("cart_pole") / "balance.zip",
+        policy_kwargs={"activation_fn": torch.nn.ReLU, "net_arch": {"pi": [32, 16], "vf": [64]}},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def pendulum_policy(tmp_path_factory) -> Path:
+    """gSDE, hardly trained; no better than random on Pendulum-v1."""
+    return _trained(
+        "Pendulum-v1", 1024, tmp_path_factory.mktemp("pendulum") / "swing.zip",
+        use_sde=True, n_steps=512,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def cart_pole_run(cart_pole_policy) -> Path:
+    out = cart_pole_policy.parent / "out"
+    command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--out", str(out)]
+    assert main([*command, "--episodes", "10", "--no-progress"]) == 0
+    return out
+
+
+def _panel(out: Path) -> dict:
+    return json.loads((out / "panel.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_writes_the_usual_directory(cart_pole_run):
+    for name in ("panel.json", "report.html", "figures", "evidence"):
+        assert (cart_pole_run / name).exists()
+    panel = _panel(cart_pole_run)
+    assert panel["warnings"] == []
+    assert [row["name"] for row in panel["rows"]] == ["balance", "random", "handmade"]
+    assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
+    assert len(panel["cells"]) == 6 * 3 + 1
+    assert EvidenceStore(cart_pole_run / "evidence").verify() == []
+
+
+@pytest.mark.slow
+def test_home_replay_is_what_stable_baselines3_gets(cart_pole_policy, cart_pole_run):
+    """Same policy, same seeds, Gymnasium's own environment: the same returns."""
+    model, stock = PPO.load(cart_pole_policy), gym.make("CartPole-v1")
+    expected = []
+    for seed in range(1000, 1010):
+        observation, _ = stock.reset(seed=seed)
+        total, ended = 0.0, False
+        while not ended:
+            action, _ = model.predict(observation, deterministic=True)
+            observation, reward, terminated, truncated, _ = stock.step(action)
+            total, ended = total + reward, terminated or truncated
+        expected.append(total)
+    got = EvidenceStore(cart_pole_run / "evidence").query(
+        "SELECT \"return\" AS r FROM records WHERE policy_id = 'balance' "
+        "AND cell = 'explicit_euler dt=0.02' ORDER BY episode_index"
+    )
+    np.testing.assert_allclose(got.column("r").to_pylist(), expected)
+    mean, _ = evaluate_policy(model, _monitored(), n_eval_episodes=5)
+    assert mean > 50
+
+
+def _monitored():
+    from stable_baselines3.common.monitor import Monitor
+
+    return Monitor(gym.make("CartPole-v1"))
+
+
+@pytest.mark.slow
+def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["evaluate", str(pendulum_policy), "--env", "IntegPendulum-v0", "--out", str(out)]
+    selected = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "8", "--no-progress"]
+    assert main([*command, *selected]) == 0
+    assert "trained with VecNormalize? pass --obs-stats FILE.json" in capsys.readouterr().err
+    panel = _panel(out)
+    assert panel["warnings"]
+    assert {c["name"] for c in panel["cells"]} == {
+        "rk4 dt=0.05", "symplectic_euler dt=0.05", "reference dt=0.05",
+    }  # fmt: skip
+    assert panel["spec"]["environment"] == {"max_speed": 8.0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        (["--env", "IntegPendulum-v0"], "shape"),
+        (["--env", "IntegCartPole-v0", "--integrator", "rk9"], "unknown integrator 'rk9'"),
+        (["--env", "IntegCartPole-v0", "--dt", "-1"], "above 0"),
+        (["--env", "IntegCartPole-v0", "--dt", "nan"], "finite"),
+        (["--env", "IntegCartPole-v0", "--dt", "0.013"], "not a whole multiple"),
+        (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unknown argument 'masss'"),
+        (["--env", "IntegCartPole-v0", "--episodes", "0"], "--episodes must be 1 or above"),
+        (["--env", "IntegCartPole-v0", "--obs-stats", "missing.json"], "missing.json"),
+    ],
+)
+def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arguments, fragment):
+    out = tmp_path / "out"
+    assert main(["evaluate", str(cart_pole_policy), "--out", str(out), *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert fragment in error
+    assert error.count("\n") == 0
+    assert not out.exists()
+
+
+def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
+    (tmp_path / "x.zip").write_bytes(b"PK nothing")
+    command = ["evaluate", str(tmp_path / "x.zip"), "--env", "IntegPendulum-v0"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,224 @@
+"""The panel end to end: what it writes, resuming, refusals."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_panel import TOML
+
+from integ_gym.cli import main
+from integ_gym.eval.spec import read_spec
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.sb3_zip import read_sb3_zip
+
+
+def _panel(directory: Path) -> dict:
+    return json.loads((directory / "panel.json").read_text(encoding="utf-8"))
+
+
+def test_directory_holds_the_whole_artefact(panel_directory):
+    for name in ("panel.json", "report.html", "figures", "evidence", "policies", "run.json"):
+        assert (panel_directory / name).exists(), name
+    assert list((panel_directory / "figures").glob("*.png"))
+    policies = list((panel_directory / "policies").glob("*/policy.zip"))
+    assert len(policies) == 4
+    for policy in policies:
+        assert read_sb3_zip(policy).observation_shape == (3,)
+
+
+def test_every_cell_has_every_paired_episode_once(panel_directory):
+    spec = read_spec(panel_directory.parent / "small.toml")
+    store = EvidenceStore(panel_directory / "evidence")
+    found = store.query(
+        "SELECT policy_id, cell, count(*) AS n, count(DISTINCT episode_index) AS k, "
+        "list(initial_state ORDER BY episode_index) AS starts FROM records "
+        "WHERE phase = 'evaluation' GROUP BY policy_id, cell"
+    ).to_pylist()
+    rows = len(spec.baselines) * len(spec.cells_of(None))
+    rows += len(spec.seeds) * sum(len(spec.cells_of(home)) for home in spec.train)
+    assert len(found) == rows
+    assert {(row["n"], row["k"]) for row in found} == {(spec.episodes, spec.episodes)}
+    assert len({json.dumps(row["starts"]) for row in found}) == 1
+    assert store.verify() == []
+
+
+def test_training_episodes_are_recorded_and_some_have_traces(panel_directory):
+    store = EvidenceStore(panel_directory / "evidence")
+    (row,) = store.query(
+        "SELECT count(*) AS n, sum((len(theta) > 0)::INT) AS traced FROM records "
+        "WHERE phase = 'training'"
+    ).to_pylist()
+    assert row["n"] > row["traced"] > 0
+    (row,) = store.query(
+        "SELECT count(*) AS n, sum((len(theta) > 0)::INT) AS traced FROM records "
+        "WHERE phase = 'evaluation'"
+    ).to_pylist()
+    assert row["n"] == row["traced"] > 0
+
+
+def test_matrix_is_what_the_records_say(panel_directory):
+    panel = _panel(panel_directory)
+    store = EvidenceStore(panel_directory / "evidence")
+    for entry in panel["matrix"]:
+        row = next(r for r in panel["rows"] if r["name"] == entry["row"])
+        ids = ", ".join(f"'{policy['id']}'" for policy in row["policies"])
+        (truth,) = store.query(
+            'SELECT avg(success::INT) AS success, avg("return") AS mean_return, count(*) AS n '
+            f"FROM records WHERE cell = '{entry['cell']}' AND policy_id IN ({ids})"
+        ).to_pylist()
+        assert entry["success"]["estimate"] == pytest.approx(truth["success"])
+        assert entry["episodes"] == truth["n"]
+        assert sum(entry["labels"].values()) == truth["n"]
+        assert entry["success"]["low"] < entry["success"]["high"]
+        assert entry["return"] is None or np.isfinite(entry["return"]["estimate"])
+
+
+def test_gaps_and_classes_are_given_where_they_are_defined(panel_directory):
+    panel = _panel(panel_directory)
+    entries = {(e["row"], e["cell"]): e for e in panel["matrix"]}
+    home = entries["rk4 dt=0.05", "rk4 dt=0.05"]
+    assert (home["home_drop"], home["transfer_gap"]) == (None, None)
+    away = entries["rk4 dt=0.05", "explicit_euler dt=0.05"]
+    assert away["home_drop"] is not None
+    assert away["transfer_gap"] is not None
+    untrained = entries["rk4 dt=0.05", "rk4 dt=0.0125"]
+    assert untrained["home_drop"] is not None
+    assert untrained["transfer_gap"] is None
+    assert untrained["reference_class"] in ("true_pass", "false_pass", "false_fail", "true_fail")
+    assert entries["handmade", "reference dt=0.05"]["home_drop"] is None
+    (verdict,) = panel["verdicts"]
+    assert verdict["verdict"] in ("inconclusive", "not_learned")
+    (comparison,) = panel["policy_comparisons"]
+    assert comparison["outcome"] in ("accepted", "rejected", "uninformative")
+
+
+def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directory):
+    store = EvidenceStore(panel_directory / "evidence")
+    labels = store.query(
+        "SELECT DISTINCT failure_label FROM records WHERE phase = 'evaluation' AND NOT success"
+    ).to_pylist()
+    assert labels
+    assert "unattributed" not in {row["failure_label"] for row in labels}
+
+
+def test_running_again_redoes_nothing(panel_directory):
+    files = {
+        path: path.stat().st_mtime_ns
+        for folder in ("evidence", "policies", "units")
+        for path in (panel_directory / folder).rglob("*")
+        if path.is_file()
+    }
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(panel_directory), "--no-progress"]) == 0
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+
+
+@pytest.mark.slow
+def test_a_killed_panel_is_finished_without_losing_or_redoing(tmp_path, panel_directory):
+    """Killed with SIGKILL after its first finished units; the result is that of an unbroken run."""
+    spec = tmp_path / "small.toml"
+    spec.write_text(TOML, encoding="utf-8")
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "integ_gym.cli", "panel", str(spec), "--out", str(out)]
+    process = subprocess.Popen([*command, "--no-progress"], stdout=subprocess.DEVNULL)
+    while len(list((out / "units").glob("train-*.json"))) < 2:
+        assert process.poll() is None, "the panel ended before it could be killed"
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    assert not (out / "panel.json").exists()
+    time.sleep(1.5)
+    subprocess.run([*command, "--no-progress"], check=True, stdout=subprocess.DEVNULL)
+    assert kept == {path: path.stat().st_mtime_ns for path in kept}
+    again, unbroken = _panel(out), _panel(panel_directory)
+    same = ("row", "cell", "success_by_seed", "return", "energy_residual", "labels")
+    assert [[e[k] for k in same] for e in again["matrix"]] == [
+        [e[k] for k in same] for e in unbroken["matrix"]
+    ]
+
+
+def _fails(capsys, *arguments: str) -> str:
+    """The one line that a command ends with on bad input."""
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.count("\n") == 0
+    assert error.startswith("integ-gym ")
+    return error
+
+
+def test_another_panel_in_the_directory_is_refused(panel_directory, tmp_path, capsys):
+    other = tmp_path / "other.toml"
+    other.write_text(TOML.replace("episodes = 3", "episodes = 4"), encoding="utf-8")
+    before = sorted(panel_directory.rglob("*"))
+    message = _fails(capsys, "panel", str(other), "--out", str(panel_directory))
+    assert "holds another panel" in message
+    assert "--out" in message
+    assert sorted(panel_directory.rglob("*")) == before
+
+
+def test_another_versions_results_are_refused(panel_directory, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    manifest = json.loads((copy / "run.json").read_text())
+    manifest["versions"]["integ-gym"] = "0.0.1"
+    (copy / "run.json").write_text(json.dumps(manifest))
+    spec = panel_directory.parent / "small.toml"
+    message = _fails(capsys, "panel", str(spec), "--out", str(copy))
+    assert "integ-gym 0.0.1 (now" in message
+    assert "never mixed" in message
+
+
+def test_a_directory_with_other_files_is_refused(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("mine")
+    message = _fails(capsys, "panel", "--out", str(tmp_path))
+    assert "holds no panel" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fragment"),
+    [
+        ('["explicit_euler", "rk4"]\ndt = 0.05', '"rk9"\ndt = 0.05', "unknown integrator 'rk9'"),
+        ("dt = 0.05\n\n[[eval", "dt = -0.05\n\n[[eval", "above 0"),
+        ("dt = 0.05\n\n[[eval", "dt = nan\n\n[[eval", "finite"),
+        ("dt = [0.05, 0.0125]", "dt = [0.05, 0.02]", "not a whole multiple"),
+        ("episodes = 3", "episoden = 3", "episodes"),
+    ],
+)  # fmt: skip
+def test_bad_specifications_leave_nothing_behind(tmp_path, capsys, old, new, fragment):
+    spec = tmp_path / "bad.toml"
+    assert old in TOML
+    spec.write_text(TOML.replace(old, new), encoding="utf-8")
+    message = _fails(capsys, "panel", str(spec), "--out", str(tmp_path / "out"))
+    assert fragment in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_runs_in_one_directory_are_refused(panel_directory, capsys):
+    import fcntl
+
+    spec = panel_directory.parent / "small.toml"
+    with (panel_directory / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        message = _fails(capsys, "panel", str(spec), "--out", str(panel_directory))
+    assert "another process" in message
+
+
+def test_report_is_written_again(panel_directory, capsys):
+    page = panel_directory / "report.html"
+    before = page.read_text(encoding="utf-8")
+    page.unlink()
+    assert main(["report", str(panel_directory)]) == 0
+    assert str(page) in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8") == before
+    assert "holds no panel.json" in _fails(capsys, "report", str(page.parent.parent))

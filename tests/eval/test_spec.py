@@ -1,0 +1,117 @@
+"""The panel's specification."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from small_panel import TOML
+
+import integ_gym.eval
+from integ_gym.eval.panel import check_spec, units_of
+from integ_gym.eval.spec import SpecError, built_in_spec, parse_spec, read_spec
+
+SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))
+
+
+def _small(**changes):
+    return {**tomllib.loads(TOML), **changes}
+
+
+def test_quick_panel_is_what_it_says():
+    spec = built_in_spec()
+    assert [d.integrator for d in spec.train] == [
+        "explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference",
+    ]  # fmt: skip
+    assert {d.dt for d in spec.grid} == {0.05, 0.025, 0.0125}
+    assert {d.control_period for d in spec.grid} == {0.05}
+    assert len(spec.seeds) >= 5
+    assert {"random", "zero", "handmade"} <= set(spec.baselines)
+    assert any("mass" in p.environment for p in spec.perturbations)
+    assert any("action_latency" in p.environment for p in spec.perturbations)
+    check_spec(spec)
+
+
+@pytest.mark.parametrize("path", SPECS, ids=lambda p: p.name)
+def test_published_specifications_are_valid(path):
+    check_spec(read_spec(path))
+
+
+def test_there_are_published_specifications():
+    assert SPECS
+
+
+def test_cells_of_a_row_begin_at_home_and_replays_come_first():
+    spec = parse_spec(_small(), "test")
+    home = spec.train[1]
+    cells = spec.cells_of(home)
+    names = [cell.name for cell in cells]
+    assert cells[0].discretization == home
+    assert len(set(names)) == len(names)
+    assert names.index("rk4 dt=0.05, mass +20 %") < names.index("reference dt=0.05, mass +20 %")
+    ladder = [c for c in cells if c.kind == "ladder"]
+    assert [(c.discretization.dt, c.discretization.control_period) for c in ladder] == [
+        (0.025, 0.025),
+        (0.0125, 0.0125),
+    ]
+    assert {c.name for c in cells if c.role == "quarter_step"} == {
+        "rk4 dt=0.0125",
+        "explicit_euler dt=0.0125",
+    }
+    assert [c.name for c in cells if c.role == "reference"] == ["reference dt=0.05"]
+
+
+def test_units_are_rows_times_seeds():
+    spec = parse_spec(_small(), "test")
+    units = units_of(spec)
+    assert len(units) == 3 + 2 * 2
+    assert len({unit.policy for unit in units}) == len(units)
+
+
+@pytest.mark.parametrize(
+    ("changes", "fragments"),
+    [
+        ({"episode": 3}, ["unknown key 'episode'", "Did you mean 'episodes'"]),
+        ({"env_id": "IntegPendulun-v0"}, ["unknown environment", "IntegPendulum-v0"]),
+        ({"control_period": 0.0}, ["`control_period` must be a number above 0"]),
+        ({"control_period": 0.06}, ["not a whole multiple"]),
+        ({"seeds": []}, ["at least one"]),
+        ({"seeds": [0, 0]}, ["twice"]),
+        ({"seeds": [0.5]}, ["whole numbers"]),
+        ({"baselines": ["best"]}, ["unknown baseline 'best'", "handmade"]),
+        ({"family": [["rk4 dt=0.05", "no"]]}, ["unknown cell in `family`", "reference dt=0.05"]),
+        ({"family": ["rk4"]}, ["pair of names"]),
+        ({"compare": [["rk4 dt=0.05", "rk9 dt=0.05"]]}, ["unknown training discretization"]),
+        ({"environment": {"masss": 2.0}}, ["unknown argument 'masss'", "mass"]),
+        ({"environment": {"mass": -2.0}}, ["`mass`", "above 0"]),
+        ({"training": {"learning_speed": 1}}, ["learning_speed"]),
+        ({"training": {"total_steps": 0}}, ["total_steps"]),
+        ({"train": [{"integrator": "rk9", "dt": 0.05}]}, ["unknown integrator 'rk9'"]),
+        ({"train": [{"integrator": "rk4"}]}, ["needs `integrator` and `dt`"]),
+        (
+            {"train": [{"integrator": "rk4", "dt": 0.01}], "family": [], "compare": []},
+            ["must also be evaluated", "add it to `evaluate`"],
+        ),
+        ({"train": [{"integrator": "rk4", "dt": 0.05, "order": 4}]}, ["unknown key in `train`"]),
+        ({"perturbations": [{"name": "x"}]}, ["needs a `name` and an `environment`"]),
+        ({"episodes": True}, ["whole numbers"]),
+        ({"environment": [1]}, ["must be a table"]),
+    ],
+)  # fmt: skip
+def test_impossible_specifications_name_the_remedy(changes, fragments):
+    with pytest.raises(SpecError) as caught:
+        check_spec(parse_spec(_small(**changes), "panel.toml"))
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_keys_and_files_are_named(tmp_path):
+    with pytest.raises(SpecError, match="missing key 'env_id'"):
+        parse_spec({"name": "x"}, "x.toml")
+    with pytest.raises(SpecError, match="cannot read the specification"):
+        read_spec(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("name = ")
+    with pytest.raises(SpecError, match="not valid TOML"):
+        read_spec(tmp_path / "bad.toml")
