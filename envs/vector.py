@@ -197,7 +197,9 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _full(self, value: Component, dtype: Any = np.float64) -> Array:
         """A fresh array of shape (num_envs,)."""
-        return np.array(np.broadcast_to(value, (self.num_envs,)), dtype=dtype)
+        array = np.empty(self.num_envs, dtype=dtype)
+        array[:] = value
+        return array
 
     def _seed_if_needed(self) -> None:
         if not self._rngs:

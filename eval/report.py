@@ -52,6 +52,9 @@ FILE_NAME: Final = "report.html"
 SHOWN_GAPS: Final = 30
 """Exploratory gaps that are drawn; all of them are among the records."""
 
+SHOWN_FINDINGS: Final = 7
+"""Conclusions that are shown at once; the others are one click away."""
+
 VIRIDIS: Final = [
     "440154",
     "48186a",
@@ -206,7 +209,7 @@ def _context(panel: Panel) -> dict[str, Any]:
         "pass_line": PASS,
         "class_words": CLASS_WORDS,
         "label_words": LABEL_WORDS,
-        "folder": _folder(panel),
+        "shown_findings": SHOWN_FINDINGS,
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),
         "plural": plural,
     }
@@ -667,6 +670,7 @@ def _failure(panel: Panel, raw: Json) -> dict[str, Any]:
         "row": row,
         "cell": cell,
         "anchor": None if entry is None else entry.anchor,
+        "policy": raw.get("policy"),
         "episode": raw.get("episode_index"),
         "reason": str(raw.get("reason") or "no reason recorded"),
         "command": " ".join(shlex.quote(word) for word in words),

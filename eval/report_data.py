@@ -11,6 +11,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -41,6 +42,7 @@ CLASS_WORDS: Final = {
 VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", "not_learned")
 """Order in which verdicts are shown."""
 
+_NAMED: Final = 5  # names in one sentence
 _SUPERSCRIPT: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -134,7 +136,8 @@ def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
     if value is None or not math.isfinite(value):
         return NONE
     plus = "+" if sign and value > 0.0 else ""
-    if value == 0.0 or 1e-3 <= abs(value) < 9.995e3:
+    value = float(f"{value:.{digits - 1}e}")
+    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
         decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
         return plus + f"{value:z.{decimals}f}".replace("-", "−")
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
@@ -500,10 +503,14 @@ class Panel:
 
     @cached_property
     def ladders(self) -> tuple[Ladder, ...]:
-        """Refinement ladders of the rows that have one; baselines only if no other row has."""
+        """Refinement ladders of the rows that have one.
+
+        Rows that did not learn are left out if others did, and baselines if others are there.
+        """
         ladders = [ladder for row in self.ordered_rows if (ladder := self._ladder(row))]
-        trained = tuple(ladder for ladder in ladders if not ladder.row.baseline)
-        return trained or tuple(ladders)
+        others = [ladder for ladder in ladders if not ladder.row.baseline]
+        learned = [ladder for ladder in others if ladder.row.learned is not False]
+        return tuple(learned or others or ladders)
 
     def _ladder(self, row: Row) -> Ladder | None:
         period = row.control_period if row.control_period is not None else self._usual_period
@@ -540,7 +547,7 @@ class Panel:
         for row in rows:
             for cell in self.cells:
                 after = self.entry(row, cell)
-                if after is not None and not cell.plain:
+                if after is not None and after.success is not None and not cell.plain:
                     label = cell.perturbation or cell.name
                     checks.setdefault(label, []).append(Check(self._before(after), after))
         return {label: tuple(found) for label, found in checks.items()}
@@ -570,7 +577,7 @@ class Panel:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What to conclude from the classes against the reference."""
+        """What to conclude from the classes against the reference, the surest first."""
         if not self.trust:
             return (
                 Finding(
@@ -583,6 +590,7 @@ class Panel:
         passes = (self._false_passes(row) for row in self.ordered_rows)
         fails = (self._false_fails(trust) for trust in self.trust)
         found = [finding for finding in (*passes, *fails) if finding]
+        found.sort(key=lambda finding: (finding.close, -len(finding.anchors)))
         return (self._agreement(judged), *found)
 
     def _agreement(self, judged: Sequence[Entry]) -> Finding:
@@ -612,7 +620,7 @@ class Panel:
             return None
         truth = self.entry(row, self.truth)
         at_home = next((entry for entry in wrong if entry.home), None)
-        others = _and([f"{e.cell.name} ({_rate(e)})" for e in wrong if e is not at_home])
+        others = _and([f"{e.cell.name} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
         if at_home is None:
             text = f"{row.name} reaches {_rate(truth)} on the reference, but passes on {others}."
         else:
@@ -621,7 +629,7 @@ class Panel:
                 f"{_rate(truth)} on the reference: that win belongs to the simulator, not to "
                 "the physics."
             ) + (f" They also pass on {others}." if others else "")
-        close = any(_undecided(entry) for entry in (*wrong, truth))
+        close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
         return Finding("false_pass", text, close, tuple(entry.anchor for entry in wrong))
 
     def _false_fails(self, trust: Trust) -> Finding | None:
@@ -629,7 +637,8 @@ class Panel:
         wrong = trust.of("false_fail")
         if not wrong:
             return None
-        rows = _and([f"{e.row.name} ({_rate(e)} against {_rate(self.on_truth(e))})" for e in wrong])
+        pairs = [f"{e.row.name} ({_rate(e)} against {_rate(self.on_truth(e))})" for e in wrong]
+        rows = _and(pairs, "rows")
         text = (
             f"{trust.cell.name} fails what passes on the reference: {rows}. Judged there, "
             f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
@@ -663,17 +672,30 @@ class Panel:
 
     @cached_property
     def failures_total(self) -> int:
-        """Number of failed episodes in the panel."""
-        total = self.raw.get("failures_total")
-        if isinstance(total, int):
-            return total
+        """Number of failed episodes: those with a label, or what the panel says of them."""
         counted = sum(sum(counts.values()) for counts in self.labels.values())
-        return max(counted, len(self.items("failures")))
+        return counted or int(finite(self.raw.get("failures_total")) or 0)
+
+    @cached_property
+    def created(self) -> str:
+        """When the panel was made, to the minute."""
+        text = self.text("created")
+        try:
+            moment = datetime.fromisoformat(text)
+        except ValueError:
+            return text
+        zone = "" if moment.tzinfo is None else " UTC"
+        return f"{moment.astimezone(UTC) if zone else moment:%Y-%m-%d %H:%M}{zone}"
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What the reader must know before trusting anything here."""
+        return tuple(str(text) for text in self.raw.get("warnings") or [])
 
 
 def _row(index: int, raw: Json) -> Row:
     policies = tuple(_list(raw, "policies"))
-    steps = raw.get("training_steps")
+    steps = finite(raw.get("training_steps"))
     return Row(
         index=index,
         name=str(raw.get("name")),
@@ -684,7 +706,7 @@ def _row(index: int, raw: Json) -> Row:
         seeds=int(finite(raw.get("seeds")) or len(policies)),
         home_success=estimate(raw.get("home_success")),
         learned=raw.get("learned"),
-        training_steps=None if finite(steps) is None else int(steps),
+        training_steps=None if steps is None else int(steps),
         policies=policies,
     )
 
@@ -776,7 +798,11 @@ def _undecided(entry: Entry | None) -> bool:
     return low < PASS <= high
 
 
-def _and(parts: Sequence[str]) -> str:
-    if len(parts) < 2:
-        return "".join(parts)
-    return f"{', '.join(parts[:-1])} and {parts[-1]}"
+def _and(parts: Sequence[str], noun: str) -> str:
+    """Names as a list in a sentence, cut where it gets too long to read."""
+    named = list(parts)
+    if len(parts) > _NAMED:
+        named = [*parts[: _NAMED - 1], f"{len(parts) - _NAMED + 1} other {noun}"]
+    if len(named) < 2:
+        return "".join(named)
+    return f"{', '.join(named[:-1])} and {named[-1]}"

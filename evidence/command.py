@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,6 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(arguments.run_command(arguments))
     except EvidenceError as error:
         return _fail(str(error))
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except ModuleNotFoundError as error:
         if error.name not in ("pyarrow", "duckdb"):
             raise
@@ -113,11 +117,11 @@ def _verify(arguments: argparse.Namespace) -> int:
     for problem in problems:
         print(problem)
     if problems:
-        print(f"{len(problems)} problem{'' if len(problems) == 1 else 's'} in {store.directory}")
+        print(f"problems in {store.directory}: {len(problems)}")
         return 1
     print(
-        f"{store.count()} records in {len(store.files())} files: every content hash matches, "
-        f"schema version {SCHEMA_VERSION}"
+        f"records: {store.count()}, files: {len(store.files())}, schema version {SCHEMA_VERSION}; "
+        "every content hash matches"
     )
     return 0
 

@@ -52,7 +52,7 @@ def _arguments(record: EvidenceRecord) -> Iterator[str]:
 
 def _trace(record: EvidenceRecord, bars: str) -> Iterator[str]:
     if not record.trace:
-        yield from ("", f"no trace: every {record.fields['trace_every']}th episode has one")
+        yield from ("", f"no trace: trace_every is {record.fields['trace_every']}")
         return
     yield from ("", "trace")
     heads = (f"{'':26}", f"{'first':>11}", f"{'least':>11}", f"{'most':>11}", f"{'last':>11}")
@@ -62,8 +62,8 @@ def _trace(record: EvidenceRecord, bars: str) -> Iterator[str]:
             continue
         numbers = (values[0], values.min(), values.max(), values[-1])
         columns = "".join(f"{x:>11.4g}" for x in numbers)
-        unit = record.units[name].replace("1", "")
-        yield f"  {name:<24}{columns}  {sparkline(values, bars)} {unit}".rstrip()
+        line = f"{name:<24}{columns}  {sparkline(values, bars)} {_unit(record.units[name])}"
+        yield f"  {line}".rstrip()
 
 
 def sparkline(values: npt.NDArray[Any], bars: str = BARS) -> str:
@@ -91,5 +91,9 @@ def number(value: Any) -> str:
 
 
 def _line(name: str, value: str, unit: str) -> str:
-    shown = "" if value == _NOTHING or unit == "1" else f" {unit}"
-    return f"  {name:<26}{value}{shown}".rstrip()
+    shown = "" if value == _NOTHING else _unit(unit)
+    return f"  {name:<26}{value} {shown}".rstrip()
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit

@@ -13,7 +13,7 @@ from integ_gym.evidence.atomic import remove_leftovers, write_once
 from integ_gym.evidence.content_hash import content_hashes
 from integ_gym.evidence.errors import BatchExistsError, EvidenceError
 from integ_gym.evidence.extra import duckdb, parquet, pyarrow
-from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.record import EvidenceRecord, records_of
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
@@ -163,7 +163,7 @@ class EvidenceStore:
         if not files:
             raise EvidenceError(f"{self.directory} holds no evidence")
         for file in files:
-            check_version(file, _schema(file))
+            check_schema(file, _schema(file))
         engine = duckdb()
         with engine.connect() as connection:
             try:
@@ -174,7 +174,10 @@ class EvidenceStore:
                 result = connection.sql(sql)
                 return None if result is None else result.to_arrow_table()
             except engine.Error as error:
-                raise EvidenceError(f"DuckDB refuses the query: {error}") from None
+                reason = str(error).split("\n\nLINE")[0]
+                raise EvidenceError(
+                    f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
+                ) from None
 
     def verify(self) -> list[Problem]:
         """Re-compute all content hashes and look for records that are there twice."""
@@ -226,7 +229,7 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
     schema = _schema(file)
-    check_version(file, schema)
+    check_schema(file, schema)
     if not trace:
         selection["columns"] = [name for name in schema.names if not is_trace(name)]
     try:
@@ -235,8 +238,8 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
         raise _unreadable(file, error) from None
 
 
-def check_version(file: Path, schema: Any) -> None:
-    """Refuse a file of another schema version.
+def check_schema(file: Path, schema: Any) -> None:
+    """Refuse a file of another schema version, or without all fields of this one.
 
     Raises:
         EvidenceError: with the remedy.
@@ -246,6 +249,11 @@ def check_version(file: Path, schema: Any) -> None:
         raise EvidenceError(
             f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
             "it with the version that wrote it, or move it away"
+        )
+    missing = [field.name for field in SUMMARY_FIELDS if field.name not in schema.names]
+    if missing:
+        raise EvidenceError(
+            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
         )
 
 

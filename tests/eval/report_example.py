@@ -28,6 +28,7 @@ SCHEMES = (
 STEPS = (0.05, 0.025, 0.0125)
 PERIOD = 0.05
 EPISODES = 20
+TRUTH = "reference dt=0.05"
 PUMP = {"explicit_euler": 1.0, "implicit_euler": -1.6, "symplectic_euler": 0.05}
 """Energy that a scheme puts in at the coarsest step, in units of what a policy bears."""
 
@@ -49,11 +50,11 @@ REASONS = {
 
 def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[str, Any]:
     """One entry of ``cells``."""
-    name = f"{scheme} dt={dt:g}" if scheme != "reference" else "reference"
+    name = f"{scheme} dt={dt:g}"
     if period != PERIOD:
-        name += f" control_period={period:g}"
+        name += f" control={period:g}"
     if more.get("perturbation"):
-        name += f" {more['perturbation']}"
+        name += f", {more['perturbation']}"
     return {
         "name": name,
         "engine": "native",
@@ -168,7 +169,9 @@ def spread(middle: float, line: dict[str, Any], rng: np.random.Generator) -> Any
     """Mean over seeds of a number that is no rate, as the panel stores it."""
     values = middle * (1.0 + 0.1 * rng.normal(size=line["seeds"]))
     found = mean_interval(values)
-    return None if found is None else asdict(found)
+    if found is None:
+        return {"estimate": float(values[0]), "low": None, "high": None, "level": 0.95}
+    return asdict(found)
 
 
 def matrix_entry(
@@ -232,7 +235,7 @@ def complete(panel: dict[str, Any]) -> None:
         other = native.get(entry["cell"])
         if other is not None and line["kind"] == "trained" and other["learned"]:
             entry["transfer_gap"] = difference(rate[other["name"], entry["cell"]], own)
-        truth = rate.get((line["name"], "reference"))
+        truth = rate.get((line["name"], TRUTH))
         if truth is not None and place["kind"] == "grid":
             entry["reference_class"] = reference_class(float(np.mean(own)), float(np.mean(truth)))
 
@@ -260,12 +263,16 @@ def judge(panel: dict[str, Any], pairs: list[tuple[str, str]]) -> list[dict[str,
 def failures(panel: dict[str, Any], count: int) -> list[dict[str, Any]]:
     """A sample of failing episodes."""
     sample = []
+    trained = {line["name"] for line in panel["rows"] if line["kind"] != "baseline"}
     for number, entry in enumerate(panel["matrix"]):
+        if entry["row"] not in trained:
+            continue
         for label in [name for name in entry["labels"] if name != "none"][:1]:
             sample.append(
                 {
                     "row": entry["row"],
                     "cell": entry["cell"],
+                    "policy": f"{entry['row'].replace(' ', '-')}-seed{number % 5}",
                     "episode_index": number % EPISODES,
                     "record_id": f"{(number * 2654435761) % 16**16:016x}",
                     "label": label,
@@ -284,7 +291,7 @@ def compared() -> list[dict[str, Any]]:
         return [
             PolicyCell("explicit_euler dt=0.05", coarse, weak),
             PolicyCell("rk4 dt=0.0125", fine, weak, steps[0]),
-            PolicyCell("reference", fine, weak, steps[1]),
+            PolicyCell(TRUTH, fine, weak, steps[1]),
         ]
 
     return [
@@ -326,7 +333,7 @@ def base_panel(rows: list[dict[str, Any]], cells: list[dict[str, Any]], seed: in
             },
             "episodes": EPISODES,
             "seeds": [0, 1, 2, 3, 4],
-            "family": [["explicit_euler dt=0.05", "reference"]],
+            "family": [["explicit_euler dt=0.05", TRUTH]],
         },
         "versions": {"integ-gym": "0.1.0", "gymnasium": "1.2.0", "numpy": "2.4.6"},
         "created": "2026-11-21T12:00:00Z",
@@ -352,6 +359,9 @@ def base_panel(rows: list[dict[str, Any]], cells: list[dict[str, Any]], seed: in
         "failures_total": 0,
     }
     complete(panel)
+    panel["failures_total"] = sum(
+        count for e in panel["matrix"] for name, count in e["labels"].items() if name != "none"
+    )
     return panel
 
 
@@ -364,7 +374,7 @@ def trained(schemes: tuple[str, ...], seeds: int, dt: float = STEPS[0]) -> list[
     """One trained row for each scheme."""
     rows = []
     for scheme in schemes:
-        home = f"{scheme} dt={dt:g}" if scheme != "reference" else "reference"
+        home = f"{scheme} dt={dt:g}"
         rows.append({**row(home, "trained", scheme, seeds, home), "dt": dt})
     return rows
 
@@ -377,18 +387,15 @@ def full_panel(seeds: int = 5, seed: int = 0) -> dict[str, Any]:
     panel["verdicts"] = judge(
         panel,
         [
-            ("explicit_euler dt=0.05", "reference"),
-            ("symplectic_euler dt=0.05", "reference"),
-            ("rk4 dt=0.05", "reference"),
-            ("reference", "explicit_euler dt=0.05"),
-            ("implicit_euler dt=0.05", "reference"),
+            ("explicit_euler dt=0.05", TRUTH),
+            ("symplectic_euler dt=0.05", TRUTH),
+            ("rk4 dt=0.05", TRUTH),
+            (TRUTH, "explicit_euler dt=0.05"),
+            ("implicit_euler dt=0.05", TRUTH),
         ],
     )
     panel["policy_comparisons"] = compared()
     panel["failures"] = failures(panel, 24)
-    panel["failures_total"] = sum(
-        count for e in panel["matrix"] for name, count in e["labels"].items() if name != "none"
-    )
     return panel
 
 
@@ -400,6 +407,7 @@ def given_panel() -> dict[str, Any]:
     rows[0]["learned"] = None
     for entry in panel["matrix"]:
         entry["success"] = {**entry["success"], "low": None, "high": None}
+    panel["warnings"] = ["The policy file names no training discretization."]
     panel["answer"] = "One policy was evaluated; one seed cannot tell a policy from its luck."
     return panel
 
@@ -408,7 +416,7 @@ def nothing_learned_panel() -> dict[str, Any]:
     """Trained rows of which none reached a home success of one half."""
     rows = [*trained(("implicit_euler",), 5), *baselines(5)]
     panel = base_panel(rows, grid_cells(SCHEMES[:2] + SCHEMES[3:4], STEPS), 2)
-    panel["verdicts"] = judge(panel, [("implicit_euler dt=0.05", "reference")])
+    panel["verdicts"] = judge(panel, [("implicit_euler dt=0.05", TRUTH)])
     return panel
 
 
