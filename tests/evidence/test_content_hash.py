@@ -34,7 +34,9 @@ def _altered(value):
     if isinstance(value, int):
         return value + 1
     if isinstance(value, list):
-        return [_altered(value[0]), *value[1:]]
+        first = value[0]
+        step = float(np.nextafter(np.float32(first), np.inf))
+        return [step if isinstance(first, float) else first + 1, *value[1:]]
     return value.replace(year=1999)
 
 

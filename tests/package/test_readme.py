@@ -1,0 +1,87 @@
+"""The README's code blocks run, and what it links to exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from integ_gym.cli import COMMANDS
+
+ROOT = Path(__file__).parent.parent.parent
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def _blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("block", _blocks("python"), ids=lambda b: b.strip().splitlines()[-1][:40])
+def test_python_blocks_run(block):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_the_documented_integrator_has_its_order():
+    """The example of an integrator of one's own, taken from the page and measured."""
+    text = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    module = types.ModuleType("documented")
+    exec(block, vars(module))
+    sys.modules["documented"] = module
+    errors = []
+    for dt in (0.01, 0.005):
+        ends = []
+        for integrator in ("documented:Heun", "reference"):
+            env = gym.make("IntegPendulum-v0", integrator=integrator, dt=dt, control_period=0.1)
+            env.reset(options={"state": (2.0, 1.0)})
+            env.step([1.0])
+            ends.append(env.unwrapped.state)
+        errors.append(np.abs(ends[0] - ends[1]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_there_are_python_blocks_and_the_first_is_short():
+    first, *_ = _blocks("python")
+    assert len([line for line in first.splitlines() if line.strip()]) <= 8
+
+
+def _commands() -> list[str]:
+    lines = "\n".join(_blocks("sh")).splitlines()
+    return [line.split("  #")[0].strip() for line in lines if line.strip()]
+
+
+@pytest.mark.parametrize("command", _commands())
+def test_shell_lines_name_what_exists(command):
+    words = shlex.split(command)
+    if words[0] == "make":
+        assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    elif words[0] == "integ-gym":
+        assert words[1] in COMMANDS
+        for word in words[2:]:
+            if word.endswith(".toml"):
+                assert (ROOT / word).exists(), word
+    else:
+        assert words[:2] == ["pip", "install"]
+        extra = re.search(r"\[(\w+)\]", command)
+        assert extra is None or f"\n{extra[1]} = [" in (ROOT / "pyproject.toml").read_text()
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: p.name)
+def test_links_and_pictures_exist(document):
+    text = document.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        if not target.startswith("https://"):
+            assert (document.parent / target).exists(), target
+    assert "<!--" not in text
