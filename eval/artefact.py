@@ -55,6 +55,10 @@ class Layout:
         wanted = self.cells[cell].discretization
         return next((row for row, home in self.homes.items() if home == wanted), None)
 
+    def reference_of(self, cell: str) -> str | None:
+        """The reference cell, where it has the same plant and control period."""
+        return self.reference if self.cells[cell].kind in ("grid", "reference") else None
+
 
 def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
     """The content of ``panel.json``.
@@ -65,7 +69,7 @@ def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> 
         facts: further entries: name, question, spec, command, cost, policies' files, …
     """
     entries = [
-        matrix.entry(row.name, cell, layout.native(cell), layout.reference)
+        matrix.entry(row.name, cell, layout.native(cell), layout.reference_of(cell))
         for row in layout.rows
         for cell in layout.cells_of[row.name]
     ]

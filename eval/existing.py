@@ -236,6 +236,7 @@ def _facts(
         "question": spec.question,
         "spec": {**spec.to_json(), "home": existing.origin},
         "command": command,
+        "directory": str(directory.path),
         "training_steps": None,
         "policies": {
             name: {"id": name, "seed": None, "hash": hashes.get(name), "file": None}
@@ -243,6 +244,7 @@ def _facts(
         },
         "cost": {
             "wall_seconds": round(time.time() - start, 1),
+            "workers": 1,
             "train_seconds": 0.0,
             "evaluate_seconds": round(time.time() - start, 1),
         },

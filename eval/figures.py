@@ -79,6 +79,7 @@ VERDICT_COLOURS: Final = {
 _CELL: Final = (0.62, 0.46)  # width and height of a matrix cell, inches
 _GROUP_GAP: Final = 0.14  # inches between groups of columns
 _TRUTH_GAP: Final = 0.34
+_BOLD: Final = 0.0098  # width of a bold letter, inches per point of its size
 _BLOCK_GAP: Final = 0.42  # inches between blocks of rows, where their heading stands
 
 
@@ -123,7 +124,8 @@ def _png(figure: Figure) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "integ-gym"})
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": "integ-gym"})
     return buffer.getvalue()
 
 
@@ -230,9 +232,10 @@ def _matrix(
     for row, y, heading in rows:
         if heading:
             axes.text(0.3, y - 0.1, heading, size=8.5, color=SOFT, va="baseline")
+        name = plain(row.name, 38)
         axes.text(
-            left - 0.14, y + _CELL[1] / 2, plain(row.name, 34), size=9, color=INK, ha="right",
-            va="center", weight="semibold",
+            left - 0.14, y + _CELL[1] / 2, name, size=_fitting([name], left - 0.44, 9.0),
+            color=INK, ha="right", va="center", weight="bold",
         )  # fmt: skip
         for cell, x in columns:
             entry = panel.entry(row, cell)
@@ -277,12 +280,15 @@ def _column_heads(
 ) -> None:
     """Names of integrators over their steps."""
     place = {cell.name: x for cell, x in columns}
-    for group in panel.groups:
+    widths = [len(group.cells) * _CELL[0] + 0.1 for group in panel.groups]
+    names = ["truth" if group.reference else group.label for group in panel.groups]
+    heads = [_head(name, width) for name, width in zip(names, widths, strict=True)]
+    size = min(_fitting(head, width, 9.5) for head, width in zip(heads, widths, strict=True))
+    for group, lines in zip(panel.groups, heads, strict=True):
         first, last = place[group.cells[0].name], place[group.cells[-1].name] + _CELL[0]
-        label = "truth" if group.reference else plain(group.label, 2 + 9 * len(group.cells))
         axes.text(
-            (first + last) / 2, top - 0.62, label, size=9.5, color=INK, ha="center",
-            weight="semibold", va="baseline",
+            (first + last) / 2, top - 0.62, "\n".join(lines), color=INK, ha="center",
+            size=size, weight="bold", va="bottom", linespacing=1.0,
         )  # fmt: skip
         if group.reference:
             edge = first - _TRUTH_GAP / 2
@@ -293,6 +299,22 @@ def _column_heads(
             _column_head(axes, panel, cell, place[cell.name] + _CELL[0] / 2, top)
 
 
+def _fitting(lines: Sequence[str], width: float, size: float) -> float:
+    """Size of bold text in points, at most ``size``, at which lines fit a width in inches."""
+    return max(5.0, min(size, width / (_BOLD * max(len(line) for line in lines))))
+
+
+def _head(label: str, width: float) -> list[str]:
+    """A group's name on one line, or cut after underscores and spaces into two where narrow."""
+    most = int(width / (_BOLD * 6.5))
+    text = plain(label, max(2 * most, 8))
+    if len(text) * _BOLD * 9.5 <= width:
+        return [text]
+    cuts = [place + 1 for place, letter in enumerate(text[:-1]) if letter in "_ "]
+    cut = min(cuts, key=lambda place: abs(place - len(text) / 2), default=len(text))
+    return [line.strip() for line in (text[:cut], text[cut:]) if line.strip()]
+
+
 def _column_head(axes: Axes, panel: Panel, cell: Cell, x: float, top: float) -> None:
     text = "reference" if cell.reference else step(cell.dt)
     axes.text(x, top - 0.36, text, size=7.5, color=SOFT, ha="center", va="baseline")
@@ -301,18 +323,18 @@ def _column_head(axes: Axes, panel: Panel, cell: Cell, x: float, top: float) -> 
         axes.text(x, top - 0.22, period, size=6.5, color=SOFT, ha="center", va="baseline")
 
 
-def _box(axes: Axes, x: float, y: float, colour: str, alpha: float = 1.0) -> None:
+def _box(axes: Axes, x: float, y: float, colour: str) -> None:
     from matplotlib.patches import Rectangle
 
     gap = 0.02
     size = _CELL[0] - 2 * gap, _CELL[1] - 2 * gap
-    axes.add_patch(Rectangle((x + gap, y + gap), *size, facecolor=colour, alpha=alpha, linewidth=0))
+    axes.add_patch(Rectangle((x + gap, y + gap), *size, facecolor=colour, linewidth=0))
 
 
 def _home_frame(axes: Axes, x: float, y: float) -> None:
     from matplotlib.patches import Rectangle
 
-    for inset, colour, width in ((0.055, PAPER, 3.4), (0.03, INK, 1.8)):
+    for inset, colour, width in ((0.03, PAPER, 2.6), (0.008, INK, 1.9)):
         size = _CELL[0] - 2 * inset, _CELL[1] - 2 * inset
         axes.add_patch(
             Rectangle((x + inset, y + inset), *size, fill=False, edgecolor=colour, linewidth=width)
@@ -324,7 +346,7 @@ def _cell_text(
 ) -> None:
     axes.text(
         x + _CELL[0] / 2, y + _CELL[1] / 2 - up, text, size=size, color=colour, ha="center",
-        va="center_baseline" if up else "center", weight="medium",
+        va="center_baseline" if up else "center", weight="normal",
     )  # fmt: skip
 
 
@@ -352,26 +374,28 @@ def _draw_energy(
         _box(axes, x, y, SUNK)
     else:
         share = symlog(abs(value), floor, largest)
-        _box(axes, x, y, WARM if value > 0.0 else COOL, share)
+        _box(axes, x, y, _tint(WARM if value > 0.0 else COOL, share))
     if entry.home:
         _home_frame(axes, x, y)
     text = compact(value, 2, True)
-    _cell_text(axes, x, y, text, SOFT if value is None else INK, size=7.2 if len(text) > 7 else 8)
+    _cell_text(axes, x, y, text, SOFT if value is None else INK, size=6.8 if len(text) > 7 else 8)
 
 
-def _ramp(axes: Axes, x: float, y: float, colour: Callable[[float], tuple[str, float]]) -> None:
+def _tint(colour: str, share: float) -> str:
+    """A colour thinned with the paper's."""
+    channels = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return "#" + "".join(f"{round(255 + share * (value - 255)):02x}" for value in channels)
+
+
+def _ramp(axes: Axes, x: float, y: float, colour: Callable[[float], str]) -> None:
     """A colour scale one inch wide."""
     from matplotlib.patches import Rectangle
 
     parts = 60
     for part in range(parts):
-        shade, alpha = colour((part + 0.5) / parts)
-        axes.add_patch(
-            Rectangle(
-                (x + 1.0 * part / parts, y), 1.0 / parts + 0.002 * (alpha == 1.0), 0.13,
-                facecolor=shade, alpha=alpha, linewidth=0,
-            )
-        )  # fmt: skip
+        shade = colour((part + 0.5) / parts)
+        place = (x + part / parts, y)
+        axes.add_patch(Rectangle(place, 1.1 / parts, 0.13, facecolor=shade, linewidth=0))
 
 
 def _small(axes: Axes, x: float, y: float, text: str, align: str = "left") -> None:
@@ -382,7 +406,7 @@ def _success_legend(axes: Axes, x: float, y: float) -> None:
     from matplotlib.patches import Rectangle
 
     _small(axes, x, y, "0")
-    _ramp(axes, x + 0.15, y - 0.065, lambda share: (success_colour(share), 1.0))
+    _ramp(axes, x + 0.15, y - 0.065, success_colour)
     _small(axes, x + 1.2, y, "1")
     frame = (x + 1.5, y - 0.07)
     axes.add_patch(Rectangle(frame, 0.2, 0.14, fill=False, edgecolor=INK, linewidth=1.6))
@@ -391,8 +415,8 @@ def _success_legend(axes: Axes, x: float, y: float) -> None:
 
 
 def _energy_legend(axes: Axes, x: float, y: float, floor: float, largest: float) -> None:
-    def colour(share: float) -> tuple[str, float]:
-        return (WARM if share > 0.5 else COOL), abs(2.0 * share - 1.0)
+    def colour(share: float) -> str:
+        return _tint(WARM if share > 0.5 else COOL, abs(2.0 * share - 1.0))
 
     ends = compact(largest)
     _small(axes, x, y, f"−{ends} J")
@@ -411,11 +435,11 @@ def _gaps(panel: Panel) -> Figure | None:
     lines = [*declared, *others]
     if not lines:
         return None
-    pitch, left, width, top = 0.27, 4.6, 4.6, 1.05
+    pitch, left, width, top = 0.27, 4.9, 4.6, 1.05
     split = 0.45 if declared and others else 0.0
     tall = pitch * len(lines) + split
     figure = _figure(left + width + 1.9, top + tall + 0.85)
-    wide, high = (float(size) for size in figure.get_size_inches())
+    high = float(figure.get_size_inches()[1])
     canvas = _canvas(figure)
     _title(canvas, 0.3, "Transfer gaps", _gap_words(lines))
     axes = _axes(figure, left, high - top - tall, width, tall)
@@ -475,10 +499,10 @@ def _gap_line(
     axes.plot(gap.value.estimate, y, "o", color=colour, markerfacecolor=face, markersize=6)
     down, left, right = place
     star = "*" if gap.quantity == "home_drop" else ""
-    name = f"{plain(gap.row, 29)} → {plain(gap.cell, 29)}{star}"
+    name = f"{plain(gap.row, 34)} → {plain(gap.cell, 34)}{star}"
     canvas.text(left - 0.15, down, name, size=8.5, color=INK, ha="right", va="center")
     numbers = f"{fixed(gap.value.estimate, 2, True)}"
-    canvas.text(right + 0.15, down, numbers, size=8.5, color=INK, va="center", weight="semibold")
+    canvas.text(right + 0.15, down, numbers, size=8.5, color=INK, va="center", weight="bold")
     if gap.value.bounded:
         ends = f"{fixed(low)} to {fixed(high)}"
         canvas.text(right + 0.62, down, ends, size=8, color=SOFT, va="center")
@@ -585,7 +609,7 @@ def _ladder_legend(canvas: Axes, schemes: dict[str, int], wide: float) -> None:
     x, y = 0.3, 0.92
     for name, place in schemes.items():
         text = plain(name, 26)
-        size = 0.42 + 0.072 * len(text)
+        size = 0.42 + 0.066 * len(text)
         if x + size > wide:
             x, y = 0.3, y + 0.2
         style = place % len(SCHEME_COLOURS)

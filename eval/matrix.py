@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from integ_gym.eval.statistics import (
     Interval,
+    iqm,
     iqm_interval,
     mean_interval,
     paired_difference,
@@ -91,14 +92,17 @@ class Matrix:
         means: Array = self.values(row, cell, "success").mean(axis=1)
         return means
 
-    def entry(self, row: str, cell: str, native: str | None, reference: str) -> dict[str, Any]:
+    def entry(
+        self, row: str, cell: str, native: str | None, reference: str | None
+    ) -> dict[str, Any]:
         """Everything that the panel says about one row in one cell.
 
         Args:
             row: row name.
             cell: cell name.
             native: the row that was trained in this cell, if there is one.
-            reference: name of the reference cell.
+            reference: name of the reference cell, or None where the cell's plant or control
+                period is another.
         """
         records = [record for group in self.records(row, cell) for record in group]
         rates = self.rates(row, cell)
@@ -108,7 +112,7 @@ class Matrix:
             "episodes": len(records),
             "success": asdict(rate_interval(rates)),
             "success_by_seed": rates.tolist(),
-            "return": _interval(iqm_interval(self.values(row, cell, "return"))),
+            "return": self._return(row, cell),
             "time_to_success": self._mean(row, cell, "time_to_success"),
             "energy_residual": self._mean(row, cell, "energy_residual_total"),
             "energy_residual_abs": self._mean(row, cell, "energy_residual_abs_total"),
@@ -136,6 +140,12 @@ class Matrix:
             if not record["success"]
         ]
 
+    def _return(self, row: str, cell: str) -> dict[str, Any] | None:
+        values = self.values(row, cell, "return")
+        if not np.isfinite(values).all():
+            return None
+        return _interval(iqm_interval(values)) or _point(iqm(values))
+
     def _mean(self, row: str, cell: str, name: str) -> dict[str, Any] | None:
         """Mean over seeds of each seed's mean over its episodes that have a value."""
         values = self.values(row, cell, name)
@@ -143,9 +153,7 @@ class Matrix:
         means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
         if not means:
             return None
-        return _interval(mean_interval(means)) or {
-            "estimate": means[0], "low": None, "high": None, "level": None,
-        }  # fmt: skip
+        return _interval(mean_interval(means)) or _point(means[0])
 
     def _home_drop(self, row: str, cell: str) -> dict[str, Any] | None:
         home = self.rows[row].home
@@ -158,11 +166,16 @@ class Matrix:
             return None
         return asdict(unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval)
 
-    def _reference_class(self, row: str, cell: str, reference: str) -> str | None:
-        if cell == reference or not self.has(row, reference):
+    def _reference_class(self, row: str, cell: str, reference: str | None) -> str | None:
+        if reference in (None, cell) or not self.has(row, str(reference)):
             return None
-        return reference_class(self.rates(row, cell).mean(), self.rates(row, reference).mean())
+        return reference_class(self.rates(row, cell).mean(), self.rates(row, str(reference)).mean())
 
 
 def _interval(interval: Interval | None) -> dict[str, Any] | None:
     return None if interval is None else asdict(interval)
+
+
+def _point(value: float) -> dict[str, Any]:
+    """An estimate without an interval: one seed says nothing about others."""
+    return {"estimate": float(value), "low": None, "high": None, "level": None}

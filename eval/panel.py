@@ -8,7 +8,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -127,11 +127,12 @@ def run_panel(
     check_spec(spec)
     directory = RunDirectory(out, spec.to_json())
     with directory.opened():
-        _run_units(spec, directory, workers or _cores(), progress)
+        _run_units(spec, directory, workers or cores(), progress)
     return directory
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -142,7 +143,7 @@ def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress:
     with shared.pool(workers) as pool, _bar(spec, total, progress) as bar:
         try:
             for done in _scheduled(spec, directory, units, pool):
-                bar.set_postfix_str(f"{done} of {2 * len(units)} units,", refresh=False)
+                bar.set_postfix_str(f"{done} of {len(units)} policies,", refresh=False)
                 bar.update(min(bar.total, shared.total()) - bar.n)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -163,24 +164,26 @@ def _bar(spec: PanelSpec, total: float, shown: bool) -> Any:
 def _scheduled(
     spec: PanelSpec, directory: RunDirectory, units: tuple[Unit, ...], pool: ProcessPoolExecutor
 ) -> Iterator[int]:
-    """Run every unit's training, then its evaluation; yields the number of finished halves."""
-    running: dict[Future[None], tuple[Unit, str]] = {}
+    """Run all units; yields the number of finished ones."""
+    running = {pool.submit(_run_unit, spec, directory, unit): unit for unit in units}
     finished = 0
-    for unit in units:
-        running[pool.submit(_train_unit, spec, directory, unit)] = (unit, "training")
     while running:
         ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
         for future in ended:
-            unit, what = running.pop(future)
+            unit = running.pop(future)
             try:
                 future.result()
             except Exception as error:
-                raise PanelError(f"{what} of {unit.policy} failed: {error}") from error
+                raise PanelError(f"{unit.policy} failed: {error}; the rest is kept") from error
             finished += 1
-            if what == "training":
-                job = pool.submit(_evaluate_unit, spec, directory, unit)
-                running[job] = (unit, "evaluation")
         yield finished
+
+
+def _run_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
+    """Train a policy, unless it is a baseline, and evaluate it."""
+    if unit.home is not None:
+        _train_unit(spec, directory, unit)
+    _evaluate_unit(spec, directory, unit)
 
 
 def _work(spec: PanelSpec, unit: Unit) -> float:
@@ -194,9 +197,7 @@ def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
 
 
 def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
-    """Train one policy and mark it finished, unless it is; baselines need no training."""
-    if unit.home is None:
-        return
+    """Train one policy and mark it finished, unless it is."""
     config = training_config(spec, unit)
     key = key_of(config=asdict(config))
     if directory.finished(unit.training, key):

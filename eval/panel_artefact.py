@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from integ_gym.evidence.store import EvidenceStore
 
 
 def write_artefact(
-    spec: PanelSpec, directory: RunDirectory, command: str, wall_seconds: float
+    spec: PanelSpec, directory: RunDirectory, command: str, wall_seconds: float, workers: int
 ) -> dict[str, Any]:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
     layout = layout_of(spec)
@@ -28,7 +29,9 @@ def write_artefact(
         "command": command,
         "training_steps": spec.training.get("total_steps"),
         "policies": {unit.policy: _policy(unit, directory) for unit in units_of(spec)},
-        "cost": _cost(spec, directory, wall_seconds),
+        "cost": _cost(spec, directory, wall_seconds, workers),
+        "directory": str(directory.path),
+        "seeds_total": len(spec.seeds),
     }
     panel = build_artefact(layout, matrix, facts)
     for entry in panel["matrix"]:
@@ -88,7 +91,9 @@ def _policy(unit: Unit, directory: RunDirectory) -> dict[str, Any]:
     return {"id": unit.policy, "seed": unit.seed, "hash": marker.get("policy"), "file": file}
 
 
-def _cost(spec: PanelSpec, directory: RunDirectory, wall_seconds: float) -> dict[str, Any]:
+def _cost(
+    spec: PanelSpec, directory: RunDirectory, wall_seconds: float, workers: int
+) -> dict[str, Any]:
     def total(names: list[str]) -> float:
         markers = [directory.marker(name) or {} for name in names]
         return round(sum(float(marker.get("seconds", 0.0)) for marker in markers), 1)
@@ -96,6 +101,7 @@ def _cost(spec: PanelSpec, directory: RunDirectory, wall_seconds: float) -> dict
     units = units_of(spec)
     return {
         "wall_seconds": round(wall_seconds, 1),
+        "workers": workers,
         "train_seconds": total([unit.training for unit in units]),
         "evaluate_seconds": total([unit.evaluation for unit in units]),
     }
@@ -110,4 +116,4 @@ def whereabouts(entry: dict[str, Any], layout: Layout, path: Path) -> dict[str, 
         "SELECT record_id, episode_index, success, failure_label FROM records "
         f"WHERE cell = '{entry['cell']}' AND policy_id IN ({policies})"
     )
-    return {"file": files, "query": f'integ-gym evidence query {path} "{sql}"'}
+    return {"file": files, "query": shlex.join(["integ-gym", "evidence", "query", str(path), sql])}

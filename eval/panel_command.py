@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval.panel import run_panel
+from integ_gym.eval.panel import cores, run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 
@@ -51,7 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     command = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     panel = write_artefact(
-        spec, directory, shlex.join([*command, "--out", str(arguments.out)]), time.time() - start
+        spec,
+        directory,
+        command=shlex.join([*command, "--out", str(arguments.out)]),
+        wall_seconds=time.time() - start,
+        workers=arguments.workers or cores(),
     )
     print(f"{panel['question']}\n{panel['answer']}")
     for verdict in panel["verdicts"]:

@@ -470,7 +470,7 @@ def ink_on(background: str) -> str:
         for channel in (value / 255.0 for value in _channels(background.lstrip("#")))
     ]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return "#0b0d12" if (luminance + 0.05) / 0.055 > 1.05 / (luminance + 0.05) else "#ffffff"
+    return "#000000" if (luminance + 0.05) / 0.05 > 1.05 / (luminance + 0.05) else "#ffffff"
 
 
 def _channels(colour: str) -> tuple[int, int, int]:

@@ -483,7 +483,7 @@ class Panel:
 
     @cached_property
     def exploratory_gaps(self) -> tuple[Gap, ...]:
-        """All other gaps, largest first: transfer gaps, or home drops where there is no gap.
+        """The matrix's other gaps, largest first; home drops where there is no transfer gap.
 
         Rows that did not learn and baselines have nothing to transfer and are left out.
         """
@@ -492,7 +492,7 @@ class Panel:
         for entry in self.entries.values():
             if entry.row.baseline or entry.row.learned is False or entry.home:
                 continue
-            if (entry.row.name, entry.cell.name) in declared or not entry.cell.plain:
+            if (entry.row.name, entry.cell.name) in declared or entry.cell not in self.columns:
                 continue
             quantity = "home_drop" if entry.transfer_gap is None else "transfer_gap"
             value = entry.transfer_gap or entry.home_drop

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from integ_gym.evidence import export as exporting
 from integ_gym.evidence import print_table as printing
 from integ_gym.evidence.errors import EvidenceError
 from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.show import ASCII_BARS, BARS, show
 from integ_gym.evidence.store import EvidenceStore, open_run
 
@@ -131,15 +132,25 @@ def _export(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         exporting.export(records, sys.stdout, arguments.format)
         return 0
-    try:
-        with open(arguments.output, "w", encoding="utf-8", newline="") as file:
-            count = exporting.export(records, file, arguments.format)
-    except OSError as error:
-        raise EvidenceError(
-            f"cannot write {arguments.output}: {error.strerror}; give another --output"
-        ) from None
+    count = _export_to(arguments.output, records, arguments.format)
     print(f"{count} records written to {arguments.output}", file=sys.stderr)
     return 0
+
+
+def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> int:
+    """Replace ``output`` once everything is written."""
+    part = output.with_name(f"{output.name}.part")
+    try:
+        with open(part, "w", encoding="utf-8", newline="") as file:
+            count = exporting.export(records, file, form)
+        os.replace(part, output)
+    except OSError as error:
+        raise EvidenceError(
+            f"cannot write {output}: {error.strerror}; give another --output"
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
+    return count
 
 
 def _can_print(text: str) -> bool:

@@ -39,17 +39,16 @@ def content_hashes(table: Any) -> list[str]:
         table: Arrow table with the columns of one file.
     """
     names = sorted(name for name in table.column_names if name not in VOLATILE_NAMES)
-    trace = [name for name in names if is_trace(name)]
-    scalars = [name for name in names if not is_trace(name)]
-    start = hashlib.sha256(_json({name: _signature(table.schema.field(name)) for name in names}))
-    flat = [_flatten(table.column(name)) for name in trace]
-    rows = zip(*(table.column(name).to_pylist() for name in scalars), strict=True)
+    about = {name: _signature(table.schema.field(name)) for name in names}
+    start = hashlib.sha256(_json(about).encode())
+    fields = _objects({n: table.column(n).to_pylist() for n in names if not is_trace(n)})
+    flat = {name: _flatten(table.column(name)) for name in names if is_trace(name)}
+    counts = _objects({name: column.counts for name, column in flat.items()})
     hashes = []
-    for i, row in enumerate(rows):
+    for i in range(table.num_rows):
         digest = start.copy()
-        counts = {name: column.counts[i] for name, column in zip(trace, flat, strict=True)}
-        digest.update(_json([dict(zip(scalars, row, strict=True)), counts]))
-        for column in flat:
+        digest.update(f"[{fields[i]},{counts[i]}]".encode())
+        for column in flat.values():
             digest.update(column.data[column.ends[i] : column.ends[i + 1]])
         hashes.append(digest.hexdigest())
     return hashes
@@ -61,8 +60,24 @@ def _signature(field: Any) -> list[str]:
     return [named, about["unit"], about["frame"]]
 
 
-def _json(value: Any) -> bytes:
-    return json.dumps(value, separators=(",", ":"), ensure_ascii=False).encode()
+def _json(value: Any, separator: str = ",") -> str:
+    return json.dumps(value, separators=(separator, ":"), ensure_ascii=False)
+
+
+def _objects(columns: dict[str, list[Any]]) -> list[str]:
+    """JSON of {column: value} for every row."""
+    members = []
+    for name, values in columns.items():
+        key = f"{_json(name)}:"
+        members.append([key + text for text in _texts(values)])
+    return [f"{{{','.join(row)}}}" for row in zip(*members, strict=True)]
+
+
+def _texts(values: list[Any]) -> list[str]:
+    """JSON of every value; JSON of a scalar has no line break, so all are encoded at once."""
+    if any(isinstance(value, list) for value in values[:1]):
+        return [_json(value) for value in values]
+    return _json(values, "\n")[1:-1].split("\n") if values else []
 
 
 def _flatten(column: Any) -> _Flat:

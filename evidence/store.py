@@ -296,6 +296,7 @@ def _write(table: Any, file: Path) -> None:
         row_group_size=_ROW_GROUP,
         use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
         use_byte_stream_split=streams,
+        write_statistics=[f.name for f in table.schema if not is_trace(f.name)],
     )
 
 

@@ -80,7 +80,7 @@ class RecordVectorEvidence(VectorWrapper):
         self._seeds: list[int | None] = [None] * self.num_envs
 
     def assign(self, episodes: Sequence[int]) -> None:
-        """Give every lane its next paired episode, which begins with the next :meth:`reset`.
+        """Give every lane its next paired episode, which begins when the lane is next reset.
 
         Raises:
             ValueError: if it is not one index per lane, all different.

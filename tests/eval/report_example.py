@@ -284,14 +284,13 @@ def failures(panel: dict[str, Any], count: int) -> list[dict[str, Any]]:
 
 def compared() -> list[dict[str, Any]]:
     """One comparison of two policies that does not survive refinement, and one that does."""
-    steps = ("quarter_step", "reference")
     good, bad = [0.9, 1.0, 0.95, 1.0, 0.9], [0.1, 0.05, 0.2, 0.0, 0.1]
 
     def cells(coarse: list[float], fine: list[float], weak: list[float]) -> list[PolicyCell]:
         return [
             PolicyCell("explicit_euler dt=0.05", coarse, weak),
-            PolicyCell("rk4 dt=0.0125", fine, weak, steps[0]),
-            PolicyCell(TRUTH, fine, weak, steps[1]),
+            PolicyCell("rk4 dt=0.0125", fine, weak, "quarter_step"),
+            PolicyCell(TRUTH, fine, weak, "reference"),
         ]
 
     return [
@@ -308,7 +307,9 @@ def compared() -> list[dict[str, Any]]:
     ]
 
 
-def base_panel(rows: list[dict[str, Any]], cells: list[dict[str, Any]], seed: int) -> Any:
+def base_panel(
+    rows: list[dict[str, Any]], cells: list[dict[str, Any]], seed: int
+) -> dict[str, Any]:
     """A panel of rows and cells with its matrix filled."""
     rng = np.random.default_rng(seed)
     skipped = {"perturbation", "ladder"}
@@ -452,12 +453,12 @@ def hostile_panel() -> dict[str, Any]:
         words |= {"integrator", "perturbation", "record_id", "query", "platform", "id"}
         return f"{value}{HOSTILE}" if isinstance(value, str) and key in words else value
 
-    panel = poison(panel)
+    panel = {name: poison(value, name) for name, value in panel.items()}
     for entry in panel["matrix"]:
         entry["file"] = ["javascript:alert(1)", "//evil.example/x", 'a" onclick="alert(1)']
         entry["labels"] = {HOSTILE: 3, **entry["labels"]}
     panel["spec"][HOSTILE] = HOSTILE
-    return panel  # type: ignore[no-any-return]
+    return panel
 
 
 def large_panel() -> dict[str, Any]:

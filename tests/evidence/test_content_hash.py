@@ -114,7 +114,7 @@ def test_unit_frame_type_and_columns_count(table):
     before = set(content_hashes(table))
     index = table.schema.get_field_index("theta")
     field = table.schema.field(index)
-    for metadata in ({"unit": "deg"}, {"frame": "elsewhere"}):
+    for metadata in ({b"unit": b"deg"}, {b"frame": b"elsewhere"}):
         changed = table.set_column(
             index, field.with_metadata({**field.metadata, **metadata}), table.column(index)
         )

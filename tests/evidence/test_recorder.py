@@ -11,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from integ_gym import ENVIRONMENTS
+from integ_gym.envs.pendulum import IntegPendulumEnv
 from integ_gym.evidence import (
     BatchExistsError,
     EpisodeContext,
@@ -96,8 +97,9 @@ def test_discretization_and_arguments(tmp_path, context, play):
     (record,) = EvidenceStore(tmp_path).records()
     for name, value in arguments.items():
         assert record.arguments()[name] == value
-        if name != "mass":
+        if name not in ("mass", "integrator"):
             assert record[name] == pytest.approx(value, rel=1e-12)
+    assert record["integrator"] == "implicit_euler"
     assert json.loads(record["arguments"])["mass"] == {"value": 1.25, "unit": "kg"}
     assert record["substeps"] == 2
     assert record["latency_budget"] == 0.02
@@ -184,6 +186,31 @@ def test_saturation_fallback_and_recovery(tmp_path, context):
     assert record["fallback_count"] == 4
     assert record["recovery_count"] == 2
     assert record["saturated_share"] == pytest.approx(0.4)
+
+
+class _Touching(IntegPendulumEnv):
+    """A pendulum that reports contact."""
+
+    def reset(self, **arguments):
+        observation, info = super().reset(**arguments)
+        return observation, info | {"penetration": 0.0, "contact_loss": 0.0}
+
+    def step(self, action):
+        *result, info = super().step(action)
+        return *result, info | {"penetration": abs(self.state[1]), "contact_loss": 0.25}
+
+
+def test_contact_is_recorded_where_there_is_any(tmp_path, context, play):
+    env = RecordEvidence(_Touching(duration=0.5), tmp_path, context)
+    play(env, [0])
+    env.close()
+    (record,) = EvidenceStore(tmp_path).records()
+    assert record["env_id"] == "_Touching"
+    np.testing.assert_array_equal(record["penetration"], abs(record["theta_dot"][1:]))
+    assert record["penetration_max"] == record["penetration"].max()
+    assert record["contact_loss_total"] == 2.5
+    assert "contact_force" not in record.trace
+    assert record["constraint_violation_max"] is None
 
 
 def test_unfinished_episodes_are_not_written(tmp_path, context):
@@ -300,7 +327,8 @@ def test_stepping_before_reset_is_refused_as_before(tmp_path, context):
 def test_other_environments_are_refused(tmp_path, context):
     with pytest.raises(TypeError, match="integ-gym environments, got PendulumEnv"):
         RecordEvidence(gym.make("Pendulum-v1"), tmp_path, context)
-    env = gym.wrappers.RescaleAction(gym.make("IntegPendulum-v0"), -1.0, 1.0)
+    env = gym.make("IntegPendulum-v0")
+    env = gym.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
     with pytest.raises(TypeError, match=r"changes action_space.*around the environment first"):
         RecordEvidence(env, tmp_path, context)
 

@@ -20,18 +20,18 @@ from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_N
 from integ_gym.evidence.json_schema import SCHEMA_PATH, schema_text
 from integ_gym.evidence.trace_fields import record_fields
 
-PROMISED = (
-    "record_id schema_version run_id phase env_id arguments engine engine_version integrator dt "
-    "control_period sensor_period action_latency substeps solver_tolerance solver_cap seed rng_key "
-    "initial_state policy_id policy_hash training_discretization training_seed perturbation cell "
-    "episode_index metric metric_definition return success time_to_success length terminated "
-    "truncated energy_start energy_end work_total dissipated_total clip_loss_total "
-    "energy_residual_total energy_residual_abs_total solver_iterations_max solver_iterations_mean "
-    "solver_status fallback_count recovery_count saturated_share penetration_max "
-    "constraint_violation_max failure_label failure_reason inference_latency_mean "
-    "inference_latency_p99 latency_budget wall_start wall_end package_versions platform "
-    "float_width content_hash"
-).split()
+PROMISED = """
+    record_id schema_version run_id phase env_id arguments engine engine_version integrator dt
+    control_period sensor_period action_latency substeps solver_tolerance solver_cap seed rng_key
+    initial_state policy_id policy_hash training_discretization training_seed perturbation cell
+    episode_index metric metric_definition return success time_to_success length terminated
+    truncated energy_start energy_end work_total dissipated_total clip_loss_total
+    energy_residual_total energy_residual_abs_total solver_iterations_max solver_iterations_mean
+    solver_status fallback_count recovery_count saturated_share penetration_max
+    constraint_violation_max failure_label failure_reason inference_latency_mean
+    inference_latency_p99 latency_budget wall_start wall_end package_versions platform
+    float_width content_hash
+""".split()  # noqa: SIM905
 
 
 def _tasks():

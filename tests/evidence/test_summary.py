@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -70,9 +72,7 @@ def test_summaries_agree_with_a_loop(drawn):
             "energy_residual_abs_total": sum(abs(step["energy_residual"]) for step in each),
             "saturated_share": sum(step["saturated"] for step in each) / len(each),
             "fallback_count": sum(fallback),
-            "recovery_count": sum(
-                a > b for a, b in zip(fallback, fallback[1:], strict=False)
-            ),
+            "recovery_count": sum(a > b for a, b in pairwise(fallback)),
             "solver_iterations_max": max(step["solver_iterations"] for step in each),
             "solver_iterations_mean": sum(s["solver_iterations"] for s in each) / len(each),
             "status_code": max(step["solver_status_code"] for step in each),
