@@ -14,7 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.existing import Grid, cell_count, describe, evaluate_existing
+from integ_gym.eval.existing import Grid, describe, evaluate_existing, plan, work
 from integ_gym.train.sb3_zip import read_sb3_zip
 
 EXAMPLES = """\
@@ -69,11 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     policy = read_sb3_zip(given.policy, obs_stats=given.obs_stats)
     policy = replace(policy, policy_id=given.policy.stem)
     existing = describe(policy, given.policy, given.env, dict(given.env_arg))
-    grid = Grid(given.integrator, given.dt, given.episodes)
+    spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
-    total = cell_count(existing, given.env, grid)
-    with tqdm(total=total, unit="cell", desc="evaluate", disable=given.no_progress) as bar:
-        panel = evaluate_existing(existing, given.env, grid, given.out, command, bar.update)
+    with tqdm(total=work(spec), unit="cell", desc="evaluate", disable=given.no_progress) as bar:
+        panel = evaluate_existing(existing, spec, given.out, command, bar.update)
     for warning in panel["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
     print(f"{panel['question']}\n{panel['answer']}")

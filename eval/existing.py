@@ -108,15 +108,38 @@ def describe(policy: MlpPolicy, path: Path, env_id: str, given: Mapping[str, Any
     return Existing(policy, home, environment, origin)
 
 
+def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
+    """The evaluation as a panel without training, all its cells checked.
+
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    spec = _specification(existing, env_id, grid)
+    for cell in spec.columns():
+        environment_setup(env_id, cell.arguments(spec.environment))
+    return spec
+
+
+def work(spec: PanelSpec) -> int:
+    """Cells that :func:`evaluate_existing` runs, baselines included."""
+    return len(spec.columns()) * (1 + len(BASELINES))
+
+
 def evaluate_existing(
     existing: Existing,
-    env_id: str,
-    grid: Grid,
+    spec: PanelSpec,
     out: Path,
     command: str,
     on_cell: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Evaluate a policy and two baselines, and write the usual directory.
+
+    Args:
+        existing: the policy.
+        spec: what :func:`plan` made.
+        out: directory.
+        command: how to run this again, for the page.
+        on_cell: called after every cell.
 
     Returns:
         The content of ``panel.json``; ``warnings`` lists what casts doubt on the result.
@@ -124,31 +147,24 @@ def evaluate_existing(
     Raises:
         RunDirectoryError: for a directory that holds something else.
     """
-    spec = _specification(existing, env_id, grid)
     row = existing.policy.policy_id
     directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
     start = time.time()
     subjects = {row: Subject(existing.policy, existing.home)}
-    nominal = environment_setup(env_id, {**existing.environment, **spec.reference.arguments()})
+    nominal = environment_setup(spec.env_id, {**existing.environment, **spec.reference.arguments()})
     subjects |= {name: Subject(make_baseline(name, nominal)) for name in BASELINES}
     cells = _cells(spec, existing.home)
     with directory.opened():
         for name, subject in subjects.items():
             _evaluate_once(name, subject, cells, spec, directory, on_cell)
     layout = _layout(row, existing, spec, cells)
-    matrix = Matrix(layout.rows, evaluation_records(directory), grid.episodes)
+    matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
     panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command, start))
     panel["warnings"] = _warnings(matrix, row, existing.home.name)
     for entry in panel["matrix"]:
         entry.update(whereabouts(entry, layout, directory.path))
     write_outputs(panel, directory.path)
     return panel
-
-
-def cell_count(existing: Existing, env_id: str, grid: Grid) -> int:
-    """Cells that :func:`evaluate_existing` runs, baselines included."""
-    cells = _cells(_specification(existing, env_id, grid), existing.home)
-    return len(cells) * (1 + len(BASELINES))
 
 
 def _side_car(path: Path, policy: MlpPolicy) -> dict[str, Any] | None:

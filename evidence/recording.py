@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -99,7 +100,7 @@ class Recording:
         indices = [head.index for head in self.log.episodes().heads]
         identity = repr((self.context.cell, self.context.policy_id, self.context.policy_hash))
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        stem = "".join(c if c.isalnum() or c in "._-" else "-" for c in self.env_id)
+        stem = re.sub(r"[^A-Za-z0-9.]+", "-", self.env_id).strip(".-")[:80] or "records"
         return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
 
 

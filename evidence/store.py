@@ -8,18 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.arrow_schema import VERSION_KEY, is_trace
 from integ_gym.evidence.atomic import remove_leftovers, write_once
 from integ_gym.evidence.content_hash import content_hashes
 from integ_gym.evidence.errors import BatchExistsError, EvidenceError
-from integ_gym.evidence.extra import duckdb, parquet, pyarrow
-from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from integ_gym.evidence.extra import duckdb, pyarrow
+from integ_gym.evidence.parquet_file import check_schema, read, row_count, write
 from integ_gym.evidence.record import EvidenceRecord, records_of
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
-
-_ROW_GROUP = 1024
-_LEVEL = 1
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class EvidenceStore:
         remove_leftovers(self.directory)
         path = self.directory / f"{name}.parquet"
         try:
-            write_once(path, lambda file: _write(table, file))
+            write_once(path, lambda file: write(table, file))
         except FileExistsError:
             raise BatchExistsError(
                 f"batch {name!r} has already been committed to {self.directory}; remove its file "
@@ -104,7 +100,7 @@ class EvidenceStore:
         Raises:
             EvidenceError: for a file that cannot be read.
         """
-        return sum(_metadata(file).num_rows for file in self.files())
+        return sum(row_count(file) for file in self.files())
 
     def records(self, *, trace: bool = True) -> Iterator[EvidenceRecord]:
         """All records, file by file.
@@ -163,7 +159,7 @@ class EvidenceStore:
         if not files:
             raise EvidenceError(f"{self.directory} holds no evidence")
         for file in files:
-            check_schema(file, _schema(file))
+            check_schema(file)
         engine = duckdb()
         with engine.connect() as connection:
             try:
@@ -217,62 +213,6 @@ def open_run(run: str | Path) -> EvidenceStore:
     return store
 
 
-def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
-    """Columns or rows of one file as an Arrow table.
-
-    Args:
-        file: a committed file.
-        trace: whether to read the traces.
-        selection: ``columns`` and ``filters`` of ``pyarrow.parquet.read_table``.
-
-    Raises:
-        EvidenceError: for a file that cannot be read or has another schema version.
-    """
-    schema = _schema(file)
-    check_schema(file, schema)
-    if not trace:
-        selection["columns"] = [name for name in schema.names if not is_trace(name)]
-    try:
-        return parquet().read_table(file, partitioning=None, **selection)
-    except (OSError, ValueError) as error:
-        raise _unreadable(file, error) from None
-
-
-def check_schema(file: Path, schema: Any) -> None:
-    """Refuse a file of another schema version, or without all fields of this one.
-
-    Raises:
-        EvidenceError: with the remedy.
-    """
-    version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
-    if version != str(SCHEMA_VERSION):
-        raise EvidenceError(
-            f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
-            "it with the version that wrote it, or move it away"
-        )
-    missing = [field.name for field in SUMMARY_FIELDS if field.name not in schema.names]
-    if missing:
-        raise EvidenceError(
-            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
-        )
-
-
-def _schema(file: Path) -> Any:
-    return _metadata(file).schema.to_arrow_schema()
-
-
-def _metadata(file: Path) -> Any:
-    try:
-        return parquet().read_metadata(file)
-    except (OSError, ValueError) as error:
-        raise _unreadable(file, error) from None
-
-
-def _unreadable(file: Path, error: Exception) -> EvidenceError:
-    reason = " ".join(str(error).split())
-    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")
-
-
 def _altered(name: str, table: Any) -> list[Problem]:
     ids = table.column("record_id").to_pylist()
     stored = table.column("content_hash").to_pylist()
@@ -281,23 +221,3 @@ def _altered(name: str, table: Any) -> list[Problem]:
         for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
         if kept != found
     ]
-
-
-def _write(table: Any, file: Path) -> None:
-    """Traces of real numbers are stored by byte stream; what repeats is stored by dictionary."""
-    numbers = [f for f in table.schema if is_trace(f.name) and "float" in str(f.type)]
-    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
-    dictionaries = [f.name for f in table.schema if f.name not in {x.name for x in numbers}]
-    parquet().write_table(
-        table,
-        file,
-        compression="zstd",
-        compression_level=_LEVEL,
-        row_group_size=_ROW_GROUP,
-        use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
-        use_byte_stream_split=streams,
-        write_statistics=[f.name for f in table.schema if not is_trace(f.name)],
-    )
-
-
-_REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")

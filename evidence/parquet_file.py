@@ -1,0 +1,98 @@
+"""One Parquet file of records: written, checked, read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from integ_gym.evidence.arrow_schema import VERSION_KEY, is_trace
+from integ_gym.evidence.errors import EvidenceError
+from integ_gym.evidence.extra import parquet
+from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
+
+_ROW_GROUP = 1024
+_LEVEL = 1
+
+_REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
+
+
+def write(table: Any, file: Path) -> None:
+    """Write a table of records.
+
+    Traces of real numbers are stored by byte stream; what repeats is stored by dictionary.
+    """
+    numbers = [f for f in table.schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
+    dictionaries = [f.name for f in table.schema if f.name not in {x.name for x in numbers}]
+    parquet().write_table(
+        table,
+        file,
+        compression="zstd",
+        compression_level=_LEVEL,
+        row_group_size=_ROW_GROUP,
+        use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
+        use_byte_stream_split=streams,
+        write_statistics=[f.name for f in table.schema if not is_trace(f.name)],
+    )
+
+
+def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
+    """Columns or rows of one file as an Arrow table.
+
+    Args:
+        file: a committed file.
+        trace: whether to read the traces.
+        selection: ``columns`` and ``filters`` of ``pyarrow.parquet.read_table``.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    schema = check_schema(file)
+    if not trace:
+        selection["columns"] = [name for name in schema.names if not is_trace(name)]
+    try:
+        return parquet().read_table(file, partitioning=None, **selection)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def check_schema(file: Path) -> Any:
+    """The Arrow schema of a file that has all fields of this schema version.
+
+    Raises:
+        EvidenceError: for another file, with the remedy.
+    """
+    schema = _metadata(file).schema.to_arrow_schema()
+    version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise EvidenceError(
+            f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
+            "it with the version that wrote it, or move it away"
+        )
+    missing = [field.name for field in SUMMARY_FIELDS if field.name not in schema.names]
+    if missing:
+        raise EvidenceError(
+            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
+        )
+    return schema
+
+
+def row_count(file: Path) -> int:
+    """Number of records in a file.
+
+    Raises:
+        EvidenceError: for a file that cannot be read.
+    """
+    return int(_metadata(file).num_rows)
+
+
+def _metadata(file: Path) -> Any:
+    try:
+        return parquet().read_metadata(file)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def _unreadable(file: Path, error: Exception) -> EvidenceError:
+    reason = " ".join(str(error).split())
+    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")
