@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 .PHONY: panel test lint bench clean
 
 panel: $(READY)
-	$(BIN)/integ-gym panel --out runs/panel
+	@$(BIN)/integ-gym panel --out runs/panel
 
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist worksteal
@@ -21,12 +22,13 @@ bench: $(READY)
 	$(BIN)/python benchmarks/env_throughput.py
 
 $(READY): pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip setuptools
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[all]" --group dev
-	touch $(READY)
+	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
+	@echo "Setting up $(VENV) with the pinned packages; this takes a few minutes once."
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) pip setuptools
+	@$(PIP) torch
+	@$(PIP) --editable ".[all]" --group dev
+	@touch $(READY)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -176,9 +176,13 @@ class PPOConfig:
 
 ENVIRONMENT_DEFAULTS: dict[str, dict[str, Any]] = {
     "IntegPendulum-v0": {},
-    "IntegCartPole-v0": {},
+    "IntegCartPole-v0": {"total_steps": 100_000, "n_steps": 64},
 }
-"""Where an environment's defaults differ from those of `PPOConfig`."""
+"""Where an environment's defaults differ from those of `PPOConfig`.
+
+Balancing learns from short rollouts, because episodes end early at first: 5 of 5 seeds hold every
+start for 10 s after 33 000 decisions, and after 50 000 to 98 000 with rollouts of 256.
+"""
 
 
 def train(

@@ -500,3 +500,46 @@ def test_importing_the_trainer_imports_no_learner() -> None:
         "assert not {'torch', 'stable_baselines3', 'tensorboard', 'jax'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# --- it learns --------------------------------------------------------------------------------
+
+
+def success_of(policy: Any, env_id: str, **arguments: Any) -> float:
+    """Share of 50 episodes in which the policy's deterministic actions succeed."""
+    envs = gym.make_vec(env_id, 50, vectorization_mode="vector_entry_point", **arguments)
+    observations, _ = envs.reset(seed=10_000)
+    ended, success = np.zeros(50, dtype=bool), np.zeros(50, dtype=bool)
+    while not ended.all():
+        observations, _, terminated, truncated, info = envs.step(policy.act(observations))
+        first = (terminated | truncated) & ~ended
+        success[first] = info["success"][first]
+        ended |= first
+    return float(success.mean())
+
+
+@pytest.mark.slow
+def test_learns_to_balance(tmp_path: Path) -> None:
+    config = PPOConfig.of("IntegCartPole-v0", total_steps=50_000)
+    trained = train(config, tmp_path, progress=False, tensorboard=False)
+    policy, card = read_trained(trained.policy)
+    assert success_of(policy, "IntegCartPole-v0", integrator="reference", dt=0.02) >= 0.9
+    assert card["last_episodes"]["return_mean"] > 300.0
+
+
+@pytest.mark.slow
+def test_learns_to_swing_up(tmp_path: Path) -> None:
+    """With torque to spare; tighter limits take more steps."""
+    arguments = {"integrator": "rk4", "dt": 0.05, "max_torque": 2.0, "start": "hanging"}
+    config = PPOConfig.of(
+        "IntegPendulum-v0",
+        env_arguments=arguments,
+        total_steps=100_000,
+        batch_size=512,
+        learning_rate=2e-3,
+        learning_rate_end=0.0,
+        gae_lambda=0.9,
+    )
+    trained = train(config, tmp_path, progress=False, tensorboard=False)
+    policy, _ = read_trained(trained.policy)
+    assert success_of(policy, "IntegPendulum-v0", **arguments | {"integrator": "reference"}) >= 0.9
