@@ -23,7 +23,7 @@ from integ_gym.train.lqr import held, linearized, lqr_gain
 
 PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
 TIGHT = {"integrator": "reference", "dt": 0.05, "start": "hanging"}
-EPISODES = 100
+EPISODES = 50
 
 
 class Result(NamedTuple):
