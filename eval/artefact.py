@@ -181,23 +181,35 @@ def _spread(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _answer(layout: Layout, matrix: Matrix, judgements: Sequence[Judgement]) -> str:
     """The panel's question answered in one sentence with numbers."""
-    learned = [j for j in judgements if j.verdict != "not_learned"]
-    fails = [j for j in learned if j.verdict == "fails"]
-    if fails:
-        worst = max(fails, key=lambda j: j.gap.estimate)
-        return (
-            f"Not always: {len(fails)} of {len(learned)} declared transfers fail, the worst "
-            f"{worst.name} with a {worst.quantity.replace('_', ' ')} of {worst.gap}."
-        )
-    if learned and all(j.verdict == "transfers" for j in learned):
-        return f"Yes: all {len(learned)} declared transfers hold within ±0.1 success."
-    if learned:
-        worst = max(learned, key=lambda j: j.gap.estimate)
-        return (
-            f"Not shown either way: none of {len(learned)} declared transfers is shown to fail by "
-            f"more than 0.2; the largest loss is {worst.name}, {worst.gap}."
-        )
-    return _range_answer(layout, matrix)
+    judged = [
+        (judgement, pair)
+        for judgement, pair in zip(judgements, layout.family, strict=True)
+        if judgement.verdict != "not_learned"
+    ]
+    if not judged:
+        return _range_answer(layout, matrix)
+    worst, pair = max(judged, key=lambda one: one[0].gap.estimate)
+    fails = sum(judgement.verdict == "fails" for judgement, _ in judged)
+    holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
+    if holds == len(judged):
+        return f"Yes: all {holds} declared transfers hold within ±0.1 success."
+    verdict = "No" if fails else "Not shown either way"
+    return (
+        f"{verdict}: of {len(judged)} declared transfers {fails} fail and {holds} hold; "
+        f"{_most(worst, pair, matrix)}."
+    )
+
+
+def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
+    """The largest loss in words."""
+    row, cell = pair
+    home = matrix.rows[row].home or cell
+    at_home, there = matrix.rates(row, home).mean(), matrix.rates(row, cell).mean()
+    quantity = judgement.quantity.replace("_", " ")
+    return (
+        f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home and "
+        f"{there:.2f} on {cell} ({quantity} {judgement.gap})"
+    )
 
 
 def _range_answer(layout: Layout, matrix: Matrix) -> str:
