@@ -207,8 +207,8 @@ def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
     at_home, there = matrix.rates(row, home).mean(), matrix.rates(row, cell).mean()
     quantity = judgement.quantity.replace("_", " ")
     return (
-        f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home and "
-        f"{there:.2f} on {cell} ({quantity} {judgement.gap})"
+        f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home "
+        f"and {there:.2f} on {cell} ({quantity} {judgement.gap})"
     )
 
 
