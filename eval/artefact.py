@@ -188,8 +188,9 @@ def _answer(layout: Layout, matrix: Matrix, judgements: Sequence[Judgement]) -> 
     ]
     if not judged:
         return _range_answer(layout, matrix)
-    worst, pair = max(judged, key=lambda one: one[0].gap.estimate)
-    fails = sum(judgement.verdict == "fails" for judgement, _ in judged)
+    failed = [one for one in judged if one[0].verdict == "fails"]
+    worst, pair = max(failed or judged, key=lambda one: one[0].gap.estimate)
+    fails = len(failed)
     holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
     if holds == len(judged):
         return f"Yes: all {holds} declared transfers hold within ±0.1 success."

@@ -14,7 +14,8 @@ from typing import Any
 from tqdm import tqdm
 
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.existing import Grid, describe, evaluate_existing, plan, work
+from integ_gym.eval.existing import Grid, describe, evaluate_existing, plan, row_name, work
+from integ_gym.eval.extras import require
 from integ_gym.train.sb3_zip import read_sb3_zip
 
 EXAMPLES = """\
@@ -64,10 +65,11 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
     policy = read_sb3_zip(given.policy, obs_stats=given.obs_stats)
-    policy = replace(policy, policy_id=given.policy.stem)
+    policy = replace(policy, policy_id=row_name(given.policy))
     existing = describe(policy, given.policy, given.env, dict(given.env_arg))
     spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])

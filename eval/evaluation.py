@@ -81,7 +81,7 @@ def evaluate(
         batch: name of the batch, which must not exist yet.
         on_cell: called after every cell.
     """
-    latency = inference_latency(subject.policy, conditions)
+    latency = inference_latency(subject.policy, cells[0], conditions)
     succeeded: dict[tuple[Any, ...], Array] = {}
     tables = []
     for cell in cells:
@@ -120,9 +120,10 @@ def roll_out(environment: Any, policy: Policy, conditions: Conditions) -> Array:
     return success
 
 
-def inference_latency(policy: Policy, conditions: Conditions) -> tuple[float, float]:
+def inference_latency(policy: Policy, cell: Cell, conditions: Conditions) -> tuple[float, float]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns."""
-    environment = gym.make_vec(conditions.env_id, num_envs=1, **conditions.environment)
+    arguments = cell.arguments(conditions.environment)
+    environment = gym.make_vec(conditions.env_id, num_envs=1, **arguments)
     observation, _ = environment.reset(seed=conditions.episode_seed)
     environment.close()
     times = []

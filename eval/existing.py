@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,7 +33,7 @@ STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 }
 """What makes an environment Gymnasium's own at its default discretization."""
 
-BASELINES = ("random", "handmade")
+BASELINES = ("random", "zero", "handmade")
 REFINEMENTS = (1, 2, 4)
 
 
@@ -106,6 +107,12 @@ def describe(policy: MlpPolicy, path: Path, env_id: str, given: Mapping[str, Any
     environment = {name: v for name, v in arguments.items() if name not in home.arguments()}
     policy.check_spaces(observation_space(setup), action_space(setup))
     return Existing(policy, home, environment, origin)
+
+
+def row_name(path: Path) -> str:
+    """Name of a policy's row and of its files: that of its file, kept apart from the baselines'."""
+    name = re.sub(r"[^A-Za-z0-9._]+", "-", path.stem).strip("-._")[:100] or "policy"
+    return f"policy-{name}" if name in BASELINES else name
 
 
 def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:

@@ -8,15 +8,17 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from integ_gym.eval.extras import require
 from integ_gym.eval.panel import cores, run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 
 EXAMPLES = """\
 examples:
-  integ-gym panel --out runs/panel                        the built-in quick panel
-  integ-gym panel specs/cart_pole.toml --out runs/balance  a panel of your own (docs/panel.md)
-  integ-gym panel --out runs/panel                        again: finishes what was interrupted
+  integ-gym panel --out runs/panel        the built-in quick panel
+  integ-gym panel --out runs/panel        again: finishes what was interrupted
+  integ-gym panel specs/cart_pole_balance.toml --out runs/balance
+                                          a panel of your own, see docs/panel.md
 """
 
 
@@ -42,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     arguments = parser().parse_args(argv)
+    require("train", "report", "evidence")
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = _spec(arguments.spec)

@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -84,12 +83,12 @@ class RunDirectory:
 
     def _is_bare(self) -> bool:
         """Whether there is nothing but what a run killed at once may have left."""
-        own = {self.evidence.name, self.policies.name, self._units.name, LOCK}
-        return (
-            self.path.is_dir()
-            and {p.name for p in self.path.iterdir()} <= own
-            and not any(self._units.glob("*"))
-        )
+        folders = (self.evidence, self.policies, self._units)
+        own = {folder.name for folder in folders} | {LOCK}
+        if not self.path.is_dir() or any(any(folder.glob("*")) for folder in folders):
+            return False
+        names = [entry.name for entry in self.path.iterdir()]
+        return all(name in own or name.startswith(f".{MANIFEST}.") for name in names)
 
     def _check_manifest(self, manifest: Path) -> None:
         held = read_json(manifest)
@@ -147,9 +146,8 @@ class RunDirectory:
         write_json(self._units / f"{unit}.json", {"key": key, **facts})
 
     def discard_remains(self, unit: str) -> None:
-        """Remove the files of a unit that was not finished."""
+        """Remove the records of a unit that was not finished."""
         (self.evidence / f"{unit}.parquet").unlink(missing_ok=True)
-        shutil.rmtree(self.policies / unit, ignore_errors=True)
 
 
 def key_of(**parts: Any) -> str:

@@ -109,14 +109,18 @@ class PanelSpec:
 
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, then the reference."""
-        finest = min((d.dt for d in self.grid), default=0.0)
-        quarter = finest * 4.0 <= self.control_period * (1.0 + 1e-9)
         grid = tuple(
-            Cell(d, "grid", role="quarter_step" if quarter and d.dt <= finest else None)
+            Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
             for d in self.grid
             if d != self.reference
         )
         return (*grid, Cell(self.reference, "reference", role="reference"))
+
+    def _decides(self, discretization: Discretization) -> bool:
+        """Whether it is its integrator's finest step, a quarter of the control period or less."""
+        dts = [d.dt for d in self.grid if d.integrator == discretization.integrator]
+        finest = discretization.dt <= min(dts)
+        return finest and discretization.dt * 4.0 <= self.control_period * (1.0 + 1e-9)
 
     def cells_of(self, home: Discretization | None) -> tuple[Cell, ...]:
         """Cells of one row, its home first: columns, perturbations and its own ladder."""
@@ -240,9 +244,24 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
 def _check(spec: PanelSpec) -> None:
     if spec.episodes < 1 or not spec.seeds or not spec.train:
         raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
-    for values, label in ((spec.seeds, "seeds"), ([d.name for d in spec.train], "train")):
+    named: dict[str, Sequence[Any]] = {
+        "seeds": spec.seeds,
+        "train": [d.name for d in spec.train],
+        "baselines": spec.baselines,
+        "perturbations": [p.name for p in spec.perturbations],
+        "family": spec.family,
+        "compare": spec.compare,
+    }
+    for label, values in named.items():
         if len(set(values)) != len(values):
             raise SpecError(f"`{label}` lists something twice: {list(values)}")
+    for perturbation in spec.perturbations:
+        varied = set(perturbation.environment) & set(spec.reference.arguments())
+        if varied:
+            raise SpecError(
+                f"perturbation {perturbation.name!r} changes `{sorted(varied)[0]}`, which is what "
+                "cells vary; use `evaluate` for it"
+            )
     for home in (*spec.train, None):
         for cell in spec.cells_of(home):
             environment_setup(spec.env_id, cell.arguments(spec.environment))
@@ -251,15 +270,32 @@ def _check(spec: PanelSpec) -> None:
     for home_name, cell_name in spec.family:
         _known("training discretization in `family`", home_name, homes)
         _known("cell in `family`", cell_name, columns)
+        if home_name == cell_name:
+            raise SpecError(f"`family` compares {home_name!r} with its own home; name another cell")
     for pair in spec.compare:
         for name in pair:
             _known("training discretization in `compare`", name, homes)
+        _check_comparison(spec, pair)
     for home in spec.train:
         if home.name not in columns:
             raise SpecError(
                 f"every training discretization must also be evaluated, {home.name!r} is not; "
                 "add it to `evaluate`"
             )
+
+
+def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
+    """A comparison is decided at a quarter of the control period and on the reference."""
+    if pair[0] == pair[1]:
+        raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
+    own = {d.integrator for d in spec.train if d.name in pair} - {spec.reference.integrator}
+    decided = {c.discretization.integrator for c in spec.columns() if c.role == "quarter_step"}
+    for integrator in sorted(own - decided):
+        quarter = spec.control_period / 4.0
+        raise SpecError(
+            f"`compare` needs {integrator} evaluated at dt={quarter:g} or finer; add it to "
+            "`evaluate`"
+        )
 
 
 def _expand(

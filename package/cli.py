@@ -23,7 +23,7 @@ examples:
   integ-gym panel --out runs/panel
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
-  integ-gym evidence query runs/panel "SELECT cell, avg(success) FROM records GROUP BY cell"
+  integ-gym evidence query runs/panel "SELECT cell, avg(success::INT) FROM records GROUP BY cell"
 """
 
 
@@ -44,7 +44,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(module: str, arguments: Sequence[str]) -> int:
-    return int(importlib.import_module(module).main(arguments))
+    try:
+        command = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f'{error.name} is not installed; run: pip install "integ-gym[all]"', name=error.name
+        ) from error
+    return int(command.main(arguments))
 
 
 def _commands() -> str:

@@ -27,6 +27,8 @@ def report_errors(command: str, run: Callable[[], int]) -> int:
 
 def _is_meant_for_users(error: Exception) -> bool:
     """Whether the error was raised by this package's own checks."""
+    if isinstance(error, OSError):
+        return True
     traceback = error.__traceback__
     while traceback is not None and traceback.tb_next is not None:
         traceback = traceback.tb_next

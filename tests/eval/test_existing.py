@@ -13,6 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from integ_gym.cli import main
+from integ_gym.eval.existing import row_name
 from integ_gym.evidence.store import EvidenceStore
 
 
@@ -60,7 +61,7 @@ def test_writes_the_usual_directory(cart_pole_run):
         assert (cart_pole_run / name).exists()
     panel = _panel(cart_pole_run)
     assert panel["warnings"] == []
-    assert [row["name"] for row in panel["rows"]] == ["balance", "random", "handmade"]
+    assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero", "handmade"]
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
     assert len(panel["cells"]) == 6 * 3 + 1
     assert EvidenceStore(cart_pole_run / "evidence").verify() == []
@@ -132,6 +133,14 @@ def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arg
     assert fragment in error
     assert error.count("\n") == 0
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [("best model (1).zip", "best-model-1"), ("random.zip", "policy-random"), ("é.zip", "policy")],
+)
+def test_row_names_are_usable_and_not_a_baselines(file, name):
+    assert row_name(Path(file)) == name
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):

@@ -95,6 +95,18 @@ def test_units_are_rows_times_seeds():
         ),
         ({"train": [{"integrator": "rk4", "dt": 0.05, "order": 4}]}, ["unknown key in `train`"]),
         ({"perturbations": [{"name": "x"}]}, ["needs a `name` and an `environment`"]),
+        ({"baselines": ["random", "random"]}, ["`baselines` lists something twice"]),
+        ({"family": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["own home"]),
+        ({"compare": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["twice"]),
+        (
+            {"perturbations": [{"name": "x", "environment": {"mass": 2.0}}] * 2},
+            ["`perturbations` lists something twice"],
+        ),
+        ({"perturbations": [{"name": "x", "environment": {"dt": 0.01}}]}, ["`dt`", "`evaluate`"]),
+        (
+            {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025]}]},
+            ["explicit_euler evaluated at dt=0.0125"],
+        ),
         ({"episodes": True}, ["whole numbers"]),
         ({"environment": [1]}, ["must be a table"]),
     ],
