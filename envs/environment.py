@@ -43,6 +43,11 @@ class IntegEnv(gym.Env[Observation, Any]):
     }
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        for name, value in arguments.items():
+            if isinstance(value, np.ndarray) and value.ndim:
+                raise ValueError(
+                    f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
+                )
         self.setup = make_setup(type(self), arguments)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {

@@ -123,11 +123,22 @@ def _plain(value: Any) -> Any:
 
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
     own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
+    if owner is Settings:
+        _refuse_arrays(own)
     for name, value in own.items():
         elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
         for element in elements:
             check_values(owner, {name: element})
     return owner(**{name: _as_float(value) for name, value in own.items()})
+
+
+def _refuse_arrays(values: Mapping[str, Any]) -> None:
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            raise ValueError(
+                f"`{name}` must be one value for all environments, got an array; only parameters "
+                "of the plant and the task may differ between the lanes of gym.make_vec"
+            )
 
 
 def _as_float(value: Any) -> Any:

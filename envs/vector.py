@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
@@ -14,7 +14,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.environment import (
     IntegEnv,
     action_space,
@@ -24,9 +23,11 @@ from integ_gym.envs.environment import (
     observation_space,
 )
 from integ_gym.envs.ops import Component
-from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.tasks.interface import Task
 from integ_gym.envs.transition import (
     STATUS_NAMES,
     EnvState,
@@ -37,6 +38,9 @@ from integ_gym.envs.transition import (
 
 Array = npt.NDArray[Any]
 Tree = TypeVar("Tree", bound=tuple[Any, ...])
+DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
+"""What the members of a mixture may differ in."""
+
 _STATUS = np.array(STATUS_NAMES, dtype=object)
 
 
@@ -301,15 +305,15 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         return merged  # type: ignore[no-any-return]
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
-        """``setup`` with the plant parameters of some lanes."""
-        arrays = _array_parameters(setup)
-        if not arrays or lanes.size == self.num_envs:
+        """``setup`` with the parameters of some lanes."""
+        varied = _array_parameters(setup.plant) | _array_parameters(setup.task)
+        if not varied or lanes.size == self.num_envs:
             return setup
-        plant = replace(setup.plant, **{k: x[lanes] for k, x in arrays.items()})  # type: ignore[type-var]
+        plant, task = _of_lanes(setup.plant, lanes), _of_lanes(setup.task, lanes)
         system = PlantSystem(plant, setup.system.max_speed)
         settings = setup.settings
-        engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
-        return replace(setup, plant=plant, system=system, engine=engine)
+        engine = type(setup.engine)(system, settings.integrator, settings.dt)  # type: ignore[call-arg]
+        return replace(setup, plant=plant, task=task, system=system, engine=engine)
 
     def _observe(self, sampled: Array) -> Array:
         """Observations of all lanes; noise is drawn anew where the sensor has just sampled."""
@@ -410,6 +414,9 @@ def _make_setups(
         return [make_setup(env_class, arguments)]
     if not mixture:
         raise ValueError("`mixture` must list at least one discretization, got none")
+    for name in sorted({name for member in mixture for name in member}):
+        if name not in DISCRETIZATION:
+            raise ValueError(unknown_name("key in `mixture`", name, DISCRETIZATION))
     setups = [make_setup(env_class, {**arguments, **member}) for member in mixture]
     periods = sorted({setup.timing.control_period for setup in setups})
     if len(periods) > 1:
@@ -428,14 +435,28 @@ def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
         raise ValueError(f"`autoreset_mode` must be one of {choices}, got {mode!r}") from None
 
 
-def _array_parameters(setup: Setup) -> dict[str, Array]:
-    assert is_dataclass(setup.plant)
-    values = {f.name: getattr(setup.plant, f.name) for f in fields(setup.plant)}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+def _array_parameters(part: Plant | Task) -> dict[str, Array]:
+    """Parameters of a plant or task that differ between lanes."""
+    return {
+        name: value
+        for name, value in vars(part).items()
+        if name in _names(part) and isinstance(value, np.ndarray)
+    }
+
+
+def _names(part: Any) -> set[str]:
+    return {f.name for f in fields(part)}
+
+
+def _of_lanes(part: Any, lanes: Array) -> Any:
+    """A plant or task with the parameters of some lanes."""
+    return replace(part, **{name: x[lanes] for name, x in _array_parameters(part).items()})
 
 
 def _check_lanes(setup: Setup, num_envs: int) -> None:
-    for name, value in _array_parameters(setup).items():
+    if num_envs < 1:
+        raise ValueError(f"`num_envs` must be 1 or above, got {num_envs}")
+    for name, value in (_array_parameters(setup.plant) | _array_parameters(setup.task)).items():
         if value.shape != (num_envs,):
             raise ValueError(
                 f"`{name}` must be a number or one value per environment, shape ({num_envs},), "

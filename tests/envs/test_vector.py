@@ -135,6 +135,29 @@ def test_plant_parameters_may_differ_per_lane():
         gym.make_vec("IntegPendulum-v0", num_envs=4, mass=masses)
 
 
+def test_torque_limits_may_differ_per_lane():
+    limits = np.array([0.5, 1.0, 2.0])
+    env = gym.make_vec("IntegPendulum-v0", num_envs=3, max_torque=limits)
+    env.reset(seed=0)
+    *_, info = env.step(np.full((3, 1), 1.5))
+    np.testing.assert_array_equal(info["control"], [0.5, 1.0, 1.5])
+    np.testing.assert_array_equal(info["saturated"], [True, True, False])
+
+
+def test_arrays_are_refused_where_they_cannot_work():
+    values = np.array([1.0, 2.0])
+    with pytest.raises(ValueError, match=r"give arrays to gym\.make_vec"):
+        gym.make("IntegPendulum-v0", mass=values)
+    with pytest.raises(ValueError, match="`dt` must be one value"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, dt=values)
+    with pytest.raises(ValueError, match="`max_torque` must be a number or one value per"):
+        gym.make_vec("IntegPendulum-v0", num_envs=3, max_torque=values)
+    with pytest.raises(ValueError, match="`num_envs` must be 1 or above"):
+        gym.make_vec("IntegPendulum-v0", num_envs=0)
+    with pytest.raises(ValueError, match="unknown key in `mixture` 'mass'"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=[{"dt": 0.05}, {"mass": 2.0}])
+
+
 def test_mixture_draws_a_discretization_at_each_reset():
     members = [
         {"integrator": "explicit_euler", "dt": 0.05},
