@@ -14,9 +14,8 @@ from typing import Any
 from tqdm import tqdm
 
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.existing import Grid, describe, evaluate_existing, plan, row_name, work
+from integ_gym.eval.existing import Grid, describe, evaluate_existing, load, plan, row_name, work
 from integ_gym.eval.extras import require
-from integ_gym.train.sb3_zip import read_sb3_zip
 
 EXAMPLES = """\
 examples:
@@ -25,7 +24,7 @@ examples:
       --integrator rk4 --integrator explicit_euler --dt 0.05 --dt 0.01
   integ-gym evaluate policy.zip --env IntegCartPole-v0 --obs-stats stats.json --out runs/mine
 
-The policy's home is the discretization in its side-car policy.json, or else that of Gymnasium's own
+The policy's home is the discretization in its side-car POLICY.json, or else that of Gymnasium's own
 environment. FILE.json of --obs-stats holds VecNormalize's numbers:
   {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}
 """
@@ -68,9 +67,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    policy = read_sb3_zip(given.policy, obs_stats=given.obs_stats)
+    policy, card = load(given.policy, given.obs_stats)
     policy = replace(policy, policy_id=row_name(given.policy))
-    existing = describe(policy, given.policy, given.env, dict(given.env_arg))
+    existing = describe(policy, card, given.env, dict(given.env_arg))
     spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     with tqdm(total=work(spec), unit="cell", desc="evaluate", disable=given.no_progress) as bar:

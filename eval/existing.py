@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import time
@@ -16,6 +15,7 @@ import numpy as np
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.vector import DISCRETIZATION
 from integ_gym.eval.artefact import Layout, build_artefact
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.matrix import Matrix, Row
@@ -25,7 +25,8 @@ from integ_gym.eval.spec import Cell, Discretization, PanelSpec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy import MlpPolicy
-from integ_gym.train.sidecar import SIDECAR_FILE
+from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
+from integ_gym.train.sidecar import read_trained
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
@@ -72,30 +73,48 @@ class Grid:
     environment: Mapping[str, Any] = field(default_factory=dict)
 
 
-def describe(policy: MlpPolicy, path: Path, env_id: str, given: Mapping[str, Any]) -> Existing:
+def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str, Any] | None]:
+    """A policy and its side-car, the JSON file of the same name; None where there is none.
+
+    Raises:
+        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
+    """
+    if not path.with_suffix(".json").exists():
+        return read_sb3_zip(path, obs_stats=obs_stats), None
+    policy, card = read_trained(path)
+    if obs_stats is not None:
+        policy = replace(policy, statistics=read_observation_statistics(obs_stats))
+    return policy, card
+
+
+def describe(
+    policy: MlpPolicy, card: Mapping[str, Any] | None, env_id: str, given: Mapping[str, Any]
+) -> Existing:
     """What is known of a policy's training: its side-car, or else the stock environment.
 
     Args:
-        policy: the policy read from ``path``.
-        path: its file; a side-car beside it counts where it holds the same content hash.
+        policy: the policy.
+        card: its side-car, or None.
         env_id: environment to evaluate in.
-        given: environment arguments that override both.
+        given: environment arguments that override both; not the discretization, which is what
+            the evaluation varies.
 
     Raises:
-        ValueError: if the side-car is of another environment.
+        ValueError: if the side-car is of another environment or of a mixture, or if ``given``
+            holds what the evaluation varies.
     """
-    card = _side_car(path, policy)
+    for name in DISCRETIZATION:
+        if name in given:
+            raise ValueError(
+                f"`{name}` is what the evaluation varies, and the policy's home comes from its "
+                "side-car; leave it out of --env-arg and choose cells with --integrator and --dt"
+            )
     if card is None:
         arguments = dict(STOCK_ARGUMENTS.get(env_id, {}))
         origin = "no side-car: Gymnasium's own environment is taken as its home"
     else:
-        if card["config"]["env_id"] != env_id:
-            raise ValueError(
-                f"{path} was trained on {card['config']['env_id']}; evaluate it with --env "
-                f"{card['config']['env_id']}"
-            )
-        arguments = dict(card["config"]["env_arguments"])
-        origin = f"side-car {path.with_name(SIDECAR_FILE).name}"
+        arguments = _trained_on(card, env_id)
+        origin = "the side-car beside the policy"
     arguments.update(given)
     setup = environment_setup(env_id, arguments)
     home = Discretization(
@@ -174,13 +193,20 @@ def evaluate_existing(
     return panel
 
 
-def _side_car(path: Path, policy: MlpPolicy) -> dict[str, Any] | None:
-    try:
-        card = json.loads(path.with_name(SIDECAR_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    ours = isinstance(card, dict) and card.get("content_hash") == policy.content_hash
-    return card if ours else None
+def _trained_on(card: Mapping[str, Any], env_id: str) -> dict[str, Any]:
+    config = card["config"]
+    if config["env_id"] != env_id:
+        raise ValueError(
+            f"the policy was trained on {config['env_id']}; evaluate it with --env "
+            f"{config['env_id']}"
+        )
+    arguments = dict(config["env_arguments"])
+    if "mixture" in arguments:
+        raise ValueError(
+            "the policy was trained on a mixture of discretizations and has no single home; "
+            "evaluate it in a panel, or without its side-car"
+        )
+    return arguments
 
 
 def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:

@@ -25,8 +25,7 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import PPOConfig, train
-from integ_gym.train.sb3_zip import read_sb3_zip
-from integ_gym.train.sidecar import POLICY_FILE
+from integ_gym.train.sidecar import POLICY_FILE, read_trained
 
 STEPS_PER_SECOND = 7000.0
 """Training decisions per second and core that the progress bar counts on."""
@@ -82,6 +81,12 @@ def check_spec(spec: PanelSpec) -> None:
     Raises:
         SpecError: for unknown hyperparameters or baselines.
     """
+    for name in ("env_id", "env_arguments", "seed"):
+        if name in spec.training:
+            raise SpecError(
+                f"panel {spec.name!r}: `{name}` in `training` is set by the panel itself; use "
+                "`env_id`, `environment` and `seeds`"
+            )
     try:
         for unit in units_of(spec):
             if unit.home is not None:
@@ -278,5 +283,11 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     """The policy of a unit, read from its file or built."""
     if unit.home is None:
         return Subject(make_baseline(unit.row, nominal_setup(spec)))
-    policy = read_sb3_zip(directory.policies / unit.policy / POLICY_FILE)
+    policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
+    marker = directory.marker(unit.training)
+    if marker is None or marker.get("policy") != card["content_hash"]:
+        raise PanelError(
+            f"policies/{unit.policy} is not the policy that this panel trained; restore it, or "
+            "give another directory with --out"
+        )
     return Subject(replace(policy, policy_id=unit.policy), unit.home, unit.seed)

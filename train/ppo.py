@@ -157,6 +157,10 @@ class PPOConfig:
         Raises:
             TypeError, ValueError: for unknown or impossible values.
         """
+        names = [f.name for f in fields(cls)]
+        for name in overrides:
+            if name not in names:
+                raise TypeError(unknown_name("hyperparameter", name, names))
         return cls(**{"env_id": env_id, **ENVIRONMENT_DEFAULTS.get(env_id, {}), **overrides})
 
     @property

@@ -122,6 +122,10 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
         (["--env", "IntegCartPole-v0", "--dt", "nan"], "finite"),
         (["--env", "IntegCartPole-v0", "--dt", "0.013"], "not a whole multiple"),
         (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unknown argument 'masss'"),
+        (
+            ["--env", "IntegCartPole-v0", "--env-arg", "integrator=rk4"],
+            "what the evaluation varies",
+        ),
         (["--env", "IntegCartPole-v0", "--episodes", "0"], "--episodes must be 1 or above"),
         (["--env", "IntegCartPole-v0", "--obs-stats", "missing.json"], "missing.json"),
     ],
@@ -141,6 +145,25 @@ def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arg
 )
 def test_row_names_are_usable_and_not_a_baselines(file, name):
     assert row_name(Path(file)) == name
+
+
+@pytest.mark.slow
+def test_a_side_car_gives_the_home(panel_directory, tmp_path, capsys):
+    source = panel_directory / "policies" / "rk4-dt-0.05-seed0"
+    for suffix in (".zip", ".json"):
+        (tmp_path / f"mine{suffix}").write_bytes((source / f"policy{suffix}").read_bytes())
+    command = ["evaluate", str(tmp_path / "mine.zip"), "--env", "IntegPendulum-v0"]
+    selected = ["--dt", "0.05", "--integrator", "explicit_euler", "--episodes", "3"]
+    out = tmp_path / "out"
+    assert main([*command, *selected, "--out", str(out), "--no-progress"]) == 0
+    panel = _panel(out)
+    assert panel["rows"][0]["home"] == "rk4 dt=0.05"
+    assert panel["spec"]["environment"]["max_torque"] == 1.0
+    other = panel_directory / "policies" / "rk4-dt-0.05-seed1" / "policy.json"
+    (tmp_path / "mine.json").write_bytes(other.read_bytes())
+    capsys.readouterr()
+    assert main([*command, "--out", str(tmp_path / "second"), "--no-progress"]) == 2
+    assert "not the policy that" in capsys.readouterr().err
 
 
 def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):

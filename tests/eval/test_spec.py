@@ -85,7 +85,11 @@ def test_units_are_rows_times_seeds():
         ({"compare": [["rk4 dt=0.05", "rk9 dt=0.05"]]}, ["unknown training discretization"]),
         ({"environment": {"masss": 2.0}}, ["unknown argument 'masss'", "mass"]),
         ({"environment": {"mass": -2.0}}, ["`mass`", "above 0"]),
-        ({"training": {"learning_speed": 1}}, ["learning_speed"]),
+        (
+            {"training": {"learning_rat": 1}},
+            ["unknown hyperparameter 'learning_rat'", "Did you mean 'learning_rate'"],
+        ),
+        ({"training": {"seed": 1}}, ["`seed` in `training` is set by the panel itself"]),
         ({"training": {"total_steps": 0}}, ["total_steps"]),
         ({"train": [{"integrator": "rk9", "dt": 0.05}]}, ["unknown integrator 'rk9'"]),
         ({"train": [{"integrator": "rk4"}]}, ["needs `integrator` and `dt`"]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -88,14 +87,38 @@ def test_import_needs_core_alone_and_leaves_the_process_as_it_was():
     assert json.loads(done.stdout) == {"heavy": [], "environ": True}
 
 
-def test_jax_configuration_is_left_alone():
-    import jax
+WORK = """
+import json, os, sys, tempfile
+from pathlib import Path
+import jax, stable_baselines3, torch
+values = {name: jax.config.values[name] for name in jax.config.values}
+environ = dict(os.environ)
+import gymnasium
+import integ_gym.envs.jax_ops
+import integ_gym.eval.panel
+from integ_gym.cli import main
+from integ_gym.train.ppo import PPOConfig, train
+out = Path(tempfile.mkdtemp())
+config = PPOConfig.of(
+    "IntegPendulum-v0", total_steps=512, n_envs=4, n_steps=128, batch_size=128, n_epochs=1
+)
+train(config, out / "policy", progress=False, tensorboard=False)
+main(["evaluate", str(out / "policy" / "policy.zip"), "--env", "IntegPendulum-v0", "--out",
+      str(out / "run"), "--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"])
+print(json.dumps({
+    "jax": values == {name: jax.config.values[name] for name in jax.config.values},
+    "environ": sorted(k for k in os.environ if os.environ[k] != environ.get(k)),
+}))
+"""
 
-    before = {name: jax.config.values[name] for name in jax.config.values}
-    environment = dict(os.environ)
-    import integ_gym.envs.jax_ops
-    import integ_gym.eval.panel
-    import integ_gym.train.ppo  # noqa: F401
+SET_BY_TORCH = ["TORCHINDUCTOR_CACHE_DIR"]
+"""Set by torch itself when its first optimizer is made."""
 
-    assert {name: jax.config.values[name] for name in jax.config.values} == before
-    assert dict(os.environ) == environment
+
+@pytest.mark.slow
+def test_import_train_and_evaluate_leave_the_process_as_it_was():
+    done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["jax"]
+    assert set(result["environ"]) <= set(SET_BY_TORCH)
