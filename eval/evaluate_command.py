@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.existing import Grid, describe, evaluate_existing, load, plan, row_name, work
 from integ_gym.eval.extras import require
+from integ_gym.train.ppo import named_value
 
 EXAMPLES = """\
 examples:
@@ -52,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         help="integration step, s; may be repeated (default: the control period, 1/2, 1/4 of it)",
     )  # fmt: skip
     add(
-        "--env-arg", action="append", default=[], type=_named_value, metavar="NAME=VALUE",
+        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
         help="environment argument; may be repeated",
     )  # fmt: skip
     add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
@@ -79,13 +78,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{panel['question']}\n{panel['answer']}")
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
-
-
-def _named_value(word: str) -> tuple[str, Any]:
-    name, equals, value = word.partition("=")
-    if not (name and equals):
-        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
-    try:
-        return name, json.loads(value)
-    except ValueError:
-        return name, value

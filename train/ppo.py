@@ -529,7 +529,7 @@ def _parser() -> argparse.ArgumentParser:
     environment.add_argument(
         "--env-arg",
         action="append",
-        type=_named_value,
+        type=named_value,
         metavar="NAME=VALUE",
         help="any other constructor argument",
     )
@@ -574,7 +574,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def _named_value(word: str) -> tuple[str, Any]:
+def named_value(word: str) -> tuple[str, Any]:
     """``name=value``, the value read as JSON where it is JSON, else as text."""
     name, equals, value = word.partition("=")
     if not equals or not name:
