@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from types import ModuleType
 from typing import Any
+
+from integ_gym.envs.extras import load
 
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
@@ -22,23 +23,6 @@ VERMILLION: Colour = (213, 94, 0)
 _SCALE = 4
 """Everything is drawn this many times too large and averaged down, exactly for a power of two."""
 _ARC_STEP = math.radians(1.5)
-
-
-def load_pygame() -> ModuleType:
-    """pygame, with which every picture is drawn.
-
-    Raises:
-        ModuleNotFoundError: if it is not installed, with the command that installs it.
-    """
-    try:
-        import pygame
-    except ModuleNotFoundError as error:
-        if error.name != "pygame":
-            raise
-        raise ModuleNotFoundError(
-            'pygame is not installed; run: pip install "integ-gym[render]"', name="pygame"
-        ) from None
-    return pygame
 
 
 def tint(colour: Colour, strength: float) -> Colour:
@@ -63,7 +47,7 @@ class Canvas:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self._pygame = load_pygame()
+        self._pygame = load("pygame", "render")
         # The depth is given because without it the surface copies that of an open window.
         self._surface = self._pygame.Surface((size[0] * _SCALE, size[1] * _SCALE), depth=32)
         self._frame = self._pygame.Surface(size, depth=32)

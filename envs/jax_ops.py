@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.extras import missing
 from integ_gym.envs.ops import Carry, Component
 
 try:
     import jax
     import jax.numpy as jnp
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        'JAX is not installed; run: pip install "integ-gym[fleet]"'
-    ) from error
+    raise missing("jax", "fleet") from error
 
 
 class JaxOps:

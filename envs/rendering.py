@@ -10,8 +10,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.drawing_canvas import INK, MUTED, WHITE, Canvas, load_pygame
+from integ_gym.envs.drawing_canvas import INK, MUTED, WHITE, Canvas
 from integ_gym.envs.drawing_plants import drawing, signed
+from integ_gym.envs.extras import load
 from integ_gym.envs.settings import Setup
 
 _MAX_FPS = 60
@@ -100,7 +101,7 @@ def control_label(setup: Setup, control: float) -> str:
 def _pixels(surface: Any) -> npt.NDArray[np.uint8]:
     """A surface as an array of its own, shape (height, width, 3)."""
     width, height = surface.get_size()
-    content = load_pygame().image.tobytes(surface, "RGB")
+    content = load("pygame", "render").image.tobytes(surface, "RGB")
     return np.frombuffer(content, dtype=np.uint8).reshape(height, width, 3).copy()
 
 
@@ -139,7 +140,7 @@ class _Pane:
     shown: ClassVar[WeakValueDictionary[int, _Pane]] = WeakValueDictionary()
 
     def __init__(self, size: tuple[int, int]) -> None:
-        self._pygame = load_pygame()
+        self._pygame = load("pygame", "render")
         self.size = size
         self.picture: Any = None
 

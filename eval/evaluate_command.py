@@ -11,9 +11,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.existing import Grid, describe, evaluate_existing, load, plan, row_name, work
-from integ_gym.eval.extras import require
 from integ_gym.train.ppo import named_value
 
 EXAMPLES = """\

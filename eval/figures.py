@@ -14,6 +14,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from integ_gym.envs.extras import load
 from integ_gym.eval.report import (
     KIND_WORDS,
     difference_axis,
@@ -35,11 +36,10 @@ from integ_gym.eval.report_data import (
     Rung,
     compact,
     fixed,
-    require,
     step,
-    write_atomically,
 )
 from integ_gym.eval.verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
+from integ_gym.evidence.atomic import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,7 +107,7 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
     ValueError
         If ``panel`` is of another schema version or contradicts itself.
     """
-    require("matplotlib")
+    load("matplotlib", "report")
     parsed, folder = Panel(panel), Path(directory)
     written = []
     for name, draw in _FIGURES.items():
@@ -116,7 +116,7 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
         if figure is None:
             path.unlink(missing_ok=True)
         else:
-            written.append(write_atomically(path, _png(figure)))
+            written.append(replace_file(path, _png(figure)))
     return written
 
 
@@ -154,7 +154,7 @@ def _canvas(figure: Figure) -> Axes:
 @cache
 def _known_characters() -> frozenset[int]:
     """Characters that the default font can draw."""
-    manager = require("matplotlib.font_manager")
+    manager = load("matplotlib.font_manager", "report")
     font = manager.get_font(manager.findfont(manager.FontProperties()))
     return frozenset(font.get_charmap())
 

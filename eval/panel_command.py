@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval.extras import require
+from integ_gym.envs.extras import require
 from integ_gym.eval.panel import cores, run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec

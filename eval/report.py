@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+from integ_gym.envs.extras import load
 from integ_gym.eval import verdict as rules
 from integ_gym.eval.report_data import (
     CLASS_WORDS,
@@ -40,11 +41,10 @@ from integ_gym.eval.report_data import (
     finite,
     fixed,
     plural,
-    require,
     seconds,
     step,
-    write_atomically,
 )
+from integ_gym.evidence.atomic import replace_file
 
 FILE_NAME: Final = "report.html"
 """Name of the report in a panel's directory."""
@@ -149,7 +149,7 @@ def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
     ValueError
         If ``panel`` is of another schema version or contradicts itself.
     """
-    return write_atomically(Path(directory) / FILE_NAME, render(panel).encode())
+    return replace_file(Path(directory) / FILE_NAME, render(panel).encode())
 
 
 def render(panel: Json) -> str:
@@ -166,11 +166,11 @@ def render(panel: Json) -> str:
 
 @cache
 def _template() -> Any:
-    jinja2 = require("jinja2")
+    jinja2 = load("jinja2", "report")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    markup = require("markupsafe")
+    markup = load("markupsafe", "report")
 
     def soft(text: Any) -> Any:
         """Allow line breaks after underscores."""
@@ -188,7 +188,7 @@ def _context(panel: Panel) -> dict[str, Any]:
     digest = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
     return {
         "panel": panel,
-        "script": require("markupsafe").Markup(_SCRIPT),
+        "script": load("markupsafe", "report").Markup(_SCRIPT),
         "script_hash": f"sha256-{digest}",
         "tiles": _tiles(panel),
         "cards": [_card(panel, gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],

@@ -5,15 +5,12 @@ This module names the parts of a panel, groups the cells the way a reader meets 
 in plain words what the classes against the reference mean.
 """
 
-import importlib
 import math
-import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 Json: TypeAlias = Mapping[str, Any]
@@ -21,9 +18,6 @@ Json: TypeAlias = Mapping[str, Any]
 
 SCHEMA_VERSION: Final = 1
 """Version of ``panel.json`` that is understood here."""
-
-INSTALL: Final = 'pip install "integ-gym[report]"'
-"""What installs the packages that the report needs."""
 
 PASS: Final = 0.5
 """Success rate from which on a row passes, as in `integ_gym.eval.verdict.reference_class`."""
@@ -44,37 +38,6 @@ VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", "not_learned")
 
 _NAMED: Final = 5  # names in one sentence
 _SUPERSCRIPT: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-
-
-def require(module: str) -> Any:
-    """Import a module of the extra ``report``.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If its package is not installed, with the command that installs it.
-    """
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if error.name is None or error.name.partition(".")[0] != package:
-            raise
-        raise ModuleNotFoundError(
-            f"the report needs {package}, which is not installed: {INSTALL}", name=package
-        ) from None
-
-
-def write_atomically(path: Path, data: bytes) -> Path:
-    """Write a file so that a reader sees the old one or the new one, never a part."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
 
 
 @dataclass(frozen=True)

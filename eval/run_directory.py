@@ -5,17 +5,17 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from integ_gym.envs.versions import installed_versions
+from integ_gym.evidence.atomic import replace_file
+
 MANIFEST = "run.json"
 LOCK = ".lock"
-PACKAGES = ("integ-gym", "numpy", "gymnasium", "stable-baselines3", "torch")
+PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch", "jax")
 """Packages whose version can change a result of the native engine."""
 
 
@@ -24,14 +24,8 @@ class RunDirectoryError(ValueError):
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of the packages that results depend on; those not installed are left out."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    """Versions of Python and of the packages that results depend on."""
+    return installed_versions(PACKAGES)
 
 
 class RunDirectory:
@@ -174,13 +168,4 @@ def read_json(path: Path) -> dict[str, Any]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON in one step: the file is there whole or not at all."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    replace_file(path, f"{text}\n".encode())

@@ -37,6 +37,20 @@ def write_once(path: Path, write: Callable[[Path], None]) -> None:
     _synchronise(path.parent)
 
 
+def replace_file(path: Path, content: bytes) -> Path:
+    """Write a file in one step: a reader sees the old one or the new one, never a part."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
+    try:
+        temporary.write_bytes(content)
+        _synchronise(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    _synchronise(path.parent)
+    return path
+
+
 def remove_leftovers(directory: Path) -> None:
     """Remove temporary files that killed writers left behind."""
     for file in directory.glob(f".*{_SUFFIX}"):

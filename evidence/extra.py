@@ -2,39 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-INSTALL = 'pip install "integ-gym[evidence]"'
-
-
-def load(module: str) -> Any:
-    """Import ``module``.
-
-    Raises:
-        ModuleNotFoundError: if its package is not installed, with the command that installs it.
-    """
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if error.name is None or error.name.partition(".")[0] != package:
-            raise
-        raise ModuleNotFoundError(
-            f"evidence needs {package}, which is not installed: {INSTALL}", name=package
-        ) from None
+from integ_gym.envs.extras import load
 
 
 def pyarrow() -> Any:
-    """``pyarrow``; see :func:`load`."""
-    return load("pyarrow")
+    """``pyarrow``; see :func:`integ_gym.envs.extras.load`."""
+    return load("pyarrow", "evidence")
 
 
 def parquet() -> Any:
-    """``pyarrow.parquet``; see :func:`load`."""
-    return load("pyarrow.parquet")
+    """``pyarrow.parquet``."""
+    return load("pyarrow.parquet", "evidence")
 
 
 def duckdb() -> Any:
-    """``duckdb``; see :func:`load`."""
-    return load("duckdb")
+    """``duckdb``."""
+    return load("duckdb", "evidence")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.envs.extras import load
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 
@@ -43,7 +44,7 @@ def held(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
-    expm = _scipy_linalg().expm
+    expm = load("scipy.linalg", "train").expm
     n, m = b.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = a, b
@@ -66,7 +67,7 @@ def lqr_gain(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> 
     Raises:
         ValueError: if no control stabilizes the system.
     """
-    linalg = _scipy_linalg()
+    linalg = load("scipy.linalg", "train")
     try:
         value = linalg.solve_discrete_are(a, b, state_cost, control_cost)
     except np.linalg.LinAlgError as error:
@@ -74,13 +75,3 @@ def lqr_gain(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> 
             "no linear control holds this plant upright; give it gravity and a control that acts"
         ) from error
     return np.asarray(np.linalg.solve(control_cost + b.T @ value @ b, b.T @ value @ a))
-
-
-def _scipy_linalg() -> Any:
-    try:
-        import scipy.linalg
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError(
-            'scipy is not installed; run: pip install "integ-gym[train]"', name="scipy"
-        ) from None
-    return scipy.linalg

@@ -12,7 +12,6 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 from __future__ import annotations
 
 import argparse
-import importlib
 import io
 import json
 import math
@@ -23,7 +22,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, asdict, dataclass, field, fields
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
@@ -31,6 +29,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from integ_gym.envs.extras import load
 from integ_gym.envs.parameters import (
     boolean,
     check_values,
@@ -46,11 +45,14 @@ from integ_gym.envs.parameters import (
 from integ_gym.envs.registration import ENVIRONMENTS, register_environments
 from integ_gym.envs.settings import Settings, Setup
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.envs.versions import installed_versions
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
 
 Wrap: TypeAlias = Callable[[VectorEnv[Any, Any, Any]], VectorEnv[Any, Any, Any]]
 """Wraps the training environments, for example to record their episodes; keeps their API."""
+
+_PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 
 
 def whole(least: int) -> Callable[[Any], str | None]:
@@ -393,7 +395,6 @@ def _card(config: PPOConfig, setups: Sequence[Setup], model: Any, seconds: float
     discretizations = [_discretization(member) for member in setups]
     mixed = "mixture" in config.env_arguments
     name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
-    packages = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
     return {
         "policy_id": f"ppo-{name}-seed{config.seed}",
         "algorithm": "PPO",
@@ -413,8 +414,7 @@ def _card(config: PPOConfig, setups: Sequence[Setup], model: Any, seconds: float
         "steps": int(model.num_timesteps),
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**_last_episodes(model), "exploring": True},
-        "versions": {name: version(name) for name in packages},
-        "python": platform.python_version(),
+        "versions": installed_versions(_PACKAGES),
         "platform": platform.platform(),
     }
 
@@ -442,12 +442,7 @@ def _need_extra(tensorboard: bool) -> None:
         ModuleNotFoundError: with the command that installs it.
     """
     for name in ("torch", "stable_baselines3", "tqdm", *(["tensorboard"] if tensorboard else [])):
-        try:
-            importlib.import_module(name)
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                f'{name} is not installed; run: pip install "integ-gym[train]"', name=name
-            ) from None
+        load(name, "train")
 
 
 # --- command line ----------------------------------------------------------------------------

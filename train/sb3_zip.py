@@ -23,6 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from integ_gym.envs.extras import missing
 from integ_gym.train.policy import (
     ACTIVATIONS,
     BoxActions,
@@ -433,7 +434,7 @@ def _load_tensors(content: bytes) -> Mapping[str, Any]:
     try:
         import torch
     except ImportError:
-        raise ImportError('torch is not installed; run: pip install "integ-gym[train]"') from None
+        raise missing("torch", "train") from None
     _check_archive(content)
     try:
         tensors = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)

@@ -14,6 +14,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from integ_gym.envs.extras import missing
+
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
     from stable_baselines3.common.vec_env.base_vec_env import (
@@ -22,9 +24,7 @@ try:
         VecEnvStepReturn,
     )
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        f'{error.name} is not installed; run: pip install "integ-gym[train]"', name=error.name
-    ) from error
+    raise missing(str(error.name), "train") from error
 
 _PER_LANE = ("state", "np_random", "np_random_seed")
 """Attributes of the vector environment that hold one entry per lane."""

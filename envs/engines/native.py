@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ClassVar
 
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Motion, Segments
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.ops import FLOAT32_MAX, Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.versions import package_version
 
 
 class NativeEngine:
@@ -29,7 +29,7 @@ class NativeEngine:
         self.system = system
         self.integrator = INTEGRATORS.load(integrator)()
         self.dt = dt
-        self.version = _package_version()
+        self.version = package_version("integ-gym") or "unknown"
 
     def solver(self) -> dict[str, Any]:
         """Tolerance and iteration cap of the integrator's solver."""
@@ -96,10 +96,3 @@ def within_bounds(q: Components, v: Components) -> Component:
     for x in q:
         ok = ok & (abs(x) <= FLOAT32_MAX)
     return ok
-
-
-def _package_version() -> str:
-    try:
-        return version("integ-gym")
-    except PackageNotFoundError:
-        return "unknown"

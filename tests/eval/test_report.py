@@ -277,10 +277,10 @@ def test_a_failed_write_leaves_the_old_file(
     path = report.write_report(panel_of("given"), tmp_path)
     before = path.read_bytes()
 
-    def broken(self: Path, target: Path) -> None:
+    def broken(source: Path, target: Path) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr(Path, "replace", broken)
+    monkeypatch.setattr("os.replace", broken)
     with pytest.raises(OSError, match="disk full"):
         report.write_report(panel_of("full"), tmp_path)
     assert path.read_bytes() == before
@@ -296,9 +296,7 @@ def test_a_missing_extra_names_its_remedy(
     write: Any = report.write_report if module == "jinja2" else figures.write_figures
     with pytest.raises(ModuleNotFoundError) as caught:
         write(panel_of("given"), tmp_path)
-    assert str(caught.value) == (
-        f'the report needs {module}, which is not installed: pip install "integ-gym[report]"'
-    )
+    assert str(caught.value) == (f'{module} is not installed; run: pip install "integ-gym[report]"')
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,51 @@
+"""Optional packages: imported where used, named with the command that installs them."""
+
+from __future__ import annotations
+
+import importlib
+from importlib.util import find_spec
+from typing import Any
+
+EXTRAS = {
+    "evidence": ("pyarrow", "duckdb"),
+    "fleet": ("jax",),
+    "render": ("pygame",),
+    "report": ("jinja2", "matplotlib", "tqdm"),
+    "train": ("stable_baselines3", "torch", "tensorboard", "tqdm", "scipy", "threadpoolctl"),
+}
+"""Extra to the modules that it brings."""
+
+
+def load(module: str, extra: str) -> Any:
+    """Import a module that an extra brings.
+
+    Raises:
+        ModuleNotFoundError: if its package is not installed, in one line with the command that
+            installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        package = module.partition(".")[0]
+        if error.name is None or error.name.partition(".")[0] != package:
+            raise
+        raise missing(package, extra) from None
+
+
+def missing(package: str, *extras: str) -> ModuleNotFoundError:
+    """The error for a package that is not installed."""
+    return ModuleNotFoundError(
+        f'{package} is not installed; run: pip install "integ-gym[{",".join(extras)}]"',
+        name=package,
+    )
+
+
+def require(*extras: str) -> None:
+    """Check, without importing them, that the modules of some extras are installed.
+
+    Raises:
+        ModuleNotFoundError: in one line, with the command that installs what is missing.
+    """
+    lacking = {name: m for name in extras for m in EXTRAS[name] if find_spec(m) is None}
+    if lacking:
+        raise missing(", ".join(sorted(set(lacking.values()))), *sorted(lacking))

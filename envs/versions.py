@@ -1,0 +1,24 @@
+"""Versions of installed packages."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable
+from functools import cache
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as metadata_version
+
+
+@cache
+def package_version(package: str) -> str | None:
+    """Version of an installed distribution, None if there is none of that name."""
+    try:
+        return metadata_version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def installed_versions(packages: Iterable[str]) -> dict[str, str]:
+    """Version of Python, and of those packages that are installed."""
+    found = {package: package_version(package) for package in packages}
+    return {"python": platform.python_version(), **{k: v for k, v in found.items() if v}}
