@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import inspect
 import pkgutil
+from functools import cache
 from types import ModuleType
 from typing import Any
 
@@ -27,9 +30,7 @@ class Registry:
 
     def names(self) -> tuple[str, ...]:
         """Registered names, sorted."""
-        path = importlib.import_module(self._package).__path__
-        modules = (m.name for m in pkgutil.iter_modules(path))
-        return tuple(sorted(m for m in modules if m != "interface" and not m.startswith("_")))
+        return _modules(self._package)
 
     def load(self, name: str) -> type[Any]:
         """The class of that name, or of a reference ``"module:Class"`` to a user's own.
@@ -44,6 +45,18 @@ class Registry:
             raise ValueError(unknown_name(self._kind, name, self.names()) + own)
         module = importlib.import_module(f"{self._package}.{name}")
         return self._only_class(module)
+
+    def source_hash(self, name: str) -> str | None:
+        """SHA-256 of the source that defines a user's own class; None for a registered name.
+
+        Raises:
+            ValueError: for a name that is neither.
+        """
+        loaded = self.load(name)
+        if ":" not in name:
+            return None
+        source = inspect.getsource(inspect.getmodule(loaded) or loaded)
+        return hashlib.sha256(source.encode()).hexdigest()
 
     def _article(self) -> str:
         return f"{'an' if self._kind[0] in 'aeiou' else 'a'} {self._kind}"
@@ -78,3 +91,11 @@ class Registry:
                 f"`{self._method}`"
             )
         return loaded
+
+
+@cache
+def _modules(package: str) -> tuple[str, ...]:
+    """Public modules in a package's folder, sorted."""
+    path = importlib.import_module(package).__path__
+    modules = (m.name for m in pkgutil.iter_modules(path))
+    return tuple(sorted(m for m in modules if m != "interface" and not m.startswith("_")))

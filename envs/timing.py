@@ -9,6 +9,12 @@ TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
 
 
+def is_multiple(value: float, unit: float) -> bool:
+    """Whether ``value`` is a whole multiple of ``unit``, 0 included, within the tolerance."""
+    ratio = value / unit
+    return abs(ratio - round(ratio)) <= TOLERANCE * max(1, round(ratio))
+
+
 def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: int = 1) -> int:
     """How many ``unit`` make up ``value``.
 
@@ -17,7 +23,7 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
     """
     ratio = value / unit
     count = round(ratio)
-    if count >= least and abs(ratio - count) <= TOLERANCE * max(1, count):
+    if count >= least and is_multiple(value, unit):
         return count
     below = max(least, math.floor(ratio))
     nearest = " or ".join(f"{n * unit:.12g}" for n in sorted({below, max(least, below + 1)}))

@@ -6,14 +6,13 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from tqdm import tqdm
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.existing import Grid, describe, evaluate_existing, load, plan, row_name, work
+from integ_gym.eval.existing import Grid, evaluate_existing, plan, read_existing, work
 from integ_gym.train.ppo import named_value
 
 EXAMPLES = """\
@@ -66,15 +65,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    policy, card = load(given.policy, given.obs_stats)
-    policy = replace(policy, policy_id=row_name(given.policy))
-    existing = describe(policy, card, given.env, dict(given.env_arg))
+    existing = read_existing(given.policy, given.env, dict(given.env_arg), given.obs_stats)
     spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
-    with tqdm(total=work(spec), unit="cell", desc="evaluate", disable=given.no_progress) as bar:
-        panel = evaluate_existing(existing, spec, given.out, command, bar.update)
-    for warning in panel["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
+    total = work(spec, existing.home)
+    with tqdm(total=total, unit="cell", desc="evaluate", disable=given.no_progress) as bar:
+        panel = evaluate_existing(existing, spec, given.out, command, bar.update, _warn)
     print(f"{panel['question']}\n{panel['answer']}")
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
+
+
+def _warn(doubt: str) -> None:
+    tqdm.write(f"warning: {doubt}", file=sys.stderr)

@@ -60,6 +60,14 @@ class Conditions:
     episode_seed: int
 
 
+@dataclass(frozen=True)
+class Outcomes:
+    """What paired episodes came to, arrays of shape (episodes,)."""
+
+    success: Array
+    returns: Array
+
+
 def evaluate(
     subject: Subject,
     cells: Sequence[Cell],
@@ -85,11 +93,7 @@ def evaluate(
     succeeded: dict[tuple[Any, ...], Array] = {}
     tables = []
     for cell in cells:
-        environment = gym.make_vec(
-            conditions.env_id,
-            num_envs=conditions.episodes,
-            **cell.arguments(conditions.environment),
-        )
+        environment = _environment(cell, conditions)
         context = _context(subject, cell, conditions, latency)
         recorder = RecordVectorEvidence(
             environment,
@@ -98,7 +102,7 @@ def evaluate(
             episodes=range(conditions.episodes),
             commit_on_close=False,
         )
-        success = roll_out(recorder, subject.policy, conditions)
+        success = roll_out(recorder, subject.policy, conditions).success
         tables.append(recorder.take(_replays(subject, cell, conditions, succeeded)))
         succeeded[_key(cell, cell.discretization)] = success
         recorder.close()
@@ -106,18 +110,28 @@ def evaluate(
     store.commit_all(batch, tables)
 
 
-def roll_out(environment: Any, policy: Policy, conditions: Conditions) -> Array:
-    """One episode per lane; whether each succeeded, shape (episodes,)."""
+def roll_out(environment: Any, policy: Policy, conditions: Conditions) -> Outcomes:
+    """One episode per lane, from the paired starts."""
     count = conditions.episodes
     observation, _ = environment.reset(seed=conditions.episode_seed)
     running = np.ones(count, dtype=bool)
     success = np.zeros(count, dtype=bool)
+    returns = np.zeros(count)
     while running.any():
-        observation, _, terminated, truncated, info = environment.step(policy.act(observation))
+        observation, reward, terminated, truncated, info = environment.step(policy.act(observation))
+        returns[running] += reward[running]
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
         running &= ~ended
-    return success
+    return Outcomes(success, returns)
+
+
+def outcomes_in(cell: Cell, policy: Policy, conditions: Conditions) -> Outcomes:
+    """The paired episodes of one cell, without evidence."""
+    environment = _environment(cell, conditions)
+    outcomes = roll_out(environment, policy, conditions)
+    environment.close()
+    return outcomes
 
 
 def inference_latency(policy: Policy, cell: Cell, conditions: Conditions) -> tuple[float, float]:
@@ -132,6 +146,12 @@ def inference_latency(policy: Policy, cell: Cell, conditions: Conditions) -> tup
         policy.act(observation)
         times.append(time.perf_counter_ns() - start)
     return float(np.mean(times)), float(np.percentile(times, 99))
+
+
+def _environment(cell: Cell, conditions: Conditions) -> Any:
+    return gym.make_vec(
+        conditions.env_id, num_envs=conditions.episodes, **cell.arguments(conditions.environment)
+    )
 
 
 def _context(

@@ -10,29 +10,37 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.settings import Setup
 from integ_gym.envs.vector import DISCRETIZATION
-from integ_gym.eval.artefact import Layout, build_artefact
-from integ_gym.eval.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.evaluation import Conditions, Subject, evaluate, outcomes_in
 from integ_gym.eval.matrix import Matrix, Row
-from integ_gym.eval.panel_artefact import evaluation_records, whereabouts, write_outputs
+from integ_gym.eval.panel_artefact import (
+    cost_of,
+    evaluation_records,
+    make_layout,
+    whereabouts,
+    write_outputs,
+)
 from integ_gym.eval.run_directory import RunDirectory, key_of
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec
+from integ_gym.eval.spec import Cell, Discretization, PanelSpec, Perturbation
+from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
-from integ_gym.train.sidecar import read_trained
+from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, read_trained
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
     "IntegCartPole-v0": {},
 }
 """What makes an environment Gymnasium's own at its default discretization."""
+
+STATISTICS_FILE = "obs_stats.json"
 
 BASELINES = ("random", "zero", "handmade")
 REFINEMENTS = (1, 2, 4)
@@ -47,12 +55,16 @@ class Existing:
         home: discretization it was trained on.
         environment: constructor arguments of its training environment, without the discretization.
         origin: where the two come from, in words.
+        files: what it was read from, by the name to keep it under.
+        seed: of its training, where it is known.
     """
 
     policy: MlpPolicy
     home: Discretization
     environment: Mapping[str, Any]
     origin: str
+    files: Mapping[str, Path] = field(default_factory=dict)
+    seed: int | None = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +83,26 @@ class Grid:
     episodes: int = 50
     episode_seed: int = 1000
     environment: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_existing(
+    path: Path, env_id: str, given: Mapping[str, Any], obs_stats: Path | None = None
+) -> Existing:
+    """A policy from its file, with what its side-car says; see :func:`load` and :func:`describe`.
+
+    Args:
+        path: the zip that SB3 wrote.
+        env_id: environment to evaluate in.
+        given: environment arguments that override those of its training.
+        obs_stats: JSON file of VecNormalize's statistics.
+    """
+    policy, card = load(path, obs_stats)
+    name = path.stem if card is None else str(card.get("policy_id", path.stem))
+    files = {POLICY_FILE: path}
+    files |= {} if card is None else {SIDECAR_FILE: path.with_suffix(".json")}
+    files |= {} if obs_stats is None else {STATISTICS_FILE: obs_stats}
+    existing = describe(replace(policy, policy_id=row_name(name)), card, env_id, given)
+    return replace(existing, files=files, seed=None if card is None else card.get("seed"))
 
 
 def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str, Any] | None]:
@@ -128,10 +160,10 @@ def describe(
     return Existing(policy, home, environment, origin)
 
 
-def row_name(path: Path) -> str:
-    """Name of a policy's row and of its files: that of its file, kept apart from the baselines'."""
-    name = re.sub(r"[^A-Za-z0-9._]+", "-", path.stem).strip("-._")[:100] or "policy"
-    return f"policy-{name}" if name in BASELINES else name
+def row_name(name: str) -> str:
+    """A policy's name as that of its row and files, kept apart from the baselines'."""
+    usable = re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-._")[:100] or "policy"
+    return f"policy-{usable}" if usable in BASELINES else usable
 
 
 def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
@@ -146,9 +178,26 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     return spec
 
 
-def work(spec: PanelSpec) -> int:
+def work(spec: PanelSpec, home: Discretization) -> int:
     """Cells that :func:`evaluate_existing` runs, baselines included."""
-    return len(spec.columns()) * (1 + len(BASELINES))
+    return len(spec.cells_of(home)) + len(BASELINES) * len(spec.cells_of(None))
+
+
+def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
+    """Doubt where the policy is no better than random on its own discretization."""
+    home, conditions = Cell(existing.home, "grid"), _conditions(spec)
+    random = make_baseline("random", _nominal(spec))
+    own = outcomes_in(home, existing.policy, conditions).returns
+    chance = outcomes_in(home, random, conditions).returns
+    difference = own - chance
+    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
+    if difference.mean() > 2.0 * error:
+        return []
+    return [
+        f"on its home discretization ({home.name}) the policy's return {own.mean():.1f} is no "
+        f"better than random's {chance.mean():.1f}; trained with VecNormalize? pass --obs-stats "
+        "FILE.json"
+    ]
 
 
 def evaluate_existing(
@@ -157,8 +206,9 @@ def evaluate_existing(
     out: Path,
     command: str,
     on_cell: Callable[[], None] = lambda: None,
+    on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> dict[str, Any]:
-    """Evaluate a policy and two baselines, and write the usual directory.
+    """Evaluate a policy and the baselines, and write the usual directory.
 
     Args:
         existing: the policy.
@@ -166,31 +216,48 @@ def evaluate_existing(
         out: directory.
         command: how to run this again, for the page.
         on_cell: called after every cell.
+        on_doubt: called first, with each sentence that casts doubt on the result.
 
     Returns:
-        The content of ``panel.json``; ``warnings`` lists what casts doubt on the result.
+        The content of ``panel.json``; ``warnings`` lists the doubts.
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
     """
     row = existing.policy.policy_id
     directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
-    start = time.time()
     subjects = {row: Subject(existing.policy, existing.home)}
-    nominal = environment_setup(spec.env_id, {**existing.environment, **spec.reference.arguments()})
-    subjects |= {name: Subject(make_baseline(name, nominal)) for name in BASELINES}
-    cells = _cells(spec, existing.home)
+    subjects |= {name: Subject(make_baseline(name, _nominal(spec))) for name in BASELINES}
     with directory.opened():
+        warnings = doubts(existing, spec)
+        for doubt in warnings:
+            on_doubt(doubt)
+        _keep(existing.files, directory.policies / row)
         for name, subject in subjects.items():
-            _evaluate_once(name, subject, cells, spec, directory, on_cell)
-    layout = _layout(row, existing, spec, cells)
+            _evaluate_once(name, subject, spec, directory, on_cell)
+    layout = make_layout(spec, _rows(existing), {row: existing.home})
     matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-    panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command, start))
-    panel["warnings"] = _warnings(matrix, row, existing.home.name)
+    panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
+    panel["warnings"] = warnings
     for entry in panel["matrix"]:
         entry.update(whereabouts(entry, layout, directory.path))
     write_outputs(panel, directory.path)
     return panel
+
+
+def _nominal(spec: PanelSpec) -> Setup:
+    """The undisturbed reference, from whose parameters baselines are designed."""
+    return environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
+
+
+def _conditions(spec: PanelSpec) -> Conditions:
+    return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
+
+
+def _keep(files: Mapping[str, Path], folder: Path) -> None:
+    """Copy the policy's files, so that the directory holds all that the result rests on."""
+    for name, source in files.items():
+        replace_file(folder / name, source.read_bytes())
 
 
 def _trained_on(card: Mapping[str, Any], env_id: str) -> dict[str, Any]:
@@ -224,6 +291,7 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
         seeds=(),
         environment=existing.environment,
         baselines=BASELINES,
+        perturbations=_checks(existing, env_id),
         ladder=False,
         episodes=grid.episodes,
         episode_seed=grid.episode_seed,
@@ -231,55 +299,56 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     )
 
 
-def _cells(spec: PanelSpec, home: Discretization) -> tuple[Cell, ...]:
-    return tuple(sorted(spec.columns(), key=lambda cell: cell.discretization != home))
+def _checks(existing: Existing, env_id: str) -> tuple[Perturbation, ...]:
+    """A heavier plant and a later command, each on the home cell and on the reference."""
+    home = Cell(existing.home, "grid").arguments(existing.environment)
+    setup = environment_setup(env_id, home)
+    period = existing.home.control_period
+    later = setup.settings.action_latency + period
+    return (
+        Perturbation("mass +20 %", {"mass": 1.2 * setup.arguments()["mass"]}),
+        Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}),
+    )
 
 
 def _evaluate_once(
     name: str,
     subject: Subject,
-    cells: Sequence[Cell],
     spec: PanelSpec,
     directory: RunDirectory,
     on_cell: Callable[[], None],
 ) -> None:
-    unit = f"evaluate-{name}"
+    unit = _unit(name)
     key = key_of(spec=spec.to_json(), policy=subject.policy.content_hash)
+    cells = spec.cells_of(subject.home)
     if directory.finished(unit, key):
+        for _ in cells:
+            on_cell()
         return
     directory.discard_remains(unit)
-    conditions = Conditions(
-        spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed
-    )
-    named = replace(subject, policy=_named(subject.policy, name))
-    evaluate(named, cells, conditions, EvidenceStore(directory.evidence), unit, on_cell)
-    directory.finish(unit, key, policy=subject.policy.content_hash)
+    start = time.time()
+    store = EvidenceStore(directory.evidence)
+    evaluate(subject, cells, _conditions(spec), store, unit, on_cell)
+    directory.finish(unit, key, start, policy=subject.policy.content_hash)
 
 
-def _named(policy: Any, name: str) -> Any:
-    return replace(policy, policy_id=name) if isinstance(policy, MlpPolicy) else policy
+def _unit(name: str) -> str:
+    return f"evaluate-{name}"
 
 
-def _layout(row: str, existing: Existing, spec: PanelSpec, cells: Sequence[Cell]) -> Layout:
-    names = tuple(cell.name for cell in cells)
-    rows = (
+def _rows(existing: Existing) -> tuple[Row, ...]:
+    row = existing.policy.policy_id
+    return (
         Row(row, "given", (row,), existing.home.name),
         *(Row(name, "baseline", (name,)) for name in BASELINES),
-    )
-    return Layout(
-        rows=rows,
-        homes={row: existing.home},
-        cells={cell.name: cell for cell in spec.columns()},
-        cells_of={r.name: names for r in rows},
-        reference=spec.columns()[-1].name,
     )
 
 
 def _facts(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, start: float
+    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
 ) -> dict[str, Any]:
     row = existing.policy.policy_id
-    hashes = {row: existing.policy.content_hash}
+    units = [_unit(name) for name in (row, *BASELINES)]
     return {
         "name": spec.name,
         "question": spec.question,
@@ -288,27 +357,13 @@ def _facts(
         "directory": str(directory.path),
         "training_steps": None,
         "policies": {
-            name: {"id": name, "seed": None, "hash": hashes.get(name), "file": None}
-            for name in (row, *BASELINES)
+            row: {
+                "id": row,
+                "seed": existing.seed,
+                "hash": existing.policy.content_hash,
+                "file": f"policies/{row}/{POLICY_FILE}",
+            },
+            **{name: {"id": name, "seed": None, "hash": None, "file": None} for name in BASELINES},
         },
-        "cost": {
-            "wall_seconds": round(time.time() - start, 1),
-            "workers": 1,
-            "train_seconds": 0.0,
-            "evaluate_seconds": round(time.time() - start, 1),
-        },
+        "cost": cost_of(directory, [], units, workers=1),
     }
-
-
-def _warnings(matrix: Matrix, row: str, home: str) -> list[str]:
-    """Doubt where the policy is no better than random on its own discretization."""
-    own = matrix.values(row, home, "return")[0]
-    random = matrix.values("random", home, "return")[0]
-    difference = own - random
-    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
-    if difference.mean() > 2.0 * error and np.isfinite(difference).all():
-        return []
-    return [
-        f"on its home discretization ({home}) the policy's return {own.mean():.1f} is no better "
-        f"than random's {random.mean():.1f}; trained with VecNormalize? pass --obs-stats FILE.json"
-    ]

@@ -114,6 +114,7 @@ class Matrix:
             "success_by_seed": rates.tolist(),
             "return": self._return(row, cell),
             "time_to_success": self._mean(row, cell, "time_to_success"),
+            "time_to_success_episodes": sum(r["time_to_success"] is not None for r in records),
             "energy_residual": self._mean(row, cell, "energy_residual_total"),
             "energy_residual_abs": self._mean(row, cell, "energy_residual_abs_total"),
             "diverged": sum(record["solver_status"] == "diverged" for record in records),

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
-from integ_gym.eval.spec import Discretization, PanelSpec, SpecError
+from integ_gym.eval.spec import Cell, Discretization, PanelSpec, SpecError
 from integ_gym.eval.worker import Progress, report_work
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
@@ -102,7 +102,7 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
     assert unit.home is not None
     return PPOConfig.of(
         spec.env_id,
-        env_arguments={**spec.environment, **unit.home.arguments()},
+        env_arguments=Cell(unit.home, "grid").arguments(spec.environment),
         seed=unit.seed,
         **spec.training,
     )
@@ -110,8 +110,8 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
 
 def nominal_setup(spec: PanelSpec) -> Any:
     """The unperturbed reference environment, from whose parameters baselines are designed."""
-    arguments = {**spec.environment, **spec.reference.arguments()}
-    return environment_setup(spec.env_id, arguments)
+    truth = spec.columns()[-1]
+    return environment_setup(spec.env_id, truth.arguments(spec.environment))
 
 
 def run_panel(
@@ -229,9 +229,7 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
         tensorboard=False,
     )
     recorders[-1].commit(unit.training)
-    directory.finish(
-        unit.training, key, policy=trained.content_hash, seconds=round(time.time() - start, 1)
-    )
+    directory.finish(unit.training, key, start, policy=trained.content_hash)
 
 
 def _training_context(spec: PanelSpec, unit: Unit, config: PPOConfig) -> EpisodeContext:
@@ -273,10 +271,7 @@ def _evaluate_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None
         unit.evaluation,
         on_cell=lambda: report_work(CELL_SECONDS),
     )
-    directory.finish(
-        unit.evaluation, key, policy=subject.policy.content_hash,
-        seconds=round(time.time() - start, 1),
-    )  # fmt: skip
+    directory.finish(unit.evaluation, key, start, policy=subject.policy.content_hash)
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from integ_gym.eval.artefact import Layout, build_artefact
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
-from integ_gym.eval.panel import Unit, units_of
+from integ_gym.eval.panel import Unit, training_config, units_of
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import RunDirectory, write_json
-from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.spec import Discretization, PanelSpec
 from integ_gym.evidence.store import EvidenceStore
 
 
 def write_artefact(
-    spec: PanelSpec, directory: RunDirectory, command: str, wall_seconds: float, workers: int
+    spec: PanelSpec, directory: RunDirectory, command: str, workers: int
 ) -> dict[str, Any]:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
     layout = layout_of(spec)
@@ -27,9 +28,9 @@ def write_artefact(
         "question": spec.question,
         "spec": spec.to_json(),
         "command": command,
-        "training_steps": spec.training.get("total_steps"),
+        "training_steps": _training_steps(spec),
         "policies": {unit.policy: _policy(unit, directory) for unit in units_of(spec)},
-        "cost": _cost(spec, directory, wall_seconds, workers),
+        "cost": _cost(spec, directory, workers),
         "directory": str(directory.path),
         "seeds_total": len(spec.seeds),
     }
@@ -55,7 +56,7 @@ def evaluation_records(directory: RunDirectory) -> list[dict[str, Any]]:
 
 
 def layout_of(spec: PanelSpec) -> Layout:
-    """Rows and cells of a panel."""
+    """Rows and cells of a panel with training."""
     groups: dict[str, list[Unit]] = {}
     for unit in units_of(spec):
         groups.setdefault(unit.row, []).append(unit)
@@ -69,8 +70,20 @@ def layout_of(spec: PanelSpec) -> Layout:
         )
         for name in order
     )
-    homes = {d.name: d for d in spec.train}
-    own_cells = {name: spec.cells_of(homes.get(name)) for name in order}
+    return make_layout(spec, rows, {d.name: d for d in spec.train})
+
+
+def make_layout(
+    spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Discretization]
+) -> Layout:
+    """Rows with the cells that each is evaluated in.
+
+    Args:
+        spec: the panel.
+        rows: its rows.
+        homes: training discretization by row name.
+    """
+    own_cells = {row.name: spec.cells_of(homes.get(row.name)) for row in rows}
     cells = {cell.name: cell for cell in spec.columns()}
     for row_cells in own_cells.values():
         cells.update({cell.name: cell for cell in row_cells if cell.name not in cells})
@@ -85,25 +98,32 @@ def layout_of(spec: PanelSpec) -> Layout:
     )
 
 
+def _training_steps(spec: PanelSpec) -> int:
+    trained = next(unit for unit in units_of(spec) if unit.home is not None)
+    return training_config(spec, trained).total_steps
+
+
 def _policy(unit: Unit, directory: RunDirectory) -> dict[str, Any]:
     marker = directory.marker(unit.evaluation) or {}
     file = None if unit.home is None else f"policies/{unit.policy}/policy.zip"
     return {"id": unit.policy, "seed": unit.seed, "hash": marker.get("policy"), "file": file}
 
 
-def _cost(
-    spec: PanelSpec, directory: RunDirectory, wall_seconds: float, workers: int
-) -> dict[str, Any]:
-    def total(names: list[str]) -> float:
-        markers = [directory.marker(name) or {} for name in names]
-        return round(sum(float(marker.get("seconds", 0.0)) for marker in markers), 1)
+def _cost(spec: PanelSpec, directory: RunDirectory, workers: int) -> dict[str, Any]:
+    training = [unit.training for unit in units_of(spec)]
+    evaluation = [unit.evaluation for unit in units_of(spec)]
+    return cost_of(directory, training, evaluation, workers)
 
-    units = units_of(spec)
+
+def cost_of(
+    directory: RunDirectory, training: Sequence[str], evaluation: Sequence[str], workers: int
+) -> dict[str, Any]:
+    """What a run took, interrupted runs included, s."""
     return {
-        "wall_seconds": round(wall_seconds, 1),
+        "wall_seconds": round(directory.wall_seconds([*training, *evaluation]), 1),
         "workers": workers,
-        "train_seconds": total([unit.training for unit in units]),
-        "evaluate_seconds": total([unit.evaluation for unit in units]),
+        "train_seconds": round(directory.seconds(training), 1),
+        "evaluate_seconds": round(directory.seconds(evaluation), 1),
     }
 
 
@@ -111,9 +131,14 @@ def whereabouts(entry: dict[str, Any], layout: Layout, path: Path) -> dict[str, 
     """Where the records behind an entry are, and the query that lists them."""
     row = next(row for row in layout.rows if row.name == entry["row"])
     files = [f"evidence/evaluate-{policy}.parquet" for policy in row.policies]
-    policies = ", ".join(f"'{policy}'" for policy in row.policies)
+    policies = ", ".join(_quoted(policy) for policy in row.policies)
     sql = (
         "SELECT record_id, episode_index, success, failure_label FROM records "
-        f"WHERE cell = '{entry['cell']}' AND policy_id IN ({policies})"
+        f"WHERE cell = {_quoted(entry['cell'])} AND policy_id IN ({policies})"
     )
     return {"file": files, "query": shlex.join(["integ-gym", "evidence", "query", str(path), sql])}
+
+
+def _quoted(text: str) -> str:
+    """A string literal of SQL."""
+    return "'" + text.replace("'", "''") + "'"

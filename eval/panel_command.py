@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -48,7 +47,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = _spec(arguments.spec)
-    start = time.time()
     directory = run_panel(
         spec, arguments.out, workers=arguments.workers, progress=not arguments.no_progress
     )
@@ -57,7 +55,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         spec,
         directory,
         command=shlex.join([*command, "--out", str(arguments.out)]),
-        wall_seconds=time.time() - start,
         workers=arguments.workers or cores(),
     )
     print(f"{panel['question']}\n{panel['answer']}")

@@ -253,7 +253,7 @@ def _tiles(panel: Panel) -> list[tuple[str, str]]:
     if panel.trust:
         tiles.append((f"{len(wrong)}", "answers the reference contradicts"))
     if finite(panel.mapping("cost").get("wall_seconds")) is not None:
-        tiles.append((seconds(panel.mapping("cost")["wall_seconds"]), "from start to report"))
+        tiles.append((seconds(panel.mapping("cost")["wall_seconds"]), "to train and evaluate"))
     return tiles
 
 
@@ -726,7 +726,7 @@ def _record(entry: Entry) -> dict[str, Any]:
     facts = [
         ("success", _long(entry.success, fixed)),
         ("return", _long(entry.returns, _three)),
-        ("time to success", _long(entry.time_to_success, _three, " s")),
+        ("time to success", _time_to_success(entry)),
         ("energy residual", _long(entry.energy_residual, _signed, " J")),
         ("energy residual, size", _long(entry.energy_residual_abs, _three, " J")),
         ("home drop", _long(entry.home_drop, fixed)),
@@ -740,6 +740,14 @@ def _record(entry: Entry) -> dict[str, Any]:
         "seeds": [RATE_AXIS.at(rate) for rate in entry.success_by_seed],
         "labels": sorted(entry.labels.items(), key=lambda item: -item[1]),
     }
+
+
+def _time_to_success(entry: Entry) -> str | None:
+    """The mean over successful episodes, and how many they are."""
+    text = _long(entry.time_to_success, _three, " s")
+    if text is None or entry.time_to_success_episodes is None:
+        return text
+    return f"{text}, {entry.time_to_success_episodes} of {entry.episodes} episodes"
 
 
 def _three(value: float | None) -> str:

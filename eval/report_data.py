@@ -193,6 +193,7 @@ class Entry:
     success_by_seed: tuple[float, ...]
     returns: Estimate | None
     time_to_success: Estimate | None
+    time_to_success_episodes: int | None
     energy_residual: Estimate | None
     energy_residual_abs: Estimate | None
     diverged: int
@@ -688,18 +689,23 @@ def _cell(index: int, raw: Json) -> Cell:
     )
 
 
+def _count(value: Any) -> int | None:
+    number = finite(value)
+    return None if number is None else int(number)
+
+
 def _entry(row: Row, cell: Cell, raw: Json) -> Entry:
     files = raw.get("file") or []
     rates = (finite(rate) for rate in raw.get("success_by_seed") or [])
-    episodes = finite(raw.get("episodes"))
     return Entry(
         row=row,
         cell=cell,
-        episodes=None if episodes is None else int(episodes),
+        episodes=_count(raw.get("episodes")),
         success=estimate(raw.get("success")),
         success_by_seed=tuple(rate for rate in rates if rate is not None),
         returns=estimate(raw.get("return")),
         time_to_success=estimate(raw.get("time_to_success")),
+        time_to_success_episodes=_count(raw.get("time_to_success_episodes")),
         energy_residual=estimate(raw.get("energy_residual")),
         energy_residual_abs=estimate(raw.get("energy_residual_abs")),
         diverged=int(finite(raw.get("diverged")) or 0),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -60,6 +62,7 @@ class RunDirectory:
         for folder in (self.evidence, self.policies, self._units):
             folder.mkdir(parents=True, exist_ok=True)
         with self._locked():
+            self._check()
             manifest = self.path / MANIFEST
             if not manifest.exists():
                 content = {"specification": self._specification, "versions": package_versions()}
@@ -135,9 +138,33 @@ class RunDirectory:
             )
         return held
 
-    def finish(self, unit: str, key: str, **facts: Any) -> None:
-        """Mark a unit as finished; its files must be in place."""
-        write_json(self._units / f"{unit}.json", {"key": key, **facts})
+    def finish(self, unit: str, key: str, start: float, **facts: Any) -> None:
+        """Mark a unit as finished; its files must be in place.
+
+        Args:
+            unit: name.
+            key: of its inputs; see :func:`key_of`.
+            start: Unix time when work on it began, s.
+            facts: what else to note.
+        """
+        times = {"start": round(start, 3), "end": round(time.time(), 3)}
+        write_json(self._units / f"{unit}.json", {"key": key, **times, **facts})
+
+    def seconds(self, units: Iterable[str]) -> float:
+        """Time that was spent on finished units, added up, s."""
+        return sum(end - start for start, end in self._spans(units))
+
+    def wall_seconds(self, units: Iterable[str]) -> float:
+        """Time during which some unit was worked on, over all runs, s."""
+        total, reached = 0.0, -math.inf
+        for start, end in sorted(self._spans(units)):
+            total += max(0.0, end - max(start, reached))
+            reached = max(reached, end)
+        return total
+
+    def _spans(self, units: Iterable[str]) -> list[tuple[float, float]]:
+        markers = [self.marker(unit) for unit in units]
+        return [(float(m["start"]), float(m["end"])) for m in markers if m is not None]
 
     def discard_remains(self, unit: str) -> None:
         """Remove the records of a unit that was not finished."""

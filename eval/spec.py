@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,11 +10,16 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.timing import is_multiple
 
 BUILT_IN = ("quick",)
 """Panels that come with the package."""
+
+FINEST_DIVISION = 1000
+"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
 
 
 class SpecError(ValueError):
@@ -31,7 +37,7 @@ class Discretization:
 
     @property
     def name(self) -> str:
-        """Short name; the control period is given where it differs from the panel's."""
+        """Short name, without the control period; see :attr:`Cell.name`."""
         engine = "" if self.engine == "native" else f"{self.engine} "
         return f"{engine}{self.integrator} dt={self.dt:g}"
 
@@ -75,7 +81,23 @@ class Cell:
     def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
         """Constructor arguments of this cell's environment."""
         changed = self.perturbation.environment if self.perturbation else {}
-        return {**environment, **self.discretization.arguments(), **changed}
+        values = {**environment, **self.discretization.arguments(), **changed}
+        if self.discretization.integrator == "reference":
+            values["dt"] = _dividing_step(values)
+        return values
+
+
+def _dividing_step(arguments: Mapping[str, Any]) -> float:
+    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+
+    The reference may take any step, for its result does not depend on it.
+    """
+    dt = float(arguments["dt"])
+    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
+    for parts in range(1, FINEST_DIVISION + 1):
+        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
+            return dt / parts
+    return dt
 
 
 @dataclass(frozen=True)
@@ -163,7 +185,14 @@ class PanelSpec:
             "ladder": self.ladder,
             "episodes": self.episodes,
             "episode_seed": self.episode_seed,
+            "sources": self._sources(),
         }
+
+    def _sources(self) -> dict[str, str]:
+        """SHA-256 of the source of every integrator of the user's own."""
+        names = {d.integrator for d in (*self.train, *self.grid) if d.engine == "native"}
+        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
+        return {name: value for name, value in hashes.items() if value is not None}
 
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
@@ -220,24 +249,24 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     missing = [key for key in _REQUIRED if key not in data]
     if missing:
         raise SpecError(f"missing key {missing[0]!r}; see docs/panel.md for the format")
-    period = _number(data, "control_period")
+    period = _positive("control_period", data["control_period"])
     return PanelSpec(
-        name=str(data["name"]),
-        env_id=str(data["env_id"]),
+        name=_text("name", data["name"]),
+        env_id=_text("env_id", data["env_id"]),
         control_period=period,
-        train=_expand("train", data["train"], period),
-        grid=_expand("evaluate", data["evaluate"], period),
+        train=_expand("train", data, period),
+        grid=_expand("evaluate", data, period),
         seeds=tuple(_integer("seeds", seed) for seed in _list(data, "seeds")),
         environment=dict(_table(data, "environment")),
         training=dict(_table(data, "training")),
-        baselines=tuple(_list(data, "baselines")),
+        baselines=tuple(_text("baselines", name) for name in _list(data, "baselines")),
         perturbations=tuple(_perturbation(p) for p in _list(data, "perturbations")),
         family=tuple(_pair("family", pair) for pair in _list(data, "family")),
         compare=tuple(_pair("compare", pair) for pair in _list(data, "compare")),
-        ladder=bool(data.get("ladder", True)),
+        ladder=_flag(data, "ladder", True),
         episodes=_integer("episodes", data.get("episodes", 20)),
         episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),
-        question=str(data.get("question", PanelSpec.question)),
+        question=_text("question", data.get("question", PanelSpec.question)),
     )
 
 
@@ -298,25 +327,32 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
         )
 
 
-def _expand(
-    key: str, entries: Sequence[Mapping[str, Any]], period: float
-) -> tuple[Discretization, ...]:
+def _expand(key: str, data: Mapping[str, Any], period: float) -> tuple[Discretization, ...]:
     """Discretizations of a list of tables, in which integrator and dt may be lists."""
     found: list[Discretization] = []
-    for entry in entries:
+    for entry in _list(data, key):
+        if not isinstance(entry, Mapping):
+            raise SpecError(
+                f"every entry of `{key}` must be a table with `integrator` and `dt`, got {entry!r}"
+            )
         _check_keys(f"key in `{key}`", entry, ("integrator", "dt", "engine"))
         if "integrator" not in entry or "dt" not in entry:
             raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
-        engine = str(entry.get("engine", "native"))
+        engine = _text("engine", entry.get("engine", "native"))
         found += [
-            Discretization(str(integrator), float(dt), period, engine)
+            Discretization(_text("integrator", integrator), _positive("dt", dt), period, engine)
             for integrator in _many(entry["integrator"])
             for dt in _many(entry["dt"])
         ]
     return tuple(dict.fromkeys(found))
 
 
-def _perturbation(entry: Mapping[str, Any]) -> Perturbation:
+def _perturbation(entry: Any) -> Perturbation:
+    if not isinstance(entry, Mapping) or not isinstance(entry.get("environment", {}), Mapping):
+        raise SpecError(
+            f"every perturbation must be a table with a `name` and a table `environment`, got "
+            f"{entry!r}"
+        )
     _check_keys("key in `perturbations`", entry, ("name", "environment"))
     if not entry.get("name") or not entry.get("environment"):
         raise SpecError("every perturbation needs a `name` and an `environment` table")
@@ -351,10 +387,22 @@ def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return value
 
 
-def _number(data: Mapping[str, Any], key: str) -> float:
-    value = data[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
-        raise SpecError(f"`{key}` must be a number above 0, got {value!r}")
+def _text(key: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise SpecError(f"`{key}` must be made of names in quotes, got {value!r}")
+    return value
+
+
+def _flag(data: Mapping[str, Any], key: str, default: bool) -> bool:
+    value = data.get(key, default)
+    if not isinstance(value, bool):
+        raise SpecError(f"`{key}` must be true or false, got {value!r}")
+    return value
+
+
+def _positive(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise SpecError(f"`{key}` must be a finite number above 0, got {value!r}")
     return float(value)
 
 

@@ -164,7 +164,7 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
         kind="json",
     ),
     _text(_POLICY, "policy_id", "name of the policy"),
-    _text(_POLICY, "policy_hash", "hash of everything that decides its actions"),
+    _text(_POLICY, "policy_hash", "hash of what decides its actions; empty in training"),
     _text(
         _POLICY,
         "training_discretization",

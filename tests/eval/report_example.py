@@ -202,6 +202,7 @@ def matrix_entry(
         "success_by_seed": by_seed,
         "return": spread(-40.0 - 100.0 * (1.0 - won / episodes), line, rng),
         "time_to_success": spread(3.4, line, rng) if won else None,
+        "time_to_success_episodes": won,
         "energy_residual": spread(residual, line, rng),
         "energy_residual_abs": spread(abs(residual) * 1.2, line, rng),
         "diverged": diverged,

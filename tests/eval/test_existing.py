@@ -56,14 +56,17 @@ def _panel(out: Path) -> dict:
 
 
 @pytest.mark.slow
-def test_writes_the_usual_directory(cart_pole_run):
+def test_writes_the_usual_directory(cart_pole_policy, cart_pole_run):
     for name in ("panel.json", "report.html", "figures", "evidence"):
         assert (cart_pole_run / name).exists()
     panel = _panel(cart_pole_run)
     assert panel["warnings"] == []
     assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero", "handmade"]
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
-    assert len(panel["cells"]) == 6 * 3 + 1
+    assert len(panel["cells"]) == 6 * 3 + 1 + 4
+    assert {c["perturbation"] for c in panel["cells"]} == {None, "mass +20 %", "latency +20 ms"}
+    (policy,) = panel["rows"][0]["policies"]
+    assert (cart_pole_run / policy["file"]).read_bytes() == cart_pole_policy.read_bytes()
     assert EvidenceStore(cart_pole_run / "evidence").verify() == []
 
 
@@ -107,7 +110,7 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
     assert "trained with VecNormalize? pass --obs-stats FILE.json" in capsys.readouterr().err
     panel = _panel(out)
     assert panel["warnings"]
-    assert {c["name"] for c in panel["cells"]} == {
+    assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {
         "rk4 dt=0.05", "symplectic_euler dt=0.05", "reference dt=0.05",
     }  # fmt: skip
     assert panel["spec"]["environment"] == {"max_speed": 8.0}
@@ -140,11 +143,11 @@ def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arg
 
 
 @pytest.mark.parametrize(
-    ("file", "name"),
-    [("best model (1).zip", "best-model-1"), ("random.zip", "policy-random"), ("é.zip", "policy")],
+    ("given", "name"),
+    [("best model (1)", "best-model-1"), ("random", "policy-random"), ("é", "policy")],
 )
-def test_row_names_are_usable_and_not_a_baselines(file, name):
-    assert row_name(Path(file)) == name
+def test_row_names_are_usable_and_not_a_baselines(given, name):
+    assert row_name(given) == name
 
 
 @pytest.mark.slow
@@ -157,6 +160,12 @@ def test_a_side_car_gives_the_home(panel_directory, tmp_path, capsys):
     out = tmp_path / "out"
     assert main([*command, *selected, "--out", str(out), "--no-progress"]) == 0
     panel = _panel(out)
+    assert panel["rows"][0]["name"] == "ppo-rk4-dt0.05-seed0"
+    assert panel["rows"][0]["policies"][0]["seed"] == 0
+    assert {f.name for f in (out / "policies" / "ppo-rk4-dt0.05-seed0").iterdir()} == {
+        "policy.zip",
+        "policy.json",
+    }
     assert panel["rows"][0]["home"] == "rk4 dt=0.05"
     assert panel["spec"]["environment"]["max_torque"] == 1.0
     other = panel_directory / "policies" / "rk4-dt-0.05-seed1" / "policy.json"

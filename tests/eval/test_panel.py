@@ -111,6 +111,8 @@ def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directo
 
 
 def test_running_again_redoes_nothing(panel_directory):
+    cost = _panel(panel_directory)["cost"]
+    assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
     files = {
         path: path.stat().st_mtime_ns
         for folder in ("evidence", "policies", "units")
@@ -120,6 +122,7 @@ def test_running_again_redoes_nothing(panel_directory):
     spec = panel_directory.parent / "small.toml"
     assert main(["panel", str(spec), "--out", str(panel_directory), "--no-progress"]) == 0
     assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert _panel(panel_directory)["cost"] == cost
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ def test_units_are_rows_times_seeds():
     [
         ({"episode": 3}, ["unknown key 'episode'", "Did you mean 'episodes'"]),
         ({"env_id": "IntegPendulun-v0"}, ["unknown environment", "IntegPendulum-v0"]),
-        ({"control_period": 0.0}, ["`control_period` must be a number above 0"]),
+        ({"control_period": 0.0}, ["`control_period` must be a finite number above 0"]),
         ({"control_period": 0.06}, ["not a whole multiple"]),
         ({"seeds": []}, ["at least one"]),
         ({"seeds": [0, 0]}, ["twice"]),
@@ -113,6 +113,15 @@ def test_units_are_rows_times_seeds():
         ),
         ({"episodes": True}, ["whole numbers"]),
         ({"environment": [1]}, ["must be a table"]),
+        ({"train": "rk4"}, ["`train` must be a list"]),
+        ({"train": ["rk4"]}, ["every entry of `train` must be a table", "'rk4'"]),
+        ({"train": [{"integrator": 4, "dt": 0.05}]}, ["`integrator` must be made of names"]),
+        ({"evaluate": [{"integrator": "rk4", "dt": "fine"}]}, ["`dt` must be a finite"]),
+        ({"evaluate": [{"integrator": "rk4", "dt": float("nan")}]}, ["`dt` must be a finite"]),
+        ({"baselines": [1]}, ["`baselines` must be made of names"]),
+        ({"ladder": "false"}, ["`ladder` must be true or false, got 'false'"]),
+        ({"perturbations": ["mass"]}, ["every perturbation must be a table", "'mass'"]),
+        ({"name": 3}, ["`name` must be made of names"]),
     ],
 )  # fmt: skip
 def test_impossible_specifications_name_the_remedy(changes, fragments):
@@ -121,6 +130,30 @@ def test_impossible_specifications_name_the_remedy(changes, fragments):
     for fragment in fragments:
         assert fragment in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("environment", "step"),
+    [
+        ({}, 0.05),
+        ({"action_latency": 0.05}, 0.05),
+        ({"action_latency": 0.0125}, 0.0125),
+        ({"action_latency": 0.02, "sensor_period": 0.025}, 0.005),
+    ],
+)
+def test_the_reference_takes_a_step_that_delays_are_multiples_of(environment, step):
+    grid = [{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.0025]}]
+    fine = [{"integrator": ["explicit_euler", "rk4"], "dt": 0.0025}]
+    spec = parse_spec(
+        _small(
+            environment=environment, ladder=False, family=[], compare=[],
+            train=fine, evaluate=fine if environment else grid,
+        ),
+        "test",
+    )  # fmt: skip
+    truth = spec.columns()[-1]
+    assert truth.name == "reference dt=0.05"
+    assert truth.arguments(spec.environment)["dt"] == pytest.approx(step, rel=1e-12)
 
 
 def test_missing_keys_and_files_are_named(tmp_path):
