@@ -13,6 +13,7 @@ from tqdm import tqdm
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.existing import Grid, evaluate_existing, plan, read_existing, work
+from integ_gym.evidence.command_line import CommandParser
 from integ_gym.train.ppo import named_value
 
 EXAMPLES = """\
@@ -30,12 +31,11 @@ environment. FILE.json of --obs-stats holds VecNormalize's numbers:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = argparse.ArgumentParser(
+    made = CommandParser(
         prog="integ-gym evaluate",
         description="Evaluate a stable-baselines3 PPO policy on every integrator at several steps "
         "and on the reference. No pickled code of the file is executed.",
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = made.add_argument
     add("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")

@@ -11,6 +11,7 @@ from integ_gym.envs.extras import require
 from integ_gym.eval.panel import cores, run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
+from integ_gym.evidence.command_line import CommandParser
 
 EXAMPLES = """\
 examples:
@@ -23,13 +24,12 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = argparse.ArgumentParser(
+    made = CommandParser(
         prog="integ-gym panel",
         description="Train policies on several discretizations, evaluate each on all of them and "
         "on the reference, and write panel.json, report.html, figures and one evidence record per "
         "episode. Run it again to finish what was interrupted.",
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     names = ", ".join(BUILT_IN)
     add = made.add_argument

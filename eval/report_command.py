@@ -9,18 +9,23 @@ from pathlib import Path
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import read_json
+from integ_gym.evidence.command_line import CommandParser
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym report",
+        description="Write report.html and figures/ anew from a finished panel's panel.json.",
+        epilog="examples:\n  integ-gym report runs/panel",
+    )
+    made.add_argument("directory", type=Path, metavar="DIR", help="a panel's directory")
+    return made
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    made = argparse.ArgumentParser(
-        prog="integ-gym report",
-        description="Write report.html and figures/ anew from a finished panel's panel.json.",
-        epilog="example:\n  integ-gym report runs/panel",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    made.add_argument("directory", type=Path, metavar="DIR", help="a panel's directory")
-    directory = made.parse_args(argv).directory
+    directory = parser().parse_args(argv).directory
     if not (directory / "panel.json").exists():
         raise ValueError(
             f"{directory} holds no panel.json; finish the panel first: integ-gym panel --out "

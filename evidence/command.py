@@ -10,6 +10,7 @@ from pathlib import Path
 
 from integ_gym.evidence import export as exporting
 from integ_gym.evidence import print_table as printing
+from integ_gym.evidence.command_line import CommandParser
 from integ_gym.evidence.errors import EvidenceError
 from integ_gym.evidence.fields import SCHEMA_VERSION
 from integ_gym.evidence.record import EvidenceRecord
@@ -40,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         0; 1 if ``verify`` found a problem; 2 on bad input, with one sentence on stderr.
     """
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     try:
         return int(arguments.run_command(arguments))
     except EvidenceError as error:
@@ -59,14 +60,14 @@ def _fail(message: str) -> int:
     return 2
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
         prog=_PROGRAM,
         description="Look at, check and export the evidence records of a run.",
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(required=True, metavar="{show,query,verify,export}")
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export}")
 
     command = commands.add_parser("show", help="print one record with its units")
     _add_run(command)
@@ -88,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--format", choices=exporting.FORMATS, default="csv")
     command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
     command.set_defaults(run_command=_export)
-    return parser
+    return made
 
 
 def _add_run(command: argparse.ArgumentParser) -> None:

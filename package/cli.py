@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from integ_gym.cli_errors import report_errors
+from integ_gym.envs.versions import package_version
+from integ_gym.evidence.command_line import CommandParser
 
 COMMANDS = {
     "panel": ("integ_gym.eval.panel_command", "train and evaluate a whole panel (the main job)"),
@@ -30,14 +32,16 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="integ-gym",
         description="Gymnasium environments in which the discretization is a constructor argument.",
         epilog=_commands() + EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="see below")
     parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
+    parser.add_argument(
+        "--version", action="version", version=f"integ-gym {package_version('integ-gym')}"
+    )
     chosen = parser.parse_args(arguments[:1] or ["--help"])
     module, _ = COMMANDS[chosen.command]
     return report_errors(chosen.command, lambda: _run(module, arguments[1:]))

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -46,6 +46,7 @@ from integ_gym.envs.registration import ENVIRONMENTS, register_environments
 from integ_gym.envs.settings import Settings, Setup
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 from integ_gym.envs.versions import installed_versions
+from integ_gym.evidence.command_line import CommandParser
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
 
@@ -462,8 +463,8 @@ _ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
-    parser = _parser()
-    given = vars(parser.parse_args(argv))
+    command = parser()
+    given = vars(command.parse_args(argv))
     options = {name: given.pop(name) for name in ("out", "force", "tensorboard", "progress")}
     try:
         config = _config(given)
@@ -471,7 +472,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         make_training_envs(config).close()
         claim_folder(options["out"], options["force"])
     except (ValueError, TypeError, OSError, ModuleNotFoundError) as error:
-        print(f"{parser.prog}: error: {error}", file=sys.stderr)
+        print(f"{command.prog}: error: {error}", file=sys.stderr)
         return 2
     try:
         trained = train(
@@ -482,7 +483,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             force=options["force"],
         )
     except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted; no policy was written", file=sys.stderr)
+        print(f"{command.prog}: interrupted; no policy was written", file=sys.stderr)
         return 130
     card = trained.card
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
@@ -493,32 +494,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message}\n")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
         prog="integ-gym train",
         description="Train a policy with PPO on one discretization of an environment.",
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
-        allow_abbrev=False,
     )
-    parser.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the policy")
-    parser.add_argument("--force", action="store_true", default=False, help="replace a policy")
-    parser.add_argument(
+    made.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
+    made.add_argument("--out", type=Path, required=True, help="folder for the policy")
+    made.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    made.add_argument(
         "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
     )
-    parser.add_argument(
+    made.add_argument(
         "--no-progress", dest="progress", action="store_false", default=True, help="no bar"
     )
-    environment = parser.add_argument_group("environment (default: its own)")
+    environment = made.add_argument_group("environment (default: its own)")
     for env_field in _ENV_FIELDS:
         _add_flag(environment, env_field)
     environment.add_argument(
@@ -528,13 +521,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="any other constructor argument",
     )
-    learner = parser.add_argument_group(
+    learner = made.add_argument_group(
         "run (defaults as shown, but for what `PPOConfig.of` sets for an environment)"
     )
     for config_field in fields(PPOConfig):
         if config_field.name not in _OWN_FLAGS:
             _add_flag(learner, config_field, shown=True)
-    return parser
+    return made
 
 
 def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:

@@ -214,7 +214,10 @@ def test_wrong_usage(argv, capsys):
     with pytest.raises(SystemExit) as ended:
         main(argv)
     assert ended.value.code == 2
-    assert "usage: integ-gym evidence" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert error.startswith("integ-gym evidence")
+    assert error.endswith("--help\n")
+    assert error.count("\n") == 1
 
 
 def test_help_has_examples(capsys):

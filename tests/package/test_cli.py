@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import re
+import shlex
 import subprocess
 import sys
 
@@ -20,6 +23,27 @@ def test_every_command_has_help_with_examples(command, capsys):
     assert "example" in text
 
 
+def _examples(text: str) -> list[list[str]]:
+    """Command lines of an epilog; one that goes on in the next line is joined to it."""
+    found: list[str] = []
+    for line in text.splitlines():
+        if found and (found[-1].endswith("\\") or found[-1].count('"') % 2):
+            found[-1] = found[-1].rstrip("\\") + " " + line.strip()
+        elif line.startswith("  integ-gym "):
+            found.append(re.split(r"\s{3,}", line.strip())[0])
+    return [shlex.split(line) for line in found]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_examples_of_every_help_are_understood(command):
+    made = importlib.import_module(COMMANDS[command][0]).parser()
+    examples = _examples(made.epilog)
+    assert examples
+    for words in examples:
+        assert words[:2] == ["integ-gym", command]
+        made.parse_args(words[2:])
+
+
 def test_main_help_lists_the_commands(capsys):
     with pytest.raises(SystemExit) as ended:
         main([])
@@ -33,7 +57,26 @@ def test_unknown_command_ends_with_the_choices(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["pannel"])
     assert ended.value.code == 2
-    assert "panel" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "panel" in error
+    assert error.count("\n") == 1
+
+
+def test_version_is_printed(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert re.fullmatch(r"integ-gym \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_missing_arguments_end_with_one_line(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--no-such-flag"])
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--help" in error
 
 
 def test_installed_command_runs():

@@ -406,7 +406,7 @@ def test_main_trains_and_says_where_the_policy_is(
 
 def test_flags_reach_the_run() -> None:
     given = vars(
-        ppo._parser().parse_args(
+        ppo.parser().parse_args(
             [
                 *("--out", "x", "--env", "IntegCartPole-v0", "--control-period", "none"),
                 *("--max-speed", "8", "--env-arg", "mass=0.2", "--env-arg"),
