@@ -203,13 +203,13 @@ def observation_space(setup: Setup) -> spaces.Box:
 
 def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
     """A start in state order, drawn or given as option ``state``."""
-    if "state" not in options:
-        return setup.task.draw_start(rng, setup.settings.start, options)
-    return checked_state(setup, options["state"])
+    if "state" in options:
+        return checked_state(setup, options["state"])
+    return checked_state(setup, setup.task.draw_start(rng, setup.settings.start, options))
 
 
 def checked_state(setup: Setup, state: Any) -> Components:
-    """A given start state as floats.
+    """A start state as floats.
 
     Raises:
         ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
@@ -223,14 +223,14 @@ def checked_state(setup: Setup, state: Any) -> Components:
         )
     if not (np.abs(values) <= FLOAT32_MAX).all() or (np.abs(values[1::2]) > DIVERGENCE_SPEED).any():
         raise ValueError(
-            f"reset option `state` must be finite, with speeds up to {DIVERGENCE_SPEED:g}, "
-            f"got {tuple(values.tolist())}"
+            f"a start state must be finite, with speeds up to {DIVERGENCE_SPEED:g}, got "
+            f"{tuple(values.tolist())}; mend the reset option `state` or the start's bounds"
         )
     return tuple(values.tolist())
 
 
 def box_action(action: Any) -> float:
-    """The one entry of a `Box` action as float.
+    """The one entry of a `Box` action as float; infinite where a float cannot hold it.
 
     Raises:
         ValueError: if the action does not have shape (1,).
@@ -238,6 +238,8 @@ def box_action(action: Any) -> float:
     try:
         (value,) = action
         return float(value)
+    except OverflowError:
+        return math.inf
     except (TypeError, ValueError):
         raise ValueError(
             f"action must have shape (1,), got {action!r} of shape {np.shape(action)}"

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 
@@ -22,7 +23,8 @@ ROD = Pendulum(gravity=10.0)
 def worked_example():
     """Energies over 200 s from 0.5 rad, dt 0.05, per integrator."""
     names = (
-        "explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint", "implicit_euler",
+        "explicit_euler", "symplectic_euler", "stormer_verlet", "rk4", "implicit_midpoint",
+        "implicit_euler",
     )  # fmt: skip
     return {n: energies(POINT, n, 0.05, 4000, (pi - 0.5,), (0.0,)) for n in names}
 
@@ -32,6 +34,7 @@ def worked_example():
     [
         ("explicit_euler", 35850.0, 36700.0, 2e-3),
         ("symplectic_euler", -0.797, 8.337, 1e-3),
+        ("stormer_verlet", -0.597, 0.601, 1e-3),
         ("rk4", -0.0741, 0.0741, 1e-3),
         ("implicit_midpoint", 4.9e-5, 0.0124, 1e-2),
         ("implicit_euler", -100.0, 100.0, 1e-3),
@@ -109,3 +112,12 @@ def test_rk4_drifts_slowly():
     for dt, drift in ((0.05, 8.3e-4), (0.02, 8.7e-6), (0.01, 2.8e-7)):
         change = np.abs(_released_sideways("rk4", dt, 100.0) - 1.0)
         assert change.max() == pytest.approx(drift, rel=0.05)
+
+
+@pytest.mark.parametrize(("seconds", "percent"), [(10, -3.435), (100, -13.34), (1000, -56.03)])
+def test_symplectic_euler_drains_a_cart_pole(seconds, percent):
+    steps = round(seconds / 0.02)
+    energy = energies(
+        CartPole(), "symplectic_euler", 0.02, steps, (0.0, pi - 0.5), (0.0, 0.0)
+    )  # fmt: skip
+    assert 100.0 * (energy[-1] / energy[0] - 1.0) == pytest.approx(percent, rel=1e-3)

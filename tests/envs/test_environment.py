@@ -386,3 +386,16 @@ def test_registration_is_idempotent_and_by_module_prefix():
     register_environments()
     env = gym.make("integ_gym:IntegPendulum-v0")
     assert env.spec.id == "IntegPendulum-v0"
+
+
+def test_an_action_too_large_for_a_float_is_non_finite():
+    env = gym.make("IntegPendulum-v0")
+    env.reset(seed=0)
+    *_, info = env.step([10**400])
+    assert info["fallback_used"]
+
+
+def test_a_start_faster_than_any_motion_may_be_is_refused():
+    env = gym.make("IntegPendulum-v0")
+    with pytest.raises(ValueError, match=r"speeds up to 1000, got .*the start's bounds"):
+        env.reset(seed=0, options={"x_init": 0.0, "y_init": 1e9})
