@@ -347,7 +347,7 @@ class NeverConverging:
 @pytest.mark.parametrize("state", [(1.0,), (nan, 0.0), (0.0, 2e3), (inf, 0.0), (0, 0, 0)])
 def test_impossible_start_states_are_refused(state):
     env = gym.make("IntegPendulum-v0")
-    with pytest.raises(ValueError, match="reset option `state` must be"):
+    with pytest.raises(ValueError, match=r"state.* must be"):
         env.reset(options={"state": state})
 
 
