@@ -27,7 +27,7 @@ FAILURE_SAMPLE = 40
 
 
 @dataclass(frozen=True)
-class Layout:
+class PanelLayout:
     """Rows and cells of a panel, and what was declared about them.
 
     Attributes:
@@ -60,7 +60,7 @@ class Layout:
         return self.reference if self.cells[cell].kind in ("grid", "reference") else None
 
 
-def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
+def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
     """The content of ``panel.json``.
 
     Args:
@@ -101,7 +101,7 @@ def build_artefact(layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> 
     }
 
 
-def _judge(layout: Layout, matrix: Matrix) -> tuple[Judgement, ...]:
+def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
     comparisons = []
     for row, cell in layout.family:
         native, home = layout.native(cell), matrix.rows[row].home
@@ -117,7 +117,7 @@ def _judge(layout: Layout, matrix: Matrix) -> tuple[Judgement, ...]:
     return judge_family(comparisons) if comparisons else ()
 
 
-def _compare(layout: Layout, matrix: Matrix, a: str, b: str) -> dict[str, Any]:
+def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> dict[str, Any]:
     """Policies of two rows, compared in every grid cell and on the reference.
 
     The finest step of both rows' own integrators decides, and so does the reference.
@@ -135,7 +135,7 @@ def _compare(layout: Layout, matrix: Matrix, a: str, b: str) -> dict[str, Any]:
     return {"a": a, "b": b, **asdict(compare_policies(cells))}
 
 
-def _row(row: Row, layout: Layout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
+def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
     home = layout.homes.get(row.name)
     rates = None if row.home is None else matrix.rates(row.name, row.home)
     return {
@@ -179,7 +179,7 @@ def _spread(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return sample
 
 
-def _answer(layout: Layout, matrix: Matrix, judgements: Sequence[Judgement]) -> str:
+def _answer(layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement]) -> str:
     """The panel's question answered in one sentence with numbers."""
     judged = [
         (judgement, pair)
@@ -213,7 +213,7 @@ def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
     )
 
 
-def _range_answer(layout: Layout, matrix: Matrix) -> str:
+def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     row = layout.rows[0].name
     columns = [n for n in layout.cells_of[row] if layout.cells[n].kind in ("grid", "reference")]
     rates = {name: float(matrix.rates(row, name).mean()) for name in columns}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import Layout, build_artefact
+from integ_gym.eval.artefact import PanelLayout, build_artefact
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
 from integ_gym.eval.panel import Unit, training_config, units_of
@@ -55,7 +55,7 @@ def evaluation_records(directory: RunDirectory) -> list[dict[str, Any]]:
     return table.to_pylist()  # type: ignore[no-any-return]
 
 
-def layout_of(spec: PanelSpec) -> Layout:
+def layout_of(spec: PanelSpec) -> PanelLayout:
     """Rows and cells of a panel with training."""
     groups: dict[str, list[Unit]] = {}
     for unit in units_of(spec):
@@ -75,7 +75,7 @@ def layout_of(spec: PanelSpec) -> Layout:
 
 def make_layout(
     spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Discretization]
-) -> Layout:
+) -> PanelLayout:
     """Rows with the cells that each is evaluated in.
 
     Args:
@@ -87,7 +87,7 @@ def make_layout(
     cells = {cell.name: cell for cell in spec.columns()}
     for row_cells in own_cells.values():
         cells.update({cell.name: cell for cell in row_cells if cell.name not in cells})
-    return Layout(
+    return PanelLayout(
         rows=rows,
         homes=homes,
         cells=cells,
@@ -127,7 +127,7 @@ def cost_of(
     }
 
 
-def whereabouts(entry: dict[str, Any], layout: Layout, path: Path) -> dict[str, Any]:
+def whereabouts(entry: dict[str, Any], layout: PanelLayout, path: Path) -> dict[str, Any]:
     """Where the records behind an entry are, and the query that lists them."""
     row = next(row for row in layout.rows if row.name == entry["row"])
     files = [f"evidence/evaluate-{policy}.parquet" for policy in row.policies]

@@ -276,12 +276,10 @@ def _card(panel: Panel, gap: Gap, raw: Json, axis: "Axis") -> dict[str, Any]:
         "bar": axis.bar(gap.value) if gap in panel.declared_gaps else None,
         "axis": axis,
         "reason": str(raw.get("reason") or "").replace(" -0.", " −0."),
-        "p_values": [(words, _p(value)) for words, value in p_values if value is not None],
+        "p_values": [
+            (words, rules.p_words(value)) for words, value in p_values if value is not None
+        ],
     }
-
-
-def _p(value: float) -> str:
-    return f"p = {value:.3f}" if value >= 0.001 else "p < 0.001"
 
 
 # Axes of percentages ----------------------------------------------------------------------------

@@ -48,7 +48,7 @@ DRAWS: Final = 200_000
 BOOTSTRAP_DRAWS: Final = 10_000
 """Resamples of the interquartile mean's bootstrap."""
 
-_BLOCK: Final = 10_000  # draws held as weights at one time
+_BLOCK: Final = 10_000  # draws made at one time
 _ENTROPY: Final = 1973  # with the stream number, seeds every generator of this module
 _STREAM_FIRST, _STREAM_SECOND, _STREAM_PAIRED, _STREAM_BOOTSTRAP = range(4)
 
@@ -482,20 +482,22 @@ def _posterior_of_mean(
     support = np.concatenate(
         [np.sort(atoms, axis=-1), np.broadcast_to(values, (*batch, len(values)))], axis=-1
     )
+    mass = _dirichlet(seeds, weights, stream, draws)
+    return np.asarray(np.tensordot(mass, support, axes=(1, -1)))
+
+
+@lru_cache(maxsize=4)
+def _dirichlet(seeds: int, prior: tuple[float, ...], stream: int, draws: int) -> Floats:
+    """Weights of ``seeds`` seeds and of the prior's atoms, shape (draws, seeds + atoms)."""
     rng = np.random.Generator(np.random.PCG64([_ENTROPY, stream]))
-    out = np.empty((draws, *batch))
+    mass = np.empty((draws, seeds + len(prior)))
     for start in range(0, draws, _BLOCK):
-        count = min(_BLOCK, draws - start)
-        mass = np.concatenate(
-            [
-                rng.standard_exponential((count, seeds)),
-                rng.standard_gamma(weights, (count, len(weights))),
-            ],
-            axis=1,
-        )
-        mass /= mass.sum(axis=1, keepdims=True)
-        out[start : start + count] = np.tensordot(mass, support, axes=(1, -1))
-    return out
+        block = mass[start : start + _BLOCK]
+        block[:, :seeds] = rng.standard_exponential((len(block), seeds))
+        block[:, seeds:] = rng.standard_gamma(prior, (len(block), len(prior)))
+    mass /= mass.sum(axis=1, keepdims=True)
+    mass.setflags(write=False)
+    return mass
 
 
 def _bootstrap_iqm(array: Floats, draws: int) -> Floats:

@@ -339,16 +339,14 @@ def _judge(m: _Measured, p: tuple[float, float, float, float]) -> Judgement:
         reason = f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
     elif exceeds < ALPHA:
         verdict = "fails"
-        reason = f"Loses more than {FAIL_MARGIN} (adjusted {_p(exceeds)}, {seeds}): {change}."
+        reason = f"Loses more than {FAIL_MARGIN} (adjusted {p_words(exceeds)}, {seeds}): {change}."
     elif equivalent < ALPHA:
         verdict = "transfers"
-        reason = (
-            f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {_p(equivalent)}, {seeds}): {change}."
-        )
+        reason = f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_words(equivalent)}, {seeds}): {change}."
     else:
         reason = (
-            f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {_p(exceeds)}) nor to stay "
-            f"within ±{EQUIVALENCE_MARGIN} (adjusted {_p(equivalent)}) with {seeds}: {change}."
+            f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {p_words(exceeds)}) nor to stay "
+            f"within ±{EQUIVALENCE_MARGIN} (adjusted {p_words(equivalent)}) with {seeds}: {change}."
         )
     return Judgement(m.comparison.name, verdict, m.quantity, m.difference.interval, *p, reason)
 
@@ -430,7 +428,7 @@ def _decide(findings: Sequence[CellFinding]) -> tuple[Outcome, str]:
         f = min(reversals, key=_adjusted_reversal)
         return "rejected", (
             f"The sign reverses in {len(reversals)} of {len(informative)} informative cells, most "
-            f"clearly in {f.name}: A − B is {f.difference}, adjusted {_p(_adjusted_reversal(f))}."
+            f"clearly in {f.name}: A − B is {f.difference}, adjusted {p_words(_adjusted_reversal(f))}."
         )
     deciding = [f for f in findings if f.role is not None]
     thin = [f.name for f in deciding if f.status == "too_few_seeds"]
@@ -448,7 +446,7 @@ def _list(findings: Sequence[CellFinding]) -> str:
     return "; ".join(
         f"in {f.name}, which nobody solves"
         if f.status == "unsolved"
-        else f"in {f.name}: A − B is {f.difference}, {_p(f.p_win)}"
+        else f"in {f.name}: A − B is {f.difference}, {p_words(f.p_win)}"
         for f in findings
     )
 
@@ -457,7 +455,8 @@ def _adjusted_reversal(finding: CellFinding) -> float:
     return 1.0 if finding.p_reversal_adjusted is None else finding.p_reversal_adjusted
 
 
-def _p(value: float) -> str:
+def p_words(value: float) -> str:
+    """A p-value in words."""
     return f"p = {value:.3f}" if value >= 0.001 else "p < 0.001"
 
 
