@@ -277,7 +277,7 @@ def _card(panel: Panel, gap: Gap, raw: Json, axis: "Axis") -> dict[str, Any]:
         "axis": axis,
         "reason": str(raw.get("reason") or "").replace(" -0.", " −0."),
         "p_values": [
-            (words, rules.p_words(value)) for words, value in p_values if value is not None
+            (words, rules.p_text(value)) for words, value in p_values if value is not None
         ],
     }
 

@@ -339,14 +339,14 @@ def _judge(m: _Measured, p: tuple[float, float, float, float]) -> Judgement:
         reason = f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
     elif exceeds < ALPHA:
         verdict = "fails"
-        reason = f"Loses more than {FAIL_MARGIN} (adjusted {p_words(exceeds)}, {seeds}): {change}."
+        reason = f"Loses more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
     elif equivalent < ALPHA:
         verdict = "transfers"
-        reason = f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_words(equivalent)}, {seeds}): {change}."
+        reason = f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, {seeds}): {change}."
     else:
         reason = (
-            f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {p_words(exceeds)}) nor to stay "
-            f"within ±{EQUIVALENCE_MARGIN} (adjusted {p_words(equivalent)}) with {seeds}: {change}."
+            f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}) nor to "
+            f"stay within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with {seeds}: {change}."
         )
     return Judgement(m.comparison.name, verdict, m.quantity, m.difference.interval, *p, reason)
 
@@ -427,8 +427,9 @@ def _decide(findings: Sequence[CellFinding]) -> tuple[Outcome, str]:
     if reversals:
         f = min(reversals, key=_adjusted_reversal)
         return "rejected", (
-            f"The sign reverses in {len(reversals)} of {len(informative)} informative cells, most "
-            f"clearly in {f.name}: A − B is {f.difference}, adjusted {p_words(_adjusted_reversal(f))}."
+            f"The sign reverses in {len(reversals)} of {len(informative)} informative cells, "
+            f"most clearly in {f.name}: A − B is {f.difference}, adjusted "
+            f"{p_text(_adjusted_reversal(f))}."
         )
     deciding = [f for f in findings if f.role is not None]
     thin = [f.name for f in deciding if f.status == "too_few_seeds"]
@@ -446,7 +447,7 @@ def _list(findings: Sequence[CellFinding]) -> str:
     return "; ".join(
         f"in {f.name}, which nobody solves"
         if f.status == "unsolved"
-        else f"in {f.name}: A − B is {f.difference}, {p_words(f.p_win)}"
+        else f"in {f.name}: A − B is {f.difference}, {p_text(f.p_win)}"
         for f in findings
     )
 
@@ -455,7 +456,7 @@ def _adjusted_reversal(finding: CellFinding) -> float:
     return 1.0 if finding.p_reversal_adjusted is None else finding.p_reversal_adjusted
 
 
-def p_words(value: float) -> str:
+def p_text(value: float) -> str:
     """A p-value in words."""
     return f"p = {value:.3f}" if value >= 0.001 else "p < 0.001"
 
