@@ -342,11 +342,15 @@ def _judge(m: _Measured, p: tuple[float, float, float, float]) -> Judgement:
         reason = f"Loses more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
     elif equivalent < ALPHA:
         verdict = "transfers"
-        reason = f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, {seeds}): {change}."
+        reason = (
+            f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, "
+            f"{seeds}): {change}."
+        )
     else:
         reason = (
             f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}) nor to "
-            f"stay within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with {seeds}: {change}."
+            f"stay within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with "
+            f"{seeds}: {change}."
         )
     return Judgement(m.comparison.name, verdict, m.quantity, m.difference.interval, *p, reason)
 
