@@ -24,7 +24,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     The plant is :class:`integ_gym.envs.plants.cart_pole.CartPole`, that of `IntegCartPole-v0`, with
     compliant stops (:class:`integ_gym.envs.contact.Stops`) at both ends of its track. The track is
     as long as the range in which `IntegCartPole-v0` balances. The force limit is that
-    environment's force, 0.93 of the weight of cart and pole: a swing-up takes about 2 s of the 10,
+    environment's force, 0.93 of the weight of cart and pole: a swing-up takes about 3 s of the 10,
     within the track, so that what fails is the controller or the discretization. The stops are
     buffers: at 3 m/s they give by 7 cm and return about half of the speed, and the step of 0.02 s
     resolves them (step times contact frequency 0.85).

@@ -95,7 +95,7 @@ def draw_elastic_pendulum(
     pivot = (300.0, 90.0)
     bob = (pivot[0] + scale * x, pivot[1] + 210.0 - scale * y)
     strength = 0.3 if abs(x) < NEAR_PLUMB else 0.12
-    canvas.box((300.0, 210.0), (2.0 * NEAR_PLUMB * scale, 290.0), 1.0, tint(GREEN, strength))
+    canvas.box((300.0, 225.0), (2.0 * NEAR_PLUMB * scale, 270.0), 1.0, tint(GREEN, strength))
     canvas.line((240.0, pivot[1]), (360.0, pivot[1]), 4.0, MUTED)
     _spring(canvas, pivot, bob)
     _force(canvas, bob, relative(force, setup))
