@@ -60,6 +60,10 @@ class Stops:
         by_v = ops.where(grip > 0.0, -self.stiffness * self.damping * depth, 0.0)
         return by_q, by_v
 
+    def clearance(self, ops: Ops, q: Components) -> Component:
+        """Distance from the nearer stop, m or rad, negative in contact."""
+        return self.limit - abs(q[self.coordinate])
+
     def confined(self, ops: Ops, q: Components) -> Components:
         """``q`` with the stopped coordinate within its limits."""
         i = self.coordinate

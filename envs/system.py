@@ -17,6 +17,7 @@ class PlantSystem:
 
     Attributes:
         stops: the plant's stops, or None.
+        kinked: whether there are stops.
         no_losses: zero of every loss component: (damping,), or (damping, contact) with stops.
     """
 
@@ -24,9 +25,10 @@ class PlantSystem:
         self.plant = plant
         self.max_speed = max_speed
         self.stops: Stops | None = getattr(plant, "stops", None)
+        self.kinked = self.stops is not None
         self.no_losses: Components = (0.0,) if self.stops is None else (0.0, 0.0)
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
-        self._smooth = self.stops is None and self._friction is None
+        self._unresisted = self.stops is None and self._friction is None
         self._before = (0.0,) * plant.actuated
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
         self._jacobian = getattr(plant, "jacobian", None)
@@ -37,7 +39,7 @@ class PlantSystem:
         """Accelerations and the power of each loss component, W."""
         force = (*self._before, control, *self._after)
         plant = self.plant
-        if self._smooth:
+        if self._unresisted:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
         force, losses = self._resisted(ops, q, v, force)
         return plant.acceleration(ops, q, v, force), losses
@@ -49,7 +51,7 @@ class PlantSystem:
         if self._jacobian is None:
             return None
         force = (*self._before, control, *self._after)
-        if self._smooth:
+        if self._unresisted:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
         force, _ = self._resisted(ops, q, v, force)
         by_q, by_v = self._jacobian(ops, q, v, force)
@@ -64,6 +66,11 @@ class PlantSystem:
         if self.max_speed is None:
             return v
         return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
+
+    def clearance(self, ops: Ops, q: Components) -> Component:
+        """Distance from the nearer stop, m or rad, negative in contact."""
+        assert self.stops is not None
+        return self.stops.clearance(ops, q)
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
         """Energy of the plant and of its stops, J."""
