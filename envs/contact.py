@@ -60,9 +60,11 @@ class Stops:
         by_v = ops.where(grip > 0.0, -self.stiffness * self.damping * depth, 0.0)
         return by_q, by_v
 
-    def clearance(self, ops: Ops, q: Components) -> Component:
-        """Distance from the nearer stop, m or rad, negative in contact."""
-        return self.limit - abs(q[self.coordinate])
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
+        x = q[self.coordinate]
+        inward = ops.where(x < 0.0, v[self.coordinate], -v[self.coordinate])
+        return self.limit - abs(x), inward
 
     def confined(self, ops: Ops, q: Components) -> Components:
         """``q`` with the stopped coordinate within its limits."""

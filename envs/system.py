@@ -67,10 +67,10 @@ class PlantSystem:
             return v
         return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
 
-    def clearance(self, ops: Ops, q: Components) -> Component:
-        """Distance from the nearer stop, m or rad, negative in contact."""
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
         assert self.stops is not None
-        return self.stops.clearance(ops, q)
+        return self.stops.clearance(ops, q, v)
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
         """Energy of the plant and of its stops, J."""

@@ -23,8 +23,8 @@ class System(Protocol):
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
 
-    def clearance(self, ops: Ops, q: Components) -> Component:
-        """Distance from the kink, m or rad, negative beyond it; only of a system that has one."""
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the kink, negative beyond it, and its rate; of a system that has one."""
 
     def limit(self, ops: Ops, v: Components) -> Components:
         """Velocities within the plant's speed limit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from integ_gym.envs.integrators._dop853 import trial_step
+from integ_gym.envs.integrators._kink import time_of_kink
 from integ_gym.envs.integrators.interface import Step, System
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -17,8 +18,8 @@ class Reference:
 
     Local error per inner step below 3e-13 (1 + |y|) in float64, so that the result does not depend
     on ``dt`` beyond rounding. Where the system has a kink, only an inner step of 1.5e-8 ``dt`` goes
-    across it, and those before are aimed at it. Not symplectic by construction; its energy error is
-    rounding.
+    across it, and those before are aimed at it; a step that may have touched it and turned back is
+    taken again in parts. Not symplectic by construction; its energy error is rounding.
     ``iterations`` counts inner steps, accepted or not; a step that needs more than the cap is
     reported as not converged.
     Source: Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., II.5
@@ -62,12 +63,11 @@ class Reference:
             accepted = error <= 1.0
             following = h * _growth(ops, error)
             if system.kinked:
-                before, after = system.clearance(ops, y[:n]), system.clearance(ops, end[:n])
-                across = ((before > 0.0) != (after > 0.0)) & (h > shortest)
-                accepted = accepted & (across == False)  # noqa: E712
-                share = abs(before) / ops.maximum(abs(before) + abs(after), 1e-30)
-                nearer = ops.maximum(share * h - 0.5 * shortest, shortest)
-                following = ops.where(across, nearer, following)
+                look = time_of_kink(ops, system, n, y, end, h)
+                early = (look >= 0.0) & (h > shortest)
+                accepted = accepted & ops.where(early, False, True)
+                nearer = ops.maximum(look - 0.5 * shortest, shortest)
+                following = ops.where(early, nearer, following)
             y = tuple([ops.where(accepted, b, a) for a, b in zip(y, end, strict=True)])
             remaining = ops.where(accepted, remaining - h, remaining)
             worst = ops.where(accepted, ops.maximum(worst, error * tolerance), worst)
