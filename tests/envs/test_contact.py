@@ -87,11 +87,11 @@ def test_slopes_are_those_of_the_accelerations(plant):
         by_q, by_v = system.slopes(SCALAR, (q,), (v,), 0.7)
         h = 1e-6
 
-        def acceleration(a, b):
+        def of_system(a, b):
             return system.rates(SCALAR, (a,), (b,), 0.7)[0][0]
 
-        expected_q = (acceleration(q + h, v) - acceleration(q - h, v)) / (2.0 * h)
-        expected_v = (acceleration(q, v + h) - acceleration(q, v - h)) / (2.0 * h)
+        expected_q = (of_system(q + h, v) - of_system(q - h, v)) / (2.0 * h)
+        expected_v = (of_system(q, v + h) - of_system(q, v - h)) / (2.0 * h)
         assert by_q[0][0] == pytest.approx(expected_q, rel=1e-6, abs=1e-5)
         assert by_v[0][0] == pytest.approx(expected_v, rel=1e-6, abs=1e-5)
 
