@@ -397,3 +397,28 @@ def test_starts_of_the_three_worlds_carry_the_energy_of_the_stops():
     scalar = initial_state(SCALAR, setup, (1.2,), (0.3,)).energy
     array = initial_state(ARRAY, setup, (np.array([1.2]),), (np.array([0.3]),)).energy
     assert array[0] == scalar
+
+
+@pytest.mark.parametrize(
+    ("integrator", "left", "made_up"),
+    [
+        ("explicit_euler", 2.757, 23.291),
+        ("symplectic_euler", 2.248, 7.176),
+        ("implicit_midpoint", 1.580, 0.090),
+        ("stormer_verlet", 1.532, -0.279),
+        ("reference", 1.440, 0.0),
+        ("rk4", 1.405, -0.030),
+        ("implicit_euler", 0.490, -3.292),
+    ],
+)
+def test_energy_that_a_rebound_leaves(integrator, left, made_up):
+    """The table of docs/environments.md."""
+    env = gym.make("IntegCartPoleSwingUp-v0", integrator=integrator)
+    _, info = env.reset(options={"state": (2.33, 3.0, pi, 0.0)})
+    assert info["energy"] == pytest.approx(4.95)
+    residual = 0.0
+    for _ in range(10):
+        *_, info = env.step(np.zeros(1))
+        residual += info["energy_residual"]
+    assert info["energy"] == pytest.approx(left, abs=1e-3)
+    assert residual == pytest.approx(made_up, abs=1e-3)
