@@ -21,12 +21,16 @@ from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
+from integ_gym.envs.tasks.cart_pole_swing_up import CartPoleSwingUp
+from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB, ElasticPendulumQuiet
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp, wrapped
-from integ_gym.train.lqr import held, linearized, lqr_gain
+from integ_gym.train.lqr import held, linearized, lqr, lqr_gain
 from integ_gym.train.policy import ActionArray, FloatArray, Policy
 
 BASELINES = ("random", "zero", "handmade")
@@ -36,6 +40,8 @@ _CATCH_TIME = 4.0
 """How long the regulator may take, in simulation, to bring a state near upright, s."""
 _CATCH_ANGLE = 0.1
 """How near upright it must then be, rad."""
+_DIRECTIONS = 64
+"""How many directions of the state space the cart-pole's regulator is tried in."""
 _STEP_RATE = 0.1
 """Largest integration step of that simulation times the pendulum's rate √(m g c / I)."""
 
@@ -240,7 +246,7 @@ class EnergyShaping(Baseline):
 
     def regulate(self, angle: NDArray[Any], speed: NDArray[Any]) -> NDArray[np.float64]:
         """Saturated LQR torques in N m, shape (n,), of angles in rad and speeds in rad/s."""
-        return self._saturated(-(self.gain[0] * angle + self.gain[1] * speed))
+        return _within(-(self.gain[0] * angle + self.gain[1] * speed), self.limit)
 
     def pump(self, angle: NDArray[Any], speed: NDArray[Any]) -> NDArray[np.float64]:
         """Energy-shaping torques in N m, shape (n,), of angles in rad and speeds in rad/s."""
@@ -250,11 +256,13 @@ class EnergyShaping(Baseline):
         excess = plant.energy(ARRAY, (angle,), (speed,)) - 2.0 * plant.gravity_torque
         floor = np.copysign(1e-9, mean_speed)
         advance = period * np.where(np.abs(mean_speed) < 1e-9, floor, mean_speed)
-        return self._saturated(-excess / advance + plant.damping * mean_speed)
+        return _within(-excess / advance + plant.damping * mean_speed, self.limit)
 
-    def _saturated(self, torque: NDArray[Any]) -> NDArray[np.float64]:
-        within: NDArray[np.float64] = np.clip(torque, -self.limit, self.limit)
-        return within
+
+def _within(control: NDArray[Any], limit: float) -> NDArray[np.float64]:
+    """Controls saturated at ±``limit``."""
+    within: NDArray[np.float64] = np.clip(control, -limit, limit)
+    return within
 
 
 class _Region:
@@ -355,7 +363,173 @@ class BangBangRegulator(Baseline):
         return np.where(force > 0.0, 1, 0)
 
 
+class CartPoleEnergyShaping(Baseline):
+    r"""Swing-up of the cart-pole: energy shaping with a centred cart, then a regulator.
+
+    *Below*, the force is the one that gives the cart the acceleration
+
+    .. math::
+        a = \operatorname{sat}(3 g (E - E_{up}) / E_{up}) \operatorname{sgn}(\dot\theta \cos\theta)
+        - 2 T \cos\theta / (m l) - \omega^2 x - 2 \omega \dot x,
+
+    saturated. The first term raises the energy E of the pole about its hinge towards that of
+    standing upright, since :math:`\dot E = -m l \cos\theta\, \dot\theta\, a - T \dot\theta` with T
+    the torque of damping and friction, for which the second makes up on average. The others draw
+    the cart to the middle, more slowly than the pole swings.
+
+    *Near the top*, :math:`F = -K x`, saturated, with K the discrete LQR gain of the plant
+    linearized upright and held exactly over the control period. It takes over where its
+    cost-to-go :math:`x^\top P x` is below a level that is found at construction: from every
+    sampled state on that ellipsoid and on smaller ones the regulated plant, stops and force limit
+    included, comes to rest upright.
+
+    Source: Åström and Furuta (2000), *Swinging up a pendulum by energy control*, Automatica 36;
+    Chung and Hauser (1995), *Nonlinear control of a swinging pendulum*, Automatica 31.
+
+    Args:
+        setup: of the environment.
+    """
+
+    policy_id = "handmade"
+
+    def __init__(self, setup: Setup) -> None:
+        plant, task = setup.plant, setup.task
+        assert isinstance(plant, CartPole)
+        assert isinstance(task, CartPoleSwingUp)
+        self.plant = plant
+        self.limit = float(task.control_limit)
+        self.track = float(task.track_limit)
+        self.period = setup.timing.control_period
+        self.rate = math.sqrt(plant.mass_moment * plant.gravity / plant.inertia)
+        scales = np.array([0.5 * self.track, self.track * self.rate, 0.3, 0.3 * self.rate])
+        a, b = held(*linearized(plant), self.period)
+        effort = np.array([[self.limit**-2.0]])
+        self.gain, self.cost = lqr(a, b, np.diag(scales**-2.0), effort)
+        self.level = self._caught_level()
+
+    def parameters(self) -> dict[str, Any]:
+        """The plant, the force limit, the length of the track and the control period."""
+        return {
+            "plant": asdict(self.plant),
+            "limit": self.limit,
+            "track": self.track,
+            "period": self.period,
+        }
+
+    def act(self, observations: NDArray[Any]) -> FloatArray:
+        """Forces.
+
+        Args:
+            observations: (x, ẋ, cos θ, sin θ, θ̇), shape (n, 5), SI units.
+
+        Returns:
+            N, float32 of shape (n, 1), within the limit.
+        """
+        x, x_dot, cosine, sine, theta_dot = np.asarray(observations, dtype=np.float64).T
+        state = np.array([x, x_dot, np.arctan2(sine, cosine), theta_dot])
+        near = self._cost_to_go(state) <= self.level
+        force = np.where(near, self.regulate(state), self.pump(state))
+        return force.astype(np.float32)[:, None]
+
+    def regulate(self, state: NDArray[Any]) -> NDArray[np.float64]:
+        """Saturated LQR forces in N, shape (n,), of states of shape (4, n)."""
+        return _within(-(self.gain @ state)[0], self.limit)
+
+    def pump(self, state: NDArray[Any]) -> NDArray[np.float64]:
+        """Energy-shaping forces in N, shape (n,), of states of shape (4, n)."""
+        plant, (x, x_dot, theta, theta_dot) = self.plant, state
+        upright = 2.0 * plant.mass_moment * plant.gravity
+        still = np.zeros_like(x)
+        energy = plant.energy(ARRAY, (x, theta), (still, theta_dot))
+        fastest = self.limit / plant.total_mass
+        wanted = 3.0 * plant.gravity * (energy - upright) / upright
+        cosine, slow = np.cos(theta), 0.3 * self.rate
+        resistance = plant.damping * theta_dot + plant.friction * np.sign(theta_dot)
+        acceleration = np.clip(wanted, -0.7 * fastest, 0.7 * fastest)
+        acceleration *= np.copysign(1.0, theta_dot * cosine)
+        acceleration -= 2.0 * cosine * resistance / plant.mass_moment
+        acceleration -= slow * (slow * x + 2.0 * x_dot)
+        free, driven = (
+            plant.acceleration(ARRAY, (x, theta), (x_dot, theta_dot), (force, 0.0))[0]
+            for force in (0.0, 1.0)
+        )
+        return _within((acceleration - free) / (driven - free), self.limit)
+
+    def _cost_to_go(self, state: NDArray[Any]) -> NDArray[np.float64]:
+        cost: NDArray[np.float64] = np.einsum("in,ij,jn->n", state, self.cost, state)
+        return cost
+
+    def _caught_level(self) -> float:
+        """Largest cost-to-go of a ladder up to which the regulator catches every sampled state."""
+        directions = np.random.default_rng(0).normal(size=(4, _DIRECTIONS))
+        directions /= np.sqrt(self._cost_to_go(directions))
+        widest = 1.0 / np.linalg.inv(self.cost)[2, 2]  # where the ellipsoid reaches 1 rad
+        levels = widest * np.linspace(0.1, 1.0, 19) ** 2
+        starts = directions[:, :, None] * np.sqrt(levels)
+        caught = self._caught(starts.reshape(4, -1)).reshape(_DIRECTIONS, -1).all(axis=0)
+        return float(levels[: int(np.cumprod(caught).sum())].max(initial=0.0))
+
+    def _caught(self, state: NDArray[Any]) -> NDArray[np.bool_]:
+        """Whether the regulated plant comes to rest upright, shape (n,), from states (4, n)."""
+        substeps = math.ceil(self.period * self.rate / _STEP_RATE)
+        engine = NativeEngine(PlantSystem(self.plant), "rk4", self.period / substeps)
+        upright = np.ones(state.shape[1], dtype=bool)
+        for _ in range(math.ceil(_CATCH_TIME / self.period)):
+            q, v = split_state(tuple(state))
+            force = self.regulate(state)
+            motion = engine.advance(ARRAY, q, v, ((force, substeps),), None)
+            state = np.array(join_state(motion.q, motion.v))
+            upright &= (np.abs(state[2]) < 0.5 * math.pi) & (np.abs(state[0]) <= self.track)
+        caught: NDArray[np.bool_] = upright & (np.abs(state[2]) < _CATCH_ANGLE)
+        return caught
+
+
+class SwingRegulator(Baseline):
+    r"""Quieting of the elastic pendulum: the linear-quadratic regulator of its swing, saturated.
+
+    :math:`F = -K (x, \dot x)` with K the discrete LQR gain of the swing, linearized at rest and
+    held exactly over the control period. A horizontal force does not reach the bounce of a
+    hanging spring, which is left alone.
+
+    Args:
+        setup: of the environment.
+    """
+
+    policy_id = "handmade"
+
+    def __init__(self, setup: Setup) -> None:
+        plant = setup.plant
+        assert isinstance(plant, ElasticPendulum)
+        self.plant = plant
+        self.limit = float(setup.task.control_limit)
+        self.period = setup.timing.control_period
+        rate = math.sqrt(plant.gravity / plant.hanging_length)
+        a, b = linearized(plant)
+        swing = held(a[:2, :2], b[:2], self.period)
+        weights = np.diag([1.0, rate**-2.0]) / NEAR_PLUMB**2
+        self.gain = lqr_gain(*swing, weights, np.array([[self.limit**-2.0]]))[0]
+
+    def parameters(self) -> dict[str, Any]:
+        """The plant, the force limit and the control period."""
+        return {"plant": asdict(self.plant), "limit": self.limit, "period": self.period}
+
+    def act(self, observations: NDArray[Any]) -> FloatArray:
+        """Forces.
+
+        Args:
+            observations: (x, ẋ, y, ẏ), shape (n, 4), SI units.
+
+        Returns:
+            N, float32 of shape (n, 1), within the limit.
+        """
+        swing = np.asarray(observations, dtype=np.float64)[:, :2]
+        force = _within(-(swing @ self.gain), self.limit)
+        return force.astype(np.float32)[:, None]
+
+
 _HANDMADE: dict[type[Any], Callable[[Setup], Policy]] = {
     PendulumSwingUp: EnergyShaping,
     CartPoleBalance: BangBangRegulator,
+    CartPoleSwingUp: CartPoleEnergyShaping,
+    ElasticPendulumQuiet: SwingRegulator,
 }

@@ -53,7 +53,12 @@ def held(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
 
 
 def lqr_gain(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> Matrix:
-    """K of the control u = -K x that minimizes Σ xᵀ Q x + uᵀ R u over x ← A x + B u.
+    """K, shape (m, n), of :func:`lqr`."""
+    return lqr(a, b, state_cost, control_cost)[0]
+
+
+def lqr(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> tuple[Matrix, Matrix]:
+    """K of the control u = -K x that minimizes Σ xᵀ Q x + uᵀ R u over x ← A x + B u, and its cost.
 
     Args:
         a: shape (n, n).
@@ -62,7 +67,7 @@ def lqr_gain(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> 
         control_cost: R, shape (m, m), positive definite.
 
     Returns:
-        Shape (m, n).
+        K of shape (m, n), and P of shape (n, n): the least sum from x on is xᵀ P x.
 
     Raises:
         ValueError: if no control stabilizes the system.
@@ -74,4 +79,5 @@ def lqr_gain(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> 
         raise ValueError(
             "no linear control holds this plant upright; give it gravity and a control that acts"
         ) from error
-    return np.asarray(np.linalg.solve(control_cost + b.T @ value @ b, b.T @ value @ a))
+    gain = np.linalg.solve(control_cost + b.T @ value @ b, b.T @ value @ a)
+    return np.asarray(gain), np.asarray(value)

@@ -7,11 +7,13 @@ section II.5 and the program DOP853 in its appendix.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from operator import itemgetter, mul
+from typing import Any, TypeAlias
 
 from integ_gym.envs.ops import Component, Components, Ops
 
 Row: TypeAlias = tuple[tuple[int, float], ...]
+Weighted: TypeAlias = tuple[Callable[[list[Component]], Any], tuple[float, ...]]
 
 STAGES: tuple[Row, ...] = (
     (),
@@ -121,27 +123,49 @@ ERROR_3: Row = (
 """Difference from the embedded third-order solution."""
 
 
+def _prepared(row: Row) -> Weighted:
+    """A row as (what picks its stages from a list of all, their weights)."""
+    stages, weights = zip(*row, strict=True)
+    pick = itemgetter(*stages) if len(stages) > 1 else itemgetter(slice(stages[0], stages[0] + 1))
+    return pick, weights
+
+
+_STAGES = tuple([_prepared(row) for row in STAGES[1:]])
+_WEIGHTS, _ERROR_5, _ERROR_3 = _prepared(WEIGHTS), _prepared(ERROR_5), _prepared(ERROR_3)
+
+
 def trial_step(
     ops: Ops,
     derivative: Callable[[Components], Components],
     y: Components,
+    moving: int,
     h: Component,
     tolerance: float,
 ) -> tuple[Components, Component]:
-    """One inner step of size ``h``: the new state and its error in units of the tolerance."""
-    stages = [derivative(y)]
-    for row in STAGES[1:]:
-        stages.append(derivative(_combine(y, h, row, stages)))
-    end = _combine(y, h, WEIGHTS, stages)
+    """One inner step of size ``h``: the new state and its error in units of the tolerance.
+
+    ``derivative`` takes the first ``moving`` components of the state, on which all others depend
+    but nothing depends on them, and gives the slopes of all.
+    """
+    slopes = [[slope] for slope in derivative(y[:moving])]
+    for row in _STAGES:
+        point = derivative(_combine(y[:moving], h, row, slopes))
+        for known, slope in zip(slopes, point, strict=True):
+            known.append(slope)
+    end = _combine(y, h, _WEIGHTS, slopes)
     zero = tuple([0.0 * a for a in y])
-    fifth = _norm(ops, _combine(zero, h, ERROR_5, stages), y, end, tolerance)
-    third = _norm(ops, _combine(zero, h, ERROR_3, stages), y, end, tolerance)
+    fifth = _norm(ops, _combine(zero, h, _ERROR_5, slopes), y, end, tolerance)
+    third = _norm(ops, _combine(zero, h, _ERROR_3, slopes), y, end, tolerance)
     scale = ops.sqrt(fifth * fifth + 0.01 * third * third)
     return end, fifth * fifth / ops.maximum(scale, 1e-30)
 
 
-def _combine(y: Components, h: Component, row: Row, stages: list[Components]) -> Components:
-    return tuple([a + h * sum([c * stages[j][i] for j, c in row]) for i, a in enumerate(y)])
+def _combine(
+    y: Components, h: Component, row: Weighted, slopes: list[list[Component]]
+) -> Components:
+    """``y + h Σ weight · slope`` for as many components as ``y`` has."""
+    pick, weights = row
+    return tuple([a + h * sum(map(mul, weights, pick(k))) for a, k in zip(y, slopes, strict=False)])
 
 
 def _norm(

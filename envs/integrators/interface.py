@@ -10,6 +10,9 @@ from integ_gym.envs.ops import Component, Components, Ops
 class System(Protocol):
     """The continuous-time system as an integrator sees it, at a constant control."""
 
+    kinked: bool
+    """Whether the accelerations have a kink where :meth:`clearance` is zero; elsewhere smooth."""
+
     def rates(
         self, ops: Ops, q: Components, v: Components, control: Component
     ) -> tuple[Components, Components]:
@@ -19,6 +22,9 @@ class System(Protocol):
         self, ops: Ops, q: Components, v: Components, control: Component
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
+
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the kink, negative beyond it, and its rate; of a system that has one."""
 
     def limit(self, ops: Ops, v: Components) -> Components:
         """Velocities within the plant's speed limit."""

@@ -10,6 +10,7 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 
@@ -18,8 +19,13 @@ EXPLICIT_ORDERS = {name: INTEGRATORS.load(name).order for name in ALL if name !=
 DRIVEN_PLANTS = {
     "pendulum": Pendulum(damping=0.3),
     "cart_pole": CartPole(damping=0.02, cart_damping=0.4),
+    "elastic_pendulum": ElasticPendulum(damping=0.2, stiffness=50.0),
 }
-STARTS = {"pendulum": ((2.0,), (1.5,)), "cart_pole": ((0.1, 2.0), (0.3, 3.0))}
+STARTS = {
+    "pendulum": ((2.0,), (1.5,)),
+    "cart_pole": ((0.1, 2.0), (0.3, 3.0)),
+    "elastic_pendulum": ((0.3, 0.1), (1.0, -0.5)),
+}
 
 
 def energies(plant: Any, integrator: str, dt: float, steps: int, q: Any, v: Any) -> np.ndarray:

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 import integ_gym
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 
@@ -55,7 +56,26 @@ def test_reference_does_not_depend_on_dt(plant):
     assert np.abs(coarse - fine).max() < 1e-11
 
 
-@pytest.mark.parametrize("spin", [0.0, 12.0, 60.0])
+def test_every_plant_is_driven():
+    assert DRIVEN_PLANTS.keys() == STARTS.keys() == set(PLANTS.names())
+
+
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+def test_reference_agrees_with_dop853_on_every_plant(plant):
+    q, v = STARTS[plant]
+    system, n = PlantSystem(DRIVEN_PLANTS[plant]), len(q)
+    motion = NativeEngine(system, "reference", 0.05).advance(SCALAR, q, v, ((1.7, 1),), None)
+
+    def slope(t, y):
+        acceleration, power = system.rates(SCALAR, tuple(y[:n]), tuple(y[n : 2 * n]), 1.7)
+        return (*y[n : 2 * n], *acceleration, *power)
+
+    truth = solve_ivp(slope, (0.0, 0.05), (*q, *v, 0.0), "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    got = np.array([*motion.q, *motion.v, *motion.losses])
+    assert np.abs(got - truth).max() < 1e-10
+
+
+@pytest.mark.parametrize("spin", [0.0, 12.0, 60.0, 200.0])
 def test_reference_agrees_with_dop853(spin):
     plant = Pendulum(damping=0.3)
     engine = NativeEngine(PlantSystem(plant), "reference", 0.05)

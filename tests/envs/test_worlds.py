@@ -20,7 +20,11 @@ from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.system import PlantSystem
 
 ROOT = Path(integ_gym.envs.__file__).parent
-PURE = sorted((ROOT / "plants").glob("*.py")) + sorted((ROOT / "integrators").glob("*.py"))
+PURE = [
+    *sorted((ROOT / "plants").glob("*.py")),
+    *sorted((ROOT / "integrators").glob("*.py")),
+    *(ROOT / name for name in ("contact.py", "friction.py", "system.py")),
+]
 LANES = 7
 
 

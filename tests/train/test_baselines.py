@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import integ_gym  # noqa: F401  (registers the environments)
+import integ_gym
 from integ_gym.train.baselines import BASELINES, EnergyShaping, make_baseline
 from integ_gym.train.policy import Policy
 
@@ -22,6 +22,7 @@ pytest.importorskip("scipy")
 from integ_gym.train.lqr import held, linearized, lqr_gain
 
 PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
+SWING_UP, ELASTIC = "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0"
 TIGHT = {"integrator": "reference", "dt": 0.05, "start": "hanging"}
 EPISODES = 50
 
@@ -68,7 +69,7 @@ def play(env_id: str, name: str, episodes: int = EPISODES, **arguments: Any) -> 
 
 
 @pytest.mark.parametrize("name", BASELINES)
-@pytest.mark.parametrize("env_id", [PENDULUM, CART_POLE])
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
 def test_protocol(env_id: str, name: str) -> None:
     env = gym.make(env_id)
     policy = make_baseline(name, env.unwrapped.setup)  # type: ignore[attr-defined]
@@ -80,7 +81,7 @@ def test_protocol(env_id: str, name: str) -> None:
     observations = np.random.default_rng(0).normal(size=(6, size)).astype(np.float32)
     actions = policy.act(observations)
     assert policy.act(observations[:0]).shape[0] == 0
-    if env_id == PENDULUM:
+    if env_id != CART_POLE:
         assert actions.dtype == np.float32
         assert actions.shape == (6, 1)
         assert all(action in env.action_space for action in actions)
@@ -90,16 +91,18 @@ def test_protocol(env_id: str, name: str) -> None:
         assert all(action in env.action_space for action in actions)
 
 
-@pytest.mark.parametrize("env_id", [PENDULUM, CART_POLE])
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
 def test_content_hash_covers_what_decides_the_actions(env_id: str) -> None:
     def hash_of(name: str, seed: int = 0, **arguments: Any) -> str:
         return make_baseline(name, setup_of(env_id, **arguments), seed=seed).content_hash
 
-    limit = {"max_torque": 1.5} if env_id == PENDULUM else {"force_mag": 8.0}
+    name = {PENDULUM: "max_torque", CART_POLE: "force_mag"}.get(env_id, "max_force")
+    limit = {name: 1.5}
     hashes = {hash_of(name) for name in BASELINES}
     assert len(hashes) == len(BASELINES)
     changes: list[dict[str, Any]] = [limit, {"mass": 2.0}, {"damping": 0.1}, {"gravity": 9.0}]
-    changes += [{"length": 2.0}, {"mass_distribution": "point"}, {"control_period": 0.1}]
+    changes += [{"length": 2.0}, {"control_period": 0.1}]
+    changes += [{"stiffness": 50.0}] if env_id == ELASTIC else [{"mass_distribution": "point"}]
     assert len({hash_of("handmade", **change) for change in changes} | hashes) == 3 + len(changes)
     assert hash_of("random", seed=1) not in hashes
     for integrator in ("explicit_euler", "reference"):
@@ -131,7 +134,7 @@ def test_content_hash_is_the_same_in_every_process() -> None:
         ("handmade", {"gravity": 0.0}, "without gravity there is nothing to balance; leave"),
     ],
 )
-@pytest.mark.parametrize("env_id", [PENDULUM, CART_POLE])
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
 def test_refusals(env_id: str, name: str, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError) as caught:
         make_baseline(name, setup_of(env_id, **arguments))
@@ -176,7 +179,7 @@ def test_random_choices_are_even() -> None:
 
 
 @pytest.mark.parametrize("fallback", ["hold", "zero"])
-@pytest.mark.parametrize("env_id", [PENDULUM, CART_POLE])
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
 @pytest.mark.parametrize("latency", [0.0, 0.04])
 def test_zero_never_acts(env_id: str, fallback: str, latency: float) -> None:
     arguments = {"integrator": "rk4", "dt": 0.02, "action_latency": latency, "fallback": fallback}
@@ -187,14 +190,15 @@ def test_zero_never_acts(env_id: str, fallback: str, latency: float) -> None:
         action = policy.act(observation[None])[0]
         observation, _, _, _, info = env.step(action)
         assert info["control"] == 0.0
-        assert info["fallback_used"] is True or env_id == PENDULUM
+        assert info["fallback_used"] is True or env_id != CART_POLE
         assert info["actuator_work"] == 0.0
 
 
 @pytest.mark.parametrize("name", ["random", "zero"])
 def test_no_skill_does_not_succeed(name: str) -> None:
     assert play(PENDULUM, name, 20, **(TIGHT | {"integrator": "rk4"})).success == 0.0
-    assert play(CART_POLE, name, 20, integrator="rk4").success == 0.0
+    for env_id in (CART_POLE, SWING_UP, ELASTIC):
+        assert play(env_id, name, 20, integrator="rk4").success == 0.0
 
 
 # --- the hand-made controllers ----------------------------------------------------------------
@@ -248,6 +252,55 @@ def test_balance(arguments: dict[str, Any]) -> None:
     settings = {"integrator": "reference", "dt": 0.02} | arguments
     result = play(CART_POLE, "handmade", **settings)
     assert result.success == 1.0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"integrator": "reference", "dt": 0.02},
+        {},
+        {"control_period": 0.05},
+        {"integrator": "explicit_euler", "dt": 0.02},
+        {"integrator": "implicit_euler", "dt": 0.02},
+        {"max_force": 5.0},
+        {"mass": 0.3, "length": 0.8},
+        {"mass_distribution": "point", "damping": 0.003},
+        {"damping": 0.01},
+        {"friction": 0.02, "cart_friction": 0.5},
+        {"track_limit": 1.2, "observation_noise": 0.01},
+        {"start": "upright"},
+    ],
+    ids=str,
+)
+def test_cart_pole_swing_up(arguments: dict[str, Any]) -> None:
+    settings = {"integrator": "rk4", "dt": 0.005, "control_period": 0.02}
+    if "dt" in arguments:
+        settings = {}
+    result = play(SWING_UP, "handmade", 20, **(settings | arguments))
+    assert result.success == 1.0
+    assert result.since.max() <= 7.0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"integrator": "reference"},
+        {"integrator": "symplectic_euler"},
+        {"integrator": "implicit_euler", "dt": 0.05},
+        {"stiffness": 100.0, "damping": 0.1},
+        {"mass": 2.0, "length": 0.6},
+        {"control_period": 0.1},
+    ],
+    ids=str,
+)
+def test_elastic_pendulum_is_quieted(arguments: dict[str, Any]) -> None:
+    assert play(ELASTIC, "handmade", 20, **({"dt": 0.02} | arguments)).success == 1.0
+
+
+def test_where_the_integrator_drains_energy_no_skill_is_needed() -> None:
+    """A success that is the simulator's own: without control, and only there."""
+    assert play(ELASTIC, "zero", 20, integrator="implicit_euler", dt=0.05).success == 1.0
+    assert play(ELASTIC, "zero", 20, integrator="reference", dt=0.05).success == 0.0
 
 
 @pytest.mark.parametrize("missing", [-0.1, 0.1])
