@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
@@ -12,15 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motions import ALL, DRIVEN_PLANTS
 
-import integ_gym.envs
 from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.jax_ops import JaxOps
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.system import PlantSystem
 
-ROOT = Path(integ_gym.envs.__file__).parent
-PURE = sorted((ROOT / "plants").glob("*.py")) + sorted((ROOT / "integrators").glob("*.py"))
 LANES = 7
 
 
@@ -87,31 +81,6 @@ def test_float32_converges_and_is_close(integrator):
     assert np.all(np.broadcast_to(np.asarray(motion.converged), LANES))
     for got, expected in zip((*motion.q, *motion.v), (*double.q, *double.v), strict=True):
         np.testing.assert_allclose(got, expected, rtol=2e-5, atol=2e-5)
-
-
-@pytest.mark.parametrize("path", PURE, ids=lambda p: f"{p.parent.name}/{p.name}")
-def test_plants_and_integrators_import_no_arithmetic(path):
-    imported = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            imported |= {alias.name.split(".")[0] for alias in node.names}
-        if isinstance(node, ast.ImportFrom) and node.module:
-            imported.add(node.module.split(".")[0])
-    assert not imported & {"numpy", "jax", "math", "cmath", "scipy"}
-
-
-def test_the_physics_is_written_once():
-    """No function outside plants and integrators is an equation of motion or a step of one."""
-    single = {"acceleration": "plants", "dissipation": "plants", "jacobian": "plants"}
-    for path in sorted(ROOT.parent.rglob("*.py")):
-        if not {"envs", "train", "eval", "evidence", "package"} & set(path.parts):
-            continue
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef) and node.name in single:
-                home = path.parent.name
-                assert home in (single[node.name], "integrators"), (path, node.name)
-    for path in sorted((ROOT / "integrators").glob("[!_]*.py")):
-        assert len(path.read_text().splitlines()) < 100, path
 
 
 @given(
