@@ -39,16 +39,18 @@ def integration_steps(tree: ast.AST) -> list[str]:
             names = {a.arg for a in node.args.args}
             if {"q", "v"} <= names or "slope" in names:
                 found.append(node.name)
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add) and _is_advance(node):
+        if any(_is_step_times_slope(part) for part in _summands(node)):
             found.append(ast.unparse(node))
-        if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
-            if _is_step_times_slope(node.value):
-                found.append(ast.unparse(node))
     return found
 
 
-def _is_advance(node: ast.BinOp) -> bool:
-    return _is_step_times_slope(node.left) or _is_step_times_slope(node.right)
+def _summands(node: ast.AST) -> tuple[ast.AST, ...]:
+    """What a sum, or a statement `x += …`, adds."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return node.left, node.right
+    if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
+        return (node.value,)
+    return ()
 
 
 def _is_step_times_slope(node: ast.AST) -> bool:
