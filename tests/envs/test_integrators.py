@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from checks import (
@@ -24,7 +25,7 @@ from checks import (
     registered_plants,
 )
 
-from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.integrators import INTEGRATORS, _newton
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.eval.numerics import (
     advance,
@@ -227,6 +228,23 @@ def test_stability_limit(integrator):
 @pytest.mark.parametrize("integrator", NEWTON)
 def test_solver(integrator):
     check_solver(integrator)
+
+
+@pytest.mark.parametrize("integrator", NEWTON)
+def test_solver_at_its_cap(integrator, monkeypatch):
+    """A step that the cap cuts short says so, in a single and in a vector environment."""
+    monkeypatch.setattr(_newton, "CAP", 1)
+    arguments = {"integrator": integrator, "dt": 0.05, "damping": 0.05}
+    single = gym.make("IntegCartPole-v0", disable_env_checker=True, **arguments)
+    single.reset(options={"state": (0.0, 1.0, 1.0, 5.0)})
+    *_, info = single.step(1)
+    assert info["solver_status"] == "not_converged"
+    assert info["solver_iterations"] == 1
+    assert info["solver_residual"] > _newton.TOLERANCE
+    vector = gym.make_vec("IntegCartPole-v0", num_envs=2, **arguments)
+    vector.reset(options={"state": np.tile([0.0, 1.0, 1.0, 5.0], (2, 1))})
+    *_, infos = vector.step(np.ones(2, dtype=int))
+    assert list(infos["solver_status"]) == ["not_converged"] * 2
 
 
 @pytest.mark.parametrize("plant", registered_plants(damping=0.3), ids=lambda p: p.name)

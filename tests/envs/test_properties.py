@@ -19,15 +19,22 @@ from integ_gym.eval.numerics import fastest_rate, ledger, probe_state
 STEPS = 5
 
 
-def _parameters(owner, span):
-    """Every physical parameter, within a factor of `span` of its default; dampings up to `span`."""
+STIFF = ("friction", "stop")
+"""Parts of the names of parameters that make forces change over a small fraction of a step."""
+
+
+def _parameters(owner, span, smooth=False):
+    """Physical parameters within a factor of `span` of their defaults, or from 0 up to `span`.
+
+    A `smooth` motion has no friction and no stops.
+    """
     return st.fixed_dictionaries(
         {
             f.name: st.floats(0.0, span)
             if f.default == 0.0
             else st.floats(f.default / span, f.default * span)
             for f in fields(owner)
-            if isinstance(f.default, float)
+            if isinstance(f.default, float) and not (smooth and any(p in f.name for p in STIFF))
         }
     )
 
@@ -58,7 +65,7 @@ def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
         dt=st.floats(1e-4, 1.0 if integrator != "reference" else 0.02),
         max_speed=st.one_of(st.none(), st.floats(0.1, DIVERGENCE_SPEED)),
     )
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=80 if integrator != "reference" else 15, deadline=None)
     def check(parameters, state, actions, dt, max_speed):
         env = gym.make(
             env_id, integrator=integrator, dt=dt, max_speed=max_speed, duration=1e3,
@@ -96,7 +103,7 @@ def test_residual_falls_with_dt(name, integrator):
     owner = PLANTS.load(name)
 
     @given(
-        parameters=_parameters(owner, 2.0),
+        parameters=_parameters(owner, 2.0, smooth=True),
         controls=st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=8),
         shift=st.floats(-0.5, 0.5),
     )
