@@ -12,21 +12,19 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.info import reset_info
 from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Components
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, split_state, state_names
+from integ_gym.envs.scalar_step import ScalarStep, plain_step, traced_step
 from integ_gym.envs.settings import Setup, build_setup
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import (
-    OK,
-    STATUS_NAMES,
-    EnvState,
-    Outcome,
-    initial_state,
-    transition,
-)
+from integ_gym.envs.transition import EnvState, initial_state
 
 Observation = npt.NDArray[np.float32]
+
+WARM_UP = 50
+"""Steps of an environment after which the rest are traced: shorter lives are not worth it."""
 
 
 class IntegEnv(gym.Env[Observation, Any]):
@@ -59,7 +57,10 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._discrete = self.setup.task.discrete
         self._noise = self.setup.settings.observation_noise
         self._state: EnvState | None = None
-        self._last: Outcome | None = None
+        self._control = 0.0
+        self._sampled = True
+        self._step: ScalarStep = self._first_steps
+        self._steps_to_trace = WARM_UP
         self._renderer: Any = None
 
     @property
@@ -69,8 +70,13 @@ class IntegEnv(gym.Env[Observation, Any]):
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
         """
+        return np.array(self.state_components, dtype=np.float64)
+
+    @property
+    def state_components(self) -> Components:
+        """The same as floats, which takes less time."""
         current = self._current()
-        return np.array(join_state(current.q, current.v), dtype=np.float64)
+        return join_state(current.q, current.v)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -91,10 +97,11 @@ class IntegEnv(gym.Env[Observation, Any]):
         if "state" not in (options or {}):
             q = self.setup.system.confined(SCALAR, q)
         self._state = initial_state(SCALAR, self.setup, q, v)
-        self._last = None
+        self._control, self._sampled = 0.0, True
         if self.render_mode == "human":
             self.render()
-        return self._observe(self._state), reset_info(self._state)
+        observation = self.setup.task.observe(SCALAR, q, v)
+        return self._observed(observation), reset_info(self._state)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance one control period; see the environment's docstring for ``info``.
@@ -104,17 +111,16 @@ class IntegEnv(gym.Env[Observation, Any]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         before = self._current()
-        state, outcome = transition(SCALAR, self.setup, before, self._read_action(action))
-        self._state, self._last = state, outcome
+        control = self._read_action(action)
+        try:
+            taken = self._step(before, control)
+        except (ArithmeticError, ValueError):
+            taken = plain_step(self.setup)(before, control)
+        state, observation, reward, terminated, truncated, info, self._sampled = taken
+        self._state, self._control = EnvState._make(state), info["control"]
         if self.render_mode == "human":
             self.render()
-        return (
-            self._observe(state),
-            outcome.reward,
-            outcome.terminated,
-            outcome.truncated,
-            step_info(self.setup, state, outcome),
-        )
+        return self._observed(observation), reward, terminated, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the plant, the applied control and the discretization.
@@ -132,9 +138,8 @@ class IntegEnv(gym.Env[Observation, Any]):
             from integ_gym.envs.rendering import Renderer
 
             self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
-        control = 0.0 if self._last is None else self._last.control
         time = self._current().steps * self.setup.timing.control_period
-        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, control, time)
+        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, self._control, time)
         return frame
 
     def close(self) -> None:
@@ -153,15 +158,23 @@ class IntegEnv(gym.Env[Observation, Any]):
             return box_action(action)
         return discrete_action(action, self._discrete)
 
-    def _observe(self, state: EnvState) -> Observation:
+    def _first_steps(self, state: EnvState, action: float) -> tuple[Any, ...]:
+        """Steps until it pays to have them traced."""
+        self._steps_to_trace -= 1
+        plain = plain_step(self.setup)
+        if self._steps_to_trace <= 0:
+            self._step = traced_step(self.setup) or plain
+        return plain(state, action)
+
+    def _observed(self, observation: Components) -> Observation:
         if self._noise:
-            return self._observe_noisily(state)
-        observation = self.setup.task.observe(SCALAR, state.sensed_q, state.sensed_v)
+            return self._noisy()
         return np.array(observation, dtype=np.float32)
 
-    def _observe_noisily(self, state: EnvState) -> Observation:
+    def _noisy(self) -> Observation:
         """The last sample with the noise drawn for it, saturated at the space's bounds."""
-        if self._last is None or self._last.sampled:
+        state = self._current()
+        if self._sampled:
             size = 2 * len(state.q)
             self._sample_noise = (self._noise * self.np_random.standard_normal(size)).tolist()
         by_q, by_v = split_state(self._sample_noise)
@@ -264,53 +277,3 @@ def discrete_action(action: Any, count: int) -> float:
         choices = ", ".join(map(str, range(count)))
         raise ValueError(f"action must be one of {choices}, got {action!r}")
     return value
-
-
-def reset_info(state: EnvState) -> dict[str, Any]:
-    """`info` of a reset: the keys of a step, nothing booked."""
-    return {
-        "time": 0.0,
-        "energy": state.energy,
-        "actuator_work": 0.0,
-        "dissipated": 0.0,
-        "contact_loss": 0.0,
-        "clip_loss": 0.0,
-        "energy_residual": 0.0,
-        "control": 0.0,
-        "commanded": 0.0,
-        "saturated": False,
-        "fallback_used": False,
-        "sensor_time": 0.0,
-        "penetration": 0.0,
-        "contact_force": 0.0,
-        "goal_since": float(state.goal_since),
-        "success": False,
-        "solver_iterations": 0,
-        "solver_residual": 0.0,
-        "solver_status": STATUS_NAMES[OK],
-    }
-
-
-def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
-    """`info` of a step, in the order of :func:`reset_info`."""
-    return {
-        "time": state.steps * setup.timing.control_period,
-        "energy": state.energy,
-        "actuator_work": outcome.work,
-        "dissipated": outcome.dissipated,
-        "contact_loss": outcome.contact_loss,
-        "clip_loss": outcome.clip_loss,
-        "energy_residual": outcome.residual_energy,
-        "control": outcome.control,
-        "commanded": outcome.commanded,
-        "saturated": outcome.saturated,
-        "fallback_used": outcome.fallback_used,
-        "sensor_time": state.sensed_time,
-        "penetration": outcome.penetration,
-        "contact_force": outcome.contact_force,
-        "goal_since": state.goal_since,
-        "success": outcome.success,
-        "solver_iterations": outcome.iterations,
-        "solver_residual": outcome.solver_residual,
-        "solver_status": STATUS_NAMES[outcome.status],
-    }

@@ -144,7 +144,7 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
             reward,
             terminated,
             truncated,
-            *self._inner.state.tolist(),
+            *self._inner.state_components,
             *observation.tolist(),
         )
         self._row += 1
