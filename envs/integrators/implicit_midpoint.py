@@ -41,7 +41,7 @@ class ImplicitMidpoint:
         middle = solve_velocity(ops, system, q, v, control, half, half)
         acceleration, loss_rates = system.rates(ops, along(q, half, middle.v), middle.v, control)
         return Step(
-            along(q, dt, middle.v),
+            along(q, dt, along(v, half, acceleration)),
             along(v, dt, acceleration),
             along(losses, dt, loss_rates),
             middle.iterations,

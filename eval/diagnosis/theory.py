@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, sqrt
 
-from integ_gym.envs.integrators import INTEGRATORS
-
 
 @dataclass(frozen=True)
 class LinearTheory:
@@ -56,25 +54,3 @@ THEORY = {
     "reference": LinearTheory(_one, "1: the exact motion", inf, inf),
 }
 """Integrator to its theory; a user's own integrator has none."""
-
-
-@dataclass(frozen=True)
-class Declared:
-    """What an integrator's class says of itself; None where it says nothing."""
-
-    order: int | None
-    symplectic: bool | None
-    reversible: bool | None
-
-
-def declared(integrator: str) -> Declared:
-    """The attributes of an integrator's class.
-
-    Args:
-        integrator: a registered name or ``"module:Class"``.
-
-    Raises:
-        ValueError: for an integrator that is neither.
-    """
-    loaded = INTEGRATORS.load(integrator)
-    return Declared(*(getattr(loaded, n, None) for n in ("order", "symplectic", "reversible")))

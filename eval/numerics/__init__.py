@@ -1,0 +1,43 @@
+"""Measurements of integrators and plants: what a discretization does, in numbers.
+
+Each takes an integrator by name or as ``"module:Class"``, a plant with numbers as parameters and a
+state in the order of ``env.unwrapped.state``.
+"""
+
+from integ_gym.eval.numerics.convergence import Convergence, convergence
+from integ_gym.eval.numerics.energy import EnergyGrowth, energies, energy_growth
+from integ_gym.eval.numerics.identity import Declared, Identity, classify, declared
+from integ_gym.eval.numerics.ledger import Ledger, ledger
+from integ_gym.eval.numerics.linear import LinearMap, linear_map, stability_limit
+from integ_gym.eval.numerics.phase_space import (
+    canonical_jacobian,
+    symplecticity_defect,
+    volume_defect,
+)
+from integ_gym.eval.numerics.probe import fastest_rate, probe_state
+from integ_gym.eval.numerics.reversibility import reversibility_defect
+from integ_gym.eval.numerics.stepping import advance
+
+__all__ = [
+    "Convergence",
+    "Declared",
+    "EnergyGrowth",
+    "Identity",
+    "Ledger",
+    "LinearMap",
+    "advance",
+    "canonical_jacobian",
+    "classify",
+    "convergence",
+    "declared",
+    "energies",
+    "energy_growth",
+    "fastest_rate",
+    "ledger",
+    "linear_map",
+    "probe_state",
+    "reversibility_defect",
+    "stability_limit",
+    "symplecticity_defect",
+    "volume_defect",
+]
