@@ -7,6 +7,7 @@ and no global setting is changed, so figures can be drawn in any process.
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
@@ -94,3 +95,19 @@ def bare(axes: Axes) -> None:
     axes.spines["bottom"].set_color(LINE)
     axes.tick_params(axis="both", colors=SOFT, labelsize=8, length=0)
     axes.set_facecolor("none")
+
+
+def scheme_legend(canvas: Axes, schemes: Mapping[str, int], wide: float, y: float = 0.92) -> None:
+    """One entry for each integrator, on as many lines as it takes."""
+    x = 0.3
+    for name, place in schemes.items():
+        text = plain(name, 26)
+        size = 0.42 + 0.066 * len(text)
+        if x + size > wide:
+            x, y = 0.3, y + 0.2
+        style = place % len(SCHEME_COLOURS)
+        colour, marker = SCHEME_COLOURS[style], SCHEME_MARKERS[style]
+        canvas.plot([x, x + 0.24], [y, y], color=colour, linewidth=1.6)
+        canvas.plot(x + 0.12, y, marker, color=colour, markersize=5)
+        canvas.text(x + 0.3, y, text, size=8, color=INK, va="center")
+        x += size + 0.12

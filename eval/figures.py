@@ -26,6 +26,7 @@ from integ_gym.eval.figure_style import (
     inch_canvas,
     plain,
     png,
+    scheme_legend,
 )
 from integ_gym.eval.report import (
     KIND_WORDS,
@@ -517,7 +518,7 @@ def _ladder(panel: Panel) -> Figure | None:
     canvas = inch_canvas(figure)
     about = "success of the same policies as the step shrinks; finer to the right, dashed: truth"
     draw_heading(canvas, 0.3, "Refinement ladder", about)
-    _ladder_legend(canvas, schemes, float(figure.get_size_inches()[0]))
+    scheme_legend(canvas, schemes, float(figure.get_size_inches()[0]))
     for number, ladder in enumerate(ladders):
         x = 0.3 + (number % across) * unit
         y = top + (number // across) * (height + 1.02)
@@ -537,22 +538,6 @@ def _ladder_plots(ladder: Ladder) -> tuple[tuple[str, Any, Estimate | None], ...
         (f"control period fixed{period}", ladder.fixed, truth),
         ("control period follows the step", ladder.following, None),
     )
-
-
-def _ladder_legend(canvas: Axes, schemes: dict[str, int], wide: float) -> None:
-    """One entry for each integrator, on as many lines as it takes."""
-    x, y = 0.3, 0.92
-    for name, place in schemes.items():
-        text = plain(name, 26)
-        size = 0.42 + 0.066 * len(text)
-        if x + size > wide:
-            x, y = 0.3, y + 0.2
-        style = place % len(SCHEME_COLOURS)
-        colour, marker = SCHEME_COLOURS[style], SCHEME_MARKERS[style]
-        canvas.plot([x, x + 0.24], [y, y], color=colour, linewidth=1.6)
-        canvas.plot(x + 0.12, y, marker, color=colour, markersize=5)
-        canvas.text(x + 0.3, y, text, size=8, color=INK, va="center")
-        x += size + 0.12
 
 
 def _ladder_axes(

@@ -88,9 +88,7 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
         ValueError: for an unknown environment or plant.
     """
     if env_id is not None and plant is not None:
-        raise ValueError(
-            f"--env {env_id} has its own plant; give --env or --plant, not both"
-        )
+        raise ValueError(f"--env {env_id} has its own plant; give --env or --plant, not both")
     if env_id is not None:
         return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
     names = (plant,) if plant is not None else PLANTS.names()

@@ -19,7 +19,7 @@ class LinearTheory:
 
     Attributes:
         energy_factor: factor on the oscillator's energy per step in the long run, of z = hω.
-        formula: the same in words.
+        formula: the factor less 1, in words.
         oscillation_limit: largest z = hω at which no oscillation grows.
         decay_limit: largest z = hλ at which a damped velocity does not grow.
     """
@@ -34,23 +34,23 @@ def _one(z: float) -> float:
     return 1.0
 
 
-_CONSERVED = "1: conserves a shadow energy"
+_CONSERVED = "conserves a shadow energy"
 
 _RK4_DECAY = 2.785293563405282
 """Real root of R(-z) = 1 of the classical Runge-Kutta method."""
 
 THEORY = {
-    "explicit_euler": LinearTheory(lambda z: 1.0 + z * z, "1 + (hω)²", 0.0, 2.0),
-    "implicit_euler": LinearTheory(lambda z: 1.0 / (1.0 + z * z), "1 / (1 + (hω)²)", inf, inf),
+    "explicit_euler": LinearTheory(lambda z: 1.0 + z * z, "(hω)²", 0.0, 2.0),
+    "implicit_euler": LinearTheory(lambda z: 1.0 / (1.0 + z * z), "1 / (1 + (hω)²) − 1", inf, inf),
     "symplectic_euler": LinearTheory(_one, _CONSERVED, 2.0, 2.0),
     "stormer_verlet": LinearTheory(_one, _CONSERVED, 2.0, inf),
-    "implicit_midpoint": LinearTheory(_one, "1: conserves the energy", inf, inf),
+    "implicit_midpoint": LinearTheory(_one, "conserves the energy", inf, inf),
     "rk4": LinearTheory(
         lambda z: 1.0 - z**6 / 72.0 + z**8 / 576.0,
-        "1 − (hω)⁶/72 + (hω)⁸/576",
+        "−(hω)⁶/72 + (hω)⁸/576",
         2.0 * sqrt(2.0),
         _RK4_DECAY,
     ),
-    "reference": LinearTheory(_one, "1: the exact motion", inf, inf),
+    "reference": LinearTheory(_one, "the exact motion", inf, inf),
 }
 """Integrator to its theory; a user's own integrator has none."""
