@@ -86,6 +86,12 @@ class IntegCartPoleEnv(IntegEnv):
     | `gravity` | 9.8 | m/s² | gravitational acceleration |
     | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
     | `cart_damping` | 0.0 | N s/m | viscous, of the cart |
+    | `friction` | 0.0 | N m | dry friction at the hinge |
+    | `cart_friction` | 0.0 | N | dry friction of the cart |
+    | `friction_speed` | 0.01 | rad/s, m/s | speed over which friction changes its sign |
+    | `track_limit` | `None` | m | stops at ±`track_limit`; `None`: no stops |
+    | `stop_stiffness` | 2000.0 | N/m | stiffness of the stops |
+    | `stop_damping` | 0.5 | s/m | damping of the stops |
     | `mass_distribution` | `"uniform"` | | `uniform` pole or `point` mass at its centre of mass |
     | `force_mag` | 10.0 | N | magnitude of the force |
     | `x_threshold` | 2.4 | m | the episode ends beyond |
@@ -99,16 +105,19 @@ class IntegCartPoleEnv(IntegEnv):
     | Key | Unit | Meaning |
     |---|---|---|
     | `time` | s | since the start of the episode |
-    | `energy` | J | kinetic + potential; zero at rest hanging |
+    | `energy` | J | kinetic + potential, of stops too; zero at rest hanging |
     | `actuator_work` | J | Σ over sub-steps of control × displacement, exact |
-    | `dissipated` | J | taken out by damping, integrated with the motion |
+    | `dissipated` | J | taken out by damping and friction, integrated with the motion |
+    | `contact_loss` | J | taken out by the stops, integrated with the motion |
     | `clip_loss` | J | taken out by `max_speed` |
-    | `energy_residual` | J | ΔE − work + dissipated + clip_loss: what numerical error put in or took out |
+    | `energy_residual` | J | ΔE − work + dissipated + contact_loss + clip_loss: what numerical error put in or took out |
     | `control` | N | in force at the end of the period |
     | `commanded` | N | asked for by this decision, after saturation and fallback |
     | `saturated` | | whether the action was beyond its bounds |
     | `fallback_used` | | whether the fallback acted in this period |
     | `sensor_time` | s | when the observed sample was taken |
+    | `penetration` | m | deepest penetration of a stop at the end of any sub-step |
+    | `contact_force` | N | force of the stops, that of largest magnitude at the end of any sub-step |
     | `goal_since` | s | since when the state has been at the goal; −1 while it is not |
     | `success` | | true at the end of an episode that succeeded |
     | `solver_iterations` | | most iterations of any sub-step |

@@ -23,12 +23,16 @@ from integ_gym.envs.drawing_canvas import (
 )
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import Setup
+from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
 from integ_gym.envs.tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""
 _LONGEST_TRAIL = 2.0
 """Longest trail, rad."""
+_CART = (54.0, 30.0)
+"""Width and height of the cart, pixels."""
+_COILS = 12
 
 
 class Drawing(NamedTuple):
@@ -53,6 +57,7 @@ def draw_pendulum(canvas: Canvas, setup: Setup, state: Sequence[float], torque: 
     _goal(canvas, hinge, reach + 28.0, NEAR_UPRIGHT, near)
     canvas.arc(hinge, (reach + 27.0, reach + 29.0), (0.0, 2.0 * math.pi), FAINT)
     canvas.arc(hinge, (reach + 25.0, reach + 31.0), (-NEAR_UPRIGHT, NEAR_UPRIGHT), GREEN)
+    _joint_stops(canvas, hinge, reach + 28.0, setup)
     _trail(canvas, hinge, reach, 16.0, theta, theta_dot)
     _torque(canvas, hinge, theta, relative(torque, setup))
     _rod(canvas, hinge, polar(hinge, reach, theta), 24.0, setup.plant)
@@ -64,11 +69,12 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     """Track, cart and pole to scale, and an arrow that leaves the cart with the force."""
     x, _, theta, theta_dot = state
     arguments = setup.arguments()
-    end = float(np.max(arguments.get("x_threshold", 2.4)))
+    end = float(np.max(arguments.get("x_threshold", arguments["track_limit"])))
     goal = float(np.max(arguments.get("theta_threshold", NEAR_UPRIGHT)))
     scale = 230.0 / end
     hinge = (300.0 + scale * x, 238.0)
     _track(canvas, hinge[1] + 27.0, end)
+    _track_stops(canvas, hinge[1], scale, setup)
     reach = pole_reach(setup.plant, scale)
     near = abs(wrapped(theta)) <= goal and abs(x) <= end
     _goal(canvas, hinge, reach + 16.0, goal, near)
@@ -78,6 +84,22 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     _rod(canvas, hinge, polar(hinge, reach, -theta), 12.0, setup.plant)
     canvas.disc(hinge, 4.0, WHITE)
     canvas.disc(hinge, 2.5, INK)
+
+
+def draw_elastic_pendulum(
+    canvas: Canvas, setup: Setup, state: Sequence[float], force: float
+) -> None:
+    """Spring and bob to scale, the strip to come to rest in, and an arrow with the force."""
+    x, _, y, _ = state
+    scale = 210.0 / float(np.max(setup.plant.hanging_length))  # type: ignore[attr-defined]
+    pivot = (300.0, 90.0)
+    bob = (pivot[0] + scale * x, pivot[1] + 210.0 - scale * y)
+    strength = 0.3 if abs(x) < NEAR_PLUMB else 0.12
+    canvas.box((300.0, 210.0), (2.0 * NEAR_PLUMB * scale, 290.0), 1.0, tint(GREEN, strength))
+    canvas.line((240.0, pivot[1]), (360.0, pivot[1]), 4.0, MUTED)
+    _spring(canvas, pivot, bob)
+    _force(canvas, bob, relative(force, setup))
+    canvas.disc(bob, 18.0, BLUE)
 
 
 def draw_state(canvas: Canvas, setup: Setup, state: Sequence[float], control: float) -> None:
@@ -94,6 +116,7 @@ def draw_state(canvas: Canvas, setup: Setup, state: Sequence[float], control: fl
 DRAWINGS: dict[str, Drawing] = {
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
+    "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),
 }
 """Plant name to drawing."""
 
@@ -160,7 +183,40 @@ def _cart(canvas: Canvas, hinge: Point) -> None:
     for side in (-1.0, 1.0):
         canvas.disc((x + side * 15.0, y + 18.0), 8.0, INK)
         canvas.disc((x + side * 15.0, y + 18.0), 3.0, WHITE)
-    canvas.box((x, y), (54.0, 30.0), 5.0, INK)
+    canvas.box((x, y), _CART, 5.0, INK)
+
+
+def _spring(canvas: Canvas, pivot: Point, bob: Point) -> None:
+    """A zigzag between two points."""
+    along = bob[0] - pivot[0], bob[1] - pivot[1]
+    length = max(1.0, math.hypot(*along))
+    across = -along[1] / length, along[0] / length
+    corner = pivot
+    for coil in range(1, _COILS + 1):
+        share, swing = coil / _COILS, 0.0 if coil == _COILS else 9.0 * (-1.0) ** coil
+        following = (
+            pivot[0] + share * along[0] + swing * across[0],
+            pivot[1] + share * along[1] + swing * across[1],
+        )
+        canvas.line(corner, following, 2.5, MUTED)
+        corner = following
+
+
+def _joint_stops(canvas: Canvas, hinge: Point, radius: float, setup: Setup) -> None:
+    """A bar across the ring at either stop."""
+    if setup.system.stops is not None:
+        limit = float(np.max(setup.system.stops.limit))
+        for angle in (-limit, limit):
+            ends = (polar(hinge, radius - 9.0, angle), polar(hinge, radius + 9.0, angle))
+            canvas.line(*ends, 6.0, INK)
+
+
+def _track_stops(canvas: Canvas, y: float, scale: float, setup: Setup) -> None:
+    """A post where the side of the cart touches either stop."""
+    if setup.system.stops is not None:
+        away = scale * float(np.max(setup.system.stops.limit)) + _CART[0] / 2 + 3.0
+        for x in (300.0 - away, 300.0 + away):
+            canvas.line((x, y - 15.0), (x, y + 27.0), 6.0, INK)
 
 
 def _track(canvas: Canvas, y: float, end: float) -> None:

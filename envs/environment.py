@@ -93,6 +93,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         super().reset(seed=seed)
         start = draw_start(self.setup, self.np_random, options or {})
         q, v = split_state(start)
+        if "state" not in (options or {}):
+            q = self.setup.system.confined(SCALAR, q)
         self._state = initial_state(SCALAR, self.setup, q, v)
         self._last = None
         if self.render_mode == "human":
@@ -274,6 +276,7 @@ def reset_info(state: EnvState) -> dict[str, Any]:
         "energy": state.energy,
         "actuator_work": 0.0,
         "dissipated": 0.0,
+        "contact_loss": 0.0,
         "clip_loss": 0.0,
         "energy_residual": 0.0,
         "control": 0.0,
@@ -281,6 +284,8 @@ def reset_info(state: EnvState) -> dict[str, Any]:
         "saturated": False,
         "fallback_used": False,
         "sensor_time": 0.0,
+        "penetration": 0.0,
+        "contact_force": 0.0,
         "goal_since": float(state.goal_since),
         "success": False,
         "solver_iterations": 0,
@@ -296,6 +301,7 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
         "energy": state.energy,
         "actuator_work": outcome.work,
         "dissipated": outcome.dissipated,
+        "contact_loss": outcome.contact_loss,
         "clip_loss": outcome.clip_loss,
         "energy_residual": outcome.residual_energy,
         "control": outcome.control,
@@ -303,6 +309,8 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
         "saturated": outcome.saturated,
         "fallback_used": outcome.fallback_used,
         "sensor_time": state.sensed_time,
+        "penetration": outcome.penetration,
+        "contact_force": outcome.contact_force,
         "goal_since": state.goal_since,
         "success": outcome.success,
         "solver_iterations": outcome.iterations,

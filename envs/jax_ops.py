@@ -28,6 +28,7 @@ class JaxOps:
     sin = staticmethod(jnp.sin)
     cos = staticmethod(jnp.cos)
     sqrt = staticmethod(jnp.sqrt)
+    tanh = staticmethod(jnp.tanh)
     where = staticmethod(jnp.where)
     minimum = staticmethod(jnp.minimum)
     maximum = staticmethod(jnp.maximum)

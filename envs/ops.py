@@ -36,6 +36,8 @@ class Ops(Protocol):
 
     def sqrt(self, x: Component, /) -> Component: ...
 
+    def tanh(self, x: Component, /) -> Component: ...
+
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         """``a`` where ``condition`` holds, else ``b``; both are evaluated."""
 
@@ -84,6 +86,7 @@ class ScalarOps:
     epsilon = 2.220446049250313e-16
     isfinite = staticmethod(math.isfinite)
     any = staticmethod(bool)
+    tanh = staticmethod(math.tanh)
     repeat = staticmethod(repeat)
 
     @staticmethod

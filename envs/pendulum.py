@@ -86,6 +86,11 @@ class IntegPendulumEnv(IntegEnv):
     | `length` | 1.0 | m | hinge to far end of the rod, or to the bob |
     | `gravity` | 10.0 | m/s² | gravitational acceleration |
     | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
+    | `friction` | 0.0 | N m | dry friction at the hinge |
+    | `friction_speed` | 0.01 | rad/s | speed over which friction changes its sign |
+    | `joint_limit` | `None` | rad | stops at ±`joint_limit` from upright, turns counted; `None`: no stops |
+    | `stop_stiffness` | 200.0 | N m/rad | stiffness of the stops |
+    | `stop_damping` | 0.1 | s/rad | damping of the stops |
     | `mass_distribution` | `"uniform"` | | `uniform` rod or `point` mass at the end |
     | `max_torque` | 2.0 | N m | torque limit of the motor |
 
@@ -96,16 +101,19 @@ class IntegPendulumEnv(IntegEnv):
     | Key | Unit | Meaning |
     |---|---|---|
     | `time` | s | since the start of the episode |
-    | `energy` | J | kinetic + potential; zero at rest hanging |
+    | `energy` | J | kinetic + potential, of stops too; zero at rest hanging |
     | `actuator_work` | J | Σ over sub-steps of control × displacement, exact |
-    | `dissipated` | J | taken out by damping, integrated with the motion |
+    | `dissipated` | J | taken out by damping and friction, integrated with the motion |
+    | `contact_loss` | J | taken out by the stops, integrated with the motion |
     | `clip_loss` | J | taken out by `max_speed` |
-    | `energy_residual` | J | ΔE − work + dissipated + clip_loss: what numerical error put in or took out |
+    | `energy_residual` | J | ΔE − work + dissipated + contact_loss + clip_loss: what numerical error put in or took out |
     | `control` | N m | in force at the end of the period |
     | `commanded` | N m | asked for by this decision, after saturation and fallback |
     | `saturated` | | whether the action was beyond its bounds |
     | `fallback_used` | | whether the fallback acted in this period |
     | `sensor_time` | s | when the observed sample was taken |
+    | `penetration` | rad | deepest penetration of a stop at the end of any sub-step |
+    | `contact_force` | N m | force of the stops, that of largest magnitude at the end of any sub-step |
     | `goal_since` | s | since when the state has been at the goal; −1 while it is not |
     | `success` | | true at the end of an episode that succeeded |
     | `solver_iterations` | | most iterations of any sub-step |

@@ -15,6 +15,8 @@ from integ_gym.envs.settings import Setup
 ENVIRONMENTS = {
     "IntegPendulum-v0": "integ_gym.envs.pendulum:IntegPendulum",
     "IntegCartPole-v0": "integ_gym.envs.cart_pole:IntegCartPole",
+    "IntegCartPoleSwingUp-v0": "integ_gym.envs.cart_pole_swing_up:IntegCartPoleSwingUp",
+    "IntegElasticPendulum-v0": "integ_gym.envs.elastic_pendulum:IntegElasticPendulum",
 }
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 

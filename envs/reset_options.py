@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
+
+from integ_gym.envs.ops import Components
 
 
 def number(options: Mapping[str, Any], name: str, default: float) -> float:
@@ -17,3 +20,19 @@ def number(options: Mapping[str, Any], name: str, default: float) -> float:
         return float(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"reset option `{name}` must be a number, got {value!r}") from error
+
+
+def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
+    """``size`` numbers uniform between the options ``low`` and ``high``.
+
+    Args:
+        rng: a ``numpy.random.Generator``.
+        options: reset options; without bounds ±``half_width``.
+
+    Raises:
+        ValueError: if the bounds are not finite and in order.
+    """
+    low, high = number(options, "low", -half_width), number(options, "high", half_width)
+    if not (isfinite(low) and isfinite(high) and low <= high):
+        raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
+    return tuple(float(x) for x in rng.uniform(low=low, high=high, size=(size,)))

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from integ_gym.envs.contact import Stops
+from integ_gym.envs.friction import Friction
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.plants.interface import Plant
 
 
 class PlantSystem:
-    """A plant at a constant control, with an optional limit on its speeds.
+    """A plant at a constant control, with its stops and friction, and an optional speed limit.
 
     Args:
         plant: the continuous-time plant.
         max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
+
+    Attributes:
+        stops: the plant's stops, or None.
+        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops.
     """
 
     def __init__(self, plant: Plant, max_speed: Component | None = None) -> None:
         self.plant = plant
         self.max_speed = max_speed
+        self.stops: Stops | None = getattr(plant, "stops", None)
+        self.no_losses: Components = (0.0,) if self.stops is None else (0.0, 0.0)
+        self._friction: Friction | None = getattr(plant, "dry_friction", None)
+        self._smooth = self.stops is None and self._friction is None
         self._before = (0.0,) * plant.actuated
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
         self._jacobian = getattr(plant, "jacobian", None)
@@ -24,19 +34,30 @@ class PlantSystem:
     def rates(
         self, ops: Ops, q: Components, v: Components, control: Component
     ) -> tuple[Components, Components]:
-        """Accelerations and (damping power,) in W."""
+        """Accelerations and the power of each loss component, W."""
         force = (*self._before, control, *self._after)
         plant = self.plant
-        return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
+        if self._smooth:
+            return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
+        force, losses = self._resisted(ops, q, v, force)
+        return plant.acceleration(ops, q, v, force), losses
 
     def slopes(
         self, ops: Ops, q: Components, v: Components, control: Component
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
-        """The plant's (∂a/∂q, ∂a/∂v), or None."""
+        """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
         if self._jacobian is None:
             return None
         force = (*self._before, control, *self._after)
-        return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
+        if self._smooth:
+            return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
+        force, _ = self._resisted(ops, q, v, force)
+        by_q, by_v = self._jacobian(ops, q, v, force)
+        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v)):
+            response = self._response(ops, q, v, j)
+            by_q = _column_added(by_q, j, response, force_by_q)
+            by_v = _column_added(by_v, j, response, force_by_v)
+        return by_q, by_v
 
     def limit(self, ops: Ops, v: Components) -> Components:
         """``v`` with each component within ±max_speed."""
@@ -45,5 +66,56 @@ class PlantSystem:
         return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Energy of the plant, J."""
-        return self.plant.energy(ops, q, v)
+        """Energy of the plant and of its stops, J."""
+        if self.stops is None:
+            return self.plant.energy(ops, q, v)
+        return self.plant.energy(ops, q, v) + self.stops.contact(ops, q, v).energy
+
+    def confined(self, ops: Ops, q: Components) -> Components:
+        """``q`` between the stops."""
+        return q if self.stops is None else self.stops.confined(ops, q)
+
+    def _resisted(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> tuple[Components, Components]:
+        """Force with friction and contact, and the power of each loss component."""
+        dissipated = self.plant.dissipation(ops, q, v)
+        if self._friction is not None:
+            drag = self._friction.forces(ops, v)
+            for x, f in zip(v, drag, strict=True):
+                dissipated = dissipated - f * x
+            force = tuple([a + b for a, b in zip(force, drag, strict=True)])
+        if self.stops is None:
+            return force, (dissipated,)
+        contact = self.stops.contact(ops, q, v)
+        i = self.stops.coordinate
+        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
+        return force, (dissipated, contact.dissipated)
+
+    def _force_slopes(self, ops: Ops, q: Components, v: Components) -> list[Components]:
+        """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction and contact, for each coordinate j."""
+        by_v = (0.0,) * len(v) if self._friction is None else self._friction.slopes(ops, v)
+        slopes: list[Components] = [(0.0, slope) for slope in by_v]
+        if self.stops is not None:
+            i = self.stops.coordinate
+            contact_by_q, contact_by_v = self.stops.slopes(ops, q, v)
+            slopes[i] = (contact_by_q, slopes[i][1] + contact_by_v)
+        return slopes
+
+    def _response(self, ops: Ops, q: Components, v: Components, j: int) -> Components:
+        """Accelerations per unit of force on coordinate ``j``: they are affine in the force."""
+        none = (0.0,) * len(v)
+        unit = (*none[:j], 1.0, *none[j + 1 :])
+        pushed = self.plant.acceleration(ops, q, v, unit)
+        free = self.plant.acceleration(ops, q, v, none)
+        return tuple([a - b for a, b in zip(pushed, free, strict=True)])
+
+
+def _column_added(
+    matrix: tuple[Components, ...], j: int, response: Components, slope: Component
+) -> tuple[Components, ...]:
+    """``matrix`` with ``response`` times ``slope`` added to its column ``j``."""
+    return tuple(
+        (*row[:j], row[j] + a * slope, *row[j + 1 :])
+        for row, a in zip(matrix, response, strict=True)
+    )

@@ -53,6 +53,7 @@ class Outcome(NamedTuple):
     """Whether the sensor took a new sample."""
     work: Component
     dissipated: Component
+    contact_loss: Component
     clip_loss: Component
     residual_energy: Component
     control: Component
@@ -64,6 +65,10 @@ class Outcome(NamedTuple):
     iterations: Component
     solver_residual: Component
     status: Component
+    penetration: Component
+    """Deepest at the end of any sub-step, m or rad."""
+    contact_force: Component
+    """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
 
 
 def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
@@ -156,7 +161,7 @@ def _advance(ops: Ops, setup: Setup, state: EnvState, orders: _Orders) -> Motion
         return setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
     except ArithmeticError:
         q, v = state.q, state.v
-        return Motion(q, v, q, v, 0.0, (0.0,), 0.0, 0, 0.0, False, False)
+        return Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
 
 
 def _next_state(
@@ -188,9 +193,14 @@ def _outcome(
     ops: Ops, setup: Setup, before: EnvState, after: EnvState, orders: _Orders, motion: Motion
 ) -> Outcome:
     timing, task, ok = setup.timing, setup.task, motion.finite
-    work, dissipated, clip_loss = (
-        ops.where(ok, amount, 0.0) for amount in (motion.work, motion.losses[0], motion.clip_loss)
-    )
+    work = ops.where(ok, motion.work, 0.0)
+    dissipated = ops.where(ok, motion.losses[0], 0.0)
+    clip_loss = ops.where(ok, motion.clip_loss, 0.0)
+    contact_loss = penetration = contact_force = 0.0
+    if setup.system.stops is not None:
+        contact_loss = ops.where(ok, motion.losses[1], 0.0)
+        penetration = ops.where(ok, motion.penetration, 0.0)
+        contact_force = ops.where(ok, motion.contact_force, 0.0)
     failed = task.terminated(ops, after.q, after.v) & ok
     terminated = failed | _negated(ok)
     truncated = after.steps >= timing.horizon
@@ -204,8 +214,9 @@ def _outcome(
         sampled=_sampled(orders, ok),
         work=work,
         dissipated=dissipated,
+        contact_loss=contact_loss,
         clip_loss=clip_loss,
-        residual_energy=after.energy - before.energy - work + dissipated + clip_loss,
+        residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
         control=orders.segments[-1][0],
         commanded=orders.commands[0],
         saturated=orders.saturated,
@@ -213,6 +224,8 @@ def _outcome(
         iterations=motion.iterations,
         solver_residual=ops.where(ok, motion.residual, 0.0),
         status=ops.where(ok, ops.where(motion.converged, OK, NOT_CONVERGED), DIVERGED),
+        penetration=penetration,
+        contact_force=contact_force,
     )
 
 

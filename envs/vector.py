@@ -237,7 +237,10 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         lanes = np.flatnonzero(mask)
         starts = np.array([self._draw(lane, options) for lane in lanes.tolist()])
         q, v = split_state(tuple(starts.T))
-        fresh = initial_state(ARRAY, self._for_lanes(self.setup, lanes), q, v)
+        setup = self._for_lanes(self.setup, lanes)
+        if "state" not in options:
+            q = setup.system.confined(ARRAY, q)
+        fresh = initial_state(ARRAY, setup, q, v)
         fresh = _map(lambda x: np.array(np.broadcast_to(x, lanes.shape)), fresh)
         if self._state is None:
             self._state = _map(lambda x: np.zeros(self.num_envs, x.dtype), fresh)
@@ -357,8 +360,9 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         zeros = {
             name: np.zeros(self.num_envs)
             for name in (
-                "time", "actuator_work", "dissipated", "clip_loss", "energy_residual", "control",
-                "commanded", "sensor_time", "solver_residual",
+                "time", "actuator_work", "dissipated", "contact_loss", "clip_loss",
+                "energy_residual", "control", "commanded", "sensor_time", "penetration",
+                "contact_force", "solver_residual",
             )
         }  # fmt: skip
         flags = {
@@ -386,6 +390,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
                 "energy": full(state.energy),
                 "actuator_work": full(outcome.work),
                 "dissipated": full(outcome.dissipated),
+                "contact_loss": full(outcome.contact_loss),
                 "clip_loss": full(outcome.clip_loss),
                 "energy_residual": full(outcome.residual_energy),
                 "control": self._control.copy(),
@@ -393,6 +398,8 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
                 "saturated": full(outcome.saturated, bool),
                 "fallback_used": full(outcome.fallback_used, bool),
                 "sensor_time": full(state.sensed_time),
+                "penetration": full(outcome.penetration),
+                "contact_force": full(outcome.contact_force),
                 "goal_since": full(state.goal_since),
                 "success": full(outcome.success, bool),
                 "solver_iterations": full(outcome.iterations, np.int64),

@@ -39,12 +39,15 @@ COMMON_TRACE: tuple[Field, ...] = (
 """Trace columns of every environment."""
 
 CONTACT_TRACE: tuple[Field, ...] = (
-    _column("penetration", "float64", "m", "deepest penetration", "step"),
-    _column("contact_force", "float64", "N", "largest contact force", "step"),
+    _column("penetration", "float64", "m, rad", "deepest penetration of a stop", "step"),
+    _column("contact_force", "float64", "N, N m", "contact force of largest magnitude", "step"),
     _column("contact_loss", "float64", "J", "energy that contact took out", "step"),
     _column("constraint_violation", "float64", "m", "largest constraint violation", "step"),
 )
-"""Null in environments without contact."""
+"""Zero without stops; null where an environment does not report it."""
+
+_FORCE_UNITS = {"m": "N", "rad": "N m"}
+"""Unit of a coordinate to that of its generalized force."""
 
 
 def state_fields(plant: Any) -> tuple[Field, ...]:
@@ -74,6 +77,13 @@ def control_fields(plant: Any) -> tuple[Field, Field]:
     )
 
 
+def contact_units(plant: Any) -> dict[str, str]:
+    """Units of what is measured along the coordinate that the plant's stops are on."""
+    unit = plant.coordinate_units[getattr(plant, "stopped", 0)]
+    force = _FORCE_UNITS[unit]
+    return {"penetration": unit, "penetration_max": unit, "contact_force": force}
+
+
 def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     """Trace columns of one environment.
 
@@ -81,7 +91,11 @@ def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
         plant: plant or plant class.
         task: task or task class.
     """
-    contact = tuple(replace(field, frame=plant.frame) for field in CONTACT_TRACE)
+    units = contact_units(plant)
+    contact = tuple(
+        replace(field, frame=plant.frame, unit=units.get(field.name, field.unit))
+        for field in CONTACT_TRACE
+    )
     return (
         COMMON_TRACE[0],
         *state_fields(plant),
@@ -99,9 +113,9 @@ def record_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     Raises:
         ValueError: if the plant or task names a component like another column.
     """
-    unit = ", ".join(state_units(plant))
+    units = {"initial_state": ", ".join(state_units(plant)), **contact_units(plant)}
     summary = tuple(
-        replace(field, unit=unit, frame=plant.frame) if field.name == "initial_state" else field
+        replace(field, unit=units[field.name], frame=plant.frame) if field.name in units else field
         for field in SUMMARY_FIELDS
     )
     fields = (*summary, *trace_fields(plant, task))

@@ -21,7 +21,7 @@ class Motion(NamedTuple):
     work: Component
     """Σ over sub-steps of control times the displacement of the actuated coordinate, J."""
     losses: Components
-    """Energy lost per loss component: (damping,), J."""
+    """Energy lost per loss component, J: (damping,), or with stops (damping, contact)."""
     clip_loss: Component
     """Energy taken out by the speed limit, J."""
     iterations: Component
@@ -31,6 +31,10 @@ class Motion(NamedTuple):
     converged: Component
     finite: Component
     """False once a sub-step has diverged."""
+    penetration: Component = 0.0
+    """Deepest at the end of any sub-step, m or rad."""
+    contact_force: Component = 0.0
+    """Of largest magnitude at the end of any sub-step, N or N m."""
 
 
 Segments = tuple[tuple[Component, int], ...]

@@ -45,7 +45,7 @@ class NativeEngine:
         sample_at: Component | None,
     ) -> Motion:
         """Advance through the segments of constant control."""
-        motion = Motion(q, v, q, v, 0.0, (0.0,), 0.0, 0, 0.0, True, True)
+        motion = Motion(q, v, q, v, 0.0, self.system.no_losses, 0.0, 0, 0.0, True, True)
         done = 0
         for control, count in segments:
             motion = ops.repeat(count, self._sub_step(ops, control, sample_at, done), motion)
@@ -56,10 +56,13 @@ class NativeEngine:
 
     def _sub_step(self, ops: Ops, control: Component, sample_at: Component | None, done: int):  # type: ignore[no-untyped-def]
         system, dt, step = self.system, self.dt, self.integrator.step
-        actuated = system.plant.actuated
+        actuated, stops = system.plant.actuated, system.stops
 
         def advance(index: Component, motion: Motion) -> Motion:
-            q0, v0, sampled_q, sampled_v, work, losses, clipped, most, worst, converged, ok = motion
+            (
+                q0, v0, sampled_q, sampled_v, work, losses, clipped, most, worst, converged, ok,
+                depth, push,
+            ) = motion  # fmt: skip
             q, raw, losses, iterations, residual, solved = step(
                 ops, system, q0, v0, losses, control, dt
             )
@@ -67,6 +70,10 @@ class NativeEngine:
             if system.max_speed is not None:
                 v = system.limit(ops, raw)
                 clipped = clipped + (system.energy(ops, q, raw) - system.energy(ops, q, v))
+            if stops is not None:
+                contact = stops.contact(ops, q, v)
+                depth = ops.maximum(depth, contact.penetration)
+                push = ops.where(abs(contact.force) > abs(push), contact.force, push)
             if sample_at is not None:
                 now = sample_at == done + index + 1
                 sampled_q = tuple([ops.where(now, a, b) for a, b in zip(q, sampled_q, strict=True)])
@@ -83,6 +90,8 @@ class NativeEngine:
                 ops.maximum(worst, residual),
                 converged & solved,
                 ok & within_bounds(q, raw),
+                depth,
+                push,
             )
 
         return advance

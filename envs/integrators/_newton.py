@@ -11,7 +11,7 @@ from integ_gym.envs.ops import Component, Components, Ops
 TOLERANCE = 1e-10
 """Scaled residual max |F_i| / (1 + |V_i|) above which a solution is `not_converged` (float64)."""
 
-CAP = 25
+CAP = 50
 """Most Newton iterations per step."""
 
 _ROUNDING = 16.0
@@ -42,27 +42,38 @@ def solve_velocity(
     """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
 
     ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
-    difference where the plant has none.
+    difference where the plant has none. A correction after which the defect would be larger is
+    halved, so that steep friction and stops do not throw the iteration from side to side.
     """
     equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
     tolerance = max(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
     n = len(v)
 
     def unfinished(carry: tuple[Component, ...]) -> Component:
-        residual, previous, iterations = carry[2 * n :]
+        residual, previous, iterations, _ = carry[2 * n :]
         improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
         return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
         velocity, f = carry[:n], carry[n : 2 * n]
+        residual, previous, iterations, share = carry[2 * n :]
         correction = solve_linear(ops, equation.jacobian(velocity, f), f)
-        velocity = tuple([x - y for x, y in zip(velocity, correction, strict=True)])
-        f = equation.defect(velocity)
-        return (*velocity, *f, _scaled(ops, f, velocity), carry[2 * n], carry[2 * n + 2] + 1)
+        trial = tuple([x - share * y for x, y in zip(velocity, correction, strict=True)])
+        moved = equation.defect(trial)
+        better = (_largest(ops, moved) < _largest(ops, f)) | (residual <= tolerance)
+        pairs = zip((*trial, *moved), (*velocity, *f), strict=True)
+        kept = [ops.where(better, new, old) for new, old in pairs]
+        return (
+            *kept,
+            ops.where(better, _scaled(ops, moved, trial), residual),
+            ops.where(better, residual, previous),
+            iterations + 1,
+            ops.where(better, 1.0, 0.5 * share),
+        )
 
     f = equation.defect(v)
     residual = _scaled(ops, f, v)
-    end = ops.while_loop(unfinished, newton, (*v, *f, residual, 4.0 * residual + 1.0, 0))
+    end = ops.while_loop(unfinished, newton, (*v, *f, residual, 4.0 * residual + 1.0, 0, 1.0))
     return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
 
 
@@ -106,6 +117,13 @@ class _VelocityEquation(NamedTuple):
             moved = self.defect((*velocity[:j], x + increment, *velocity[j + 1 :]))
             columns.append([(b - a) / increment for a, b in zip(f, moved, strict=True)])
         return tuple(tuple(column[i] for column in columns) for i in range(len(velocity)))
+
+
+def _largest(ops: Ops, f: Components) -> Component:
+    largest = abs(f[0])
+    for x in f[1:]:
+        largest = ops.maximum(largest, abs(x))
+    return largest
 
 
 def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:

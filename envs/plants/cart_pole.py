@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
+from integ_gym.envs.contact import Stops, stops_at
+from integ_gym.envs.friction import Friction, friction_of
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import (
     MASS_DISTRIBUTIONS,
     nonnegative,
     one_of,
+    optional,
     parameter,
     positive,
 )
@@ -38,6 +41,16 @@ class CartPole:
     gravity: float = parameter(9.8, "m/s^2", "gravitational acceleration", nonnegative)
     damping: float = parameter(0.0, "N m s/rad", "viscous damping at the hinge", nonnegative)
     cart_damping: float = parameter(0.0, "N s/m", "viscous damping of the cart", nonnegative)
+    friction: float = parameter(0.0, "N m", "dry friction at the hinge", nonnegative)
+    cart_friction: float = parameter(0.0, "N", "dry friction of the cart", nonnegative)
+    friction_speed: float = parameter(
+        0.01, "rad/s, m/s", "speed over which friction changes its sign", positive
+    )
+    track_limit: float | None = parameter(
+        None, "m", "stops at ±track_limit; None: no stops", optional(positive)
+    )
+    stop_stiffness: float = parameter(2000.0, "N/m", "stiffness of the stops", positive)
+    stop_damping: float = parameter(0.5, "s/m", "damping of the stops", nonnegative)
     mass_distribution: str = parameter(
         "uniform",
         "",
@@ -53,6 +66,7 @@ class CartPole:
     control_unit: ClassVar[str] = "N"
     frame: ClassVar[str] = "track; x = 0 at its middle, theta = 0 upright, positive towards +x"
     actuated: ClassVar[int] = 0
+    stopped: ClassVar[int] = 0
     constant_mass_matrix: ClassVar[bool] = False
 
     @cached_property
@@ -70,6 +84,16 @@ class CartPole:
         """Moment of inertia of the pole about its hinge, kg m²."""
         factor = 1.0 if self.mass_distribution == "point" else 4.0 / 3.0
         return factor * self.mass * self.length * self.length
+
+    @cached_property
+    def stops(self) -> Stops | None:
+        """Stops at the ends of the track, or None."""
+        return stops_at(self.stopped, self.track_limit, self.stop_stiffness, self.stop_damping)
+
+    @cached_property
+    def dry_friction(self) -> Friction | None:
+        """Friction of the cart and at the hinge, or None."""
+        return friction_of((self.cart_friction, self.friction), self.friction_speed)
 
     @cached_property
     def _weight_moment(self) -> Component:

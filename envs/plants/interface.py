@@ -12,8 +12,16 @@ class Plant(Protocol):
 
     A plant is a frozen dataclass whose fields are its parameters (see
     :func:`integ_gym.envs.parameters.parameter`); each may be a number or one value per lane.
-    ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)`` may be given as well; without it implicit
-    integrators take finite differences.
+    What a plant may give as well:
+
+    - ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)``; without it implicit integrators take finite
+      differences;
+    - ``stops``, a :class:`integ_gym.envs.contact.Stops` or None, on the coordinate whose index the
+      class attribute ``stopped`` is;
+    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None.
+
+    Stops and friction are forces that :class:`integ_gym.envs.system.PlantSystem` adds to the
+    control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 
     name: ClassVar[str]
@@ -28,7 +36,7 @@ class Plant(Protocol):
     constant_mass_matrix: ClassVar[bool]
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
-        """Accelerations under a generalized force, one component per coordinate."""
+        """Accelerations under a generalized force, one per coordinate; affine in the force."""
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
         """Kinetic plus potential energy, J; zero at rest hanging."""

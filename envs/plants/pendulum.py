@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
+from integ_gym.envs.contact import Stops, stops_at
+from integ_gym.envs.friction import Friction, friction_of
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import (
     MASS_DISTRIBUTIONS,
     nonnegative,
     one_of,
+    optional,
     parameter,
     positive,
 )
@@ -31,6 +34,18 @@ class Pendulum:
     length: float = parameter(1.0, "m", "hinge to far end of the rod, or to the bob", positive)
     gravity: float = parameter(10.0, "m/s^2", "gravitational acceleration", nonnegative)
     damping: float = parameter(0.0, "N m s/rad", "viscous damping at the hinge", nonnegative)
+    friction: float = parameter(0.0, "N m", "dry friction at the hinge", nonnegative)
+    friction_speed: float = parameter(
+        0.01, "rad/s", "speed over which friction changes its sign", positive
+    )
+    joint_limit: float | None = parameter(
+        None,
+        "rad",
+        "stops at ±joint_limit, θ unwrapped; None: no stops",
+        optional(positive),
+    )
+    stop_stiffness: float = parameter(200.0, "N m/rad", "stiffness of the stops", positive)
+    stop_damping: float = parameter(0.1, "s/rad", "damping of the stops", nonnegative)
     mass_distribution: str = parameter(
         "uniform", "", "`uniform` rod or `point` mass at the end", one_of(*MASS_DISTRIBUTIONS)
     )
@@ -43,6 +58,7 @@ class Pendulum:
     control_unit: ClassVar[str] = "N m"
     frame: ClassVar[str] = "hinge; theta = 0 upright, positive counter-clockwise"
     actuated: ClassVar[int] = 0
+    stopped: ClassVar[int] = 0
     constant_mass_matrix: ClassVar[bool] = True
 
     @cached_property
@@ -56,6 +72,16 @@ class Pendulum:
         """m g c, the largest torque of gravity, N m."""
         arm = 1.0 if self.mass_distribution == "point" else 0.5
         return self.mass * self.gravity * (arm * self.length)
+
+    @cached_property
+    def stops(self) -> Stops | None:
+        """Stops on the unwrapped angle, or None."""
+        return stops_at(self.stopped, self.joint_limit, self.stop_stiffness, self.stop_damping)
+
+    @cached_property
+    def dry_friction(self) -> Friction | None:
+        """Friction at the hinge, or None."""
+        return friction_of((self.friction,), self.friction_speed)
 
     @cached_property
     def _gravity_rate(self) -> Component:

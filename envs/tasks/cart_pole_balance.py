@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, pi
+from math import inf, pi
 from typing import Any, ClassVar
 
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import boolean, parameter, positive
-from integ_gym.envs.reset_options import number
+from integ_gym.envs.reset_options import uniform
 from integ_gym.envs.tasks.interface import Command
 
 GYMNASIUM_STEP = 0.02
@@ -87,7 +87,4 @@ class CartPoleBalance:
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Every state component uniform in [low, high], by default ±0.05."""
-        low, high = number(options, "low", -0.05), number(options, "high", 0.05)
-        if not (isfinite(low) and isfinite(high) and low <= high):
-            raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
-        return tuple(float(x) for x in rng.uniform(low=low, high=high, size=(4,)))
+        return uniform(rng, options, 4, 0.05)

@@ -10,13 +10,11 @@ from typing import Any, ClassVar
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import parameter, positive
 from integ_gym.envs.reset_options import number
+from integ_gym.envs.tasks._saturation import saturated
 from integ_gym.envs.tasks.interface import Command
 
 GYMNASIUM_STEP = 0.05
 """Control period of ``Pendulum-v1``, s: the rewards are equal there."""
-
-FLOAT32_ROUNDING = 1e-6
-"""Actions arrive in float32, in which the bounds are rounded too."""
 
 NEAR_UPRIGHT = 0.2
 """Goal: |wrapped θ| below this, rad."""
@@ -46,12 +44,8 @@ class PendulumSwingUp:
         return 1.0, 1.0, inf if max_speed is None else max_speed
 
     def command(self, ops: Ops, action: Component) -> Command:
-        """Saturate the torque; an action at the limit counts, as policies clip to it in float32."""
-        limit = self.max_torque
-        valid = ops.isfinite(action)
-        clipped = ops.maximum(-limit, ops.minimum(action, limit))
-        at_limit = abs(action) >= limit * (1.0 - FLOAT32_ROUNDING)
-        return Command(ops.where(valid, clipped, 0.0), valid, valid & at_limit)
+        """The torque, saturated."""
+        return saturated(ops, action, self.max_torque)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(cos θ, sin θ, θ̇)."""

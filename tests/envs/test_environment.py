@@ -241,7 +241,12 @@ def test_ledger_explains_a_clipped_step():
 
 
 def test_energy_is_zero_at_rest_hanging():
-    for env_id, state in (("IntegPendulum-v0", (pi, 0)), ("IntegCartPole-v0", (0.3, 0, pi, 0))):
+    for env_id, state in (
+        ("IntegPendulum-v0", (pi, 0)),
+        ("IntegCartPole-v0", (0.3, 0, pi, 0)),
+        ("IntegCartPoleSwingUp-v0", (0.3, 0, pi, 0)),
+        ("IntegElasticPendulum-v0", (0, 0, 0, 0)),
+    ):
         env = gym.make(env_id).unwrapped
         _, info = env.reset(options={"state": state})
         assert info["energy"] == pytest.approx(0.0, abs=1e-12)
@@ -288,16 +293,16 @@ def test_balance_succeeds_only_by_lasting():
 @pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("where", ["speed", "stiff step"])
 def test_divergence_ends_the_episode_and_never_pays(env_id, where):
-    env = gym.make(
-        env_id, integrator="explicit_euler", dt=0.05, gravity=1e6 if where != "speed" else 9.8
-    )
+    stiff = {"stiffness": 1e9} if env_id == "IntegElasticPendulum-v0" else {"gravity": 1e6}
+    arguments = {} if where == "speed" else stiff
+    env = gym.make(env_id, integrator="explicit_euler", dt=0.05, **arguments)
     n = env.unwrapped.setup.plant.coordinates
     state = np.zeros(2 * len(n))
     state[-2] = 1.0 if env_id == "IntegPendulum-v0" else 0.1
     if where == "speed":
         state[1] = DIVERGENCE_SPEED - 1e-9
     env.reset(options={"state": state})
-    action = env.action_space.high if env_id == "IntegPendulum-v0" else 1
+    action = 1 if env_id == "IntegCartPole-v0" else env.action_space.high
     obs, reward, terminated, truncated, info = env.step(action)
     assert (terminated, truncated, info["solver_status"]) == (True, False, "diverged")
     assert np.isfinite(obs).all()
@@ -305,8 +310,7 @@ def test_divergence_ends_the_episode_and_never_pays(env_id, where):
     np.testing.assert_array_equal(env.unwrapped.state, state)
     floor = {
         "IntegPendulum-v0": -200 * (pi**2 + 0.1 * DIVERGENCE_SPEED**2 + 0.001 * 4.0),
-        "IntegCartPole-v0": 0.0,
-    }[env_id]
+    }.get(env_id, 0.0)
     assert reward <= floor + 1e-9
 
 

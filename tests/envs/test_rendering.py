@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pygame
 import pytest
 
-import integ_gym  # noqa: F401  (registers the ids)
+import integ_gym
 from integ_gym.envs import drawing_plants, rendering
 from integ_gym.envs.drawing_canvas import BLUE, GREEN, VERMILLION, Colour, tint
 from integ_gym.envs.drawing_plants import DRAWINGS
@@ -23,8 +23,13 @@ from integ_gym.envs.settings import Setup
 
 Frame = npt.NDArray[np.uint8]
 
-IDS = {"IntegPendulum-v0": (500, 500, 3), "IntegCartPole-v0": (400, 600, 3)}
-PENDULUM, CART_POLE = IDS
+IDS = {
+    "IntegPendulum-v0": (500, 500, 3),
+    "IntegCartPole-v0": (400, 600, 3),
+    "IntegCartPoleSwingUp-v0": (400, 600, 3),
+    "IntegElasticPendulum-v0": (400, 600, 3),
+}
+PENDULUM, CART_POLE, SWING_UP, ELASTIC = IDS
 HINGE = (250.0, 250.0)
 LABEL_ROWS = slice(0, 40)
 SCENE_ROWS = slice(40, 460)
@@ -86,6 +91,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def test_every_plant_has_a_drawing() -> None:
     assert set(DRAWINGS) == set(PLANTS.names())
+    assert set(IDS) == set(integ_gym.ENVIRONMENTS)
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -108,7 +114,13 @@ def test_frames_before_and_after_steps(env_id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("env_id", "state"), [(PENDULUM, (0.7, 2.0)), (CART_POLE, (0.3, 0.1, 0.1, 1.0))]
+    ("env_id", "state"),
+    [
+        (PENDULUM, (0.7, 2.0)),
+        (CART_POLE, (0.3, 0.1, 0.1, 1.0)),
+        (SWING_UP, (2.4, 0.1, 3.0, 1.0)),
+        (ELASTIC, (0.3, 0.1, 0.1, 1.0)),
+    ],
 )
 def test_pictures_repeat_exactly(env_id: str, state: tuple[float, ...]) -> None:
     setup = make_setup(env_id)
@@ -163,7 +175,13 @@ def test_positive_torque_pushes_counter_clockwise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("env_id", "state"), [(PENDULUM, (2.0, 0.0)), (CART_POLE, (0.0, 0.0, 0.1, 0.0))]
+    ("env_id", "state"),
+    [
+        (PENDULUM, (2.0, 0.0)),
+        (CART_POLE, (0.0, 0.0, 0.1, 0.0)),
+        (SWING_UP, (0.0, 0.0, 3.0, 0.0)),
+        (ELASTIC, (0.0, 0.0, 0.0, 0.0)),
+    ],
 )
 def test_arrow_grows_with_the_control(env_id: str, state: tuple[float, ...]) -> None:
     setup = make_setup(env_id)
@@ -218,10 +236,38 @@ def test_cart_at_the_threshold_is_inside_the_picture(x_threshold: float) -> None
     assert 555 < columns.min() < columns.max() < 600
 
 
+def test_track_stops_are_where_the_cart_touches_them() -> None:
+    state = (2.4, 0.0, math.pi, 0.0)
+    stopped, free = draw(make_setup(SWING_UP), state), draw(make_setup(CART_POLE), state)
+    changed = np.nonzero((stopped != free).any(axis=2)[225:260].any(axis=0))[0]
+    assert changed.min() < 50 < 550 < changed.max() < 600
+    cart_side = 530 + 27
+    assert cart_side in range(changed[changed > 300].min() - 2, changed.max())
+
+
+@pytest.mark.parametrize("joint_limit", [1.5, 4.0])
+def test_joint_stops_are_at_their_angles(joint_limit: float) -> None:
+    state = (0.3, 0.0)
+    stopped = draw(make_setup(PENDULUM, joint_limit=joint_limit), state)
+    rows, columns = np.nonzero((stopped != draw(make_setup(PENDULUM), state)).any(axis=2))
+    assert columns.mean() == pytest.approx(HINGE[0], abs=2.0)
+    height = (HINGE[1] - rows.mean()) / 200.0
+    assert height == pytest.approx(math.cos(joint_limit), abs=0.02)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.6, 0.1), (-0.4, 0.5)])
+def test_bob_is_where_it_is(x: float, y: float) -> None:
+    setup = make_setup(ELASTIC)
+    scale = 210.0 / setup.plant.hanging_length  # type: ignore[attr-defined]
+    bob = centroid(draw(setup, (x, 0.0, y, 0.0)), BLUE)
+    assert bob == pytest.approx((300.0 + scale * x, 300.0 - scale * y), abs=1.0)
+
+
 @pytest.mark.parametrize("value", [1e30, -3e38])
 def test_extreme_states_are_drawn(value: float) -> None:
     assert draw(make_setup(PENDULUM), (value, 1e3), 1.0).shape == IDS[PENDULUM]
-    assert draw(make_setup(CART_POLE), (value, 1e3, value, 1e3), 1.0).shape == IDS[CART_POLE]
+    for env_id in (CART_POLE, SWING_UP, ELASTIC):
+        assert draw(make_setup(env_id), (value, 1e3, value, 1e3), 1.0).shape == IDS[env_id]
 
 
 def test_label_names_the_discretization() -> None:

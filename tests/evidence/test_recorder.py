@@ -20,6 +20,7 @@ from integ_gym.evidence import (
     Replays,
 )
 from integ_gym.evidence import recorder as recorder_module
+from integ_gym.evidence.trace_fields import record_fields
 
 SETTINGS = {
     "plain": {},
@@ -60,6 +61,7 @@ def test_records_are_what_stepping_gave(env_id, settings, tmp_path, context, pla
             "work": infos["actuator_work"],
             "dissipated": infos["dissipated"],
             "clip_loss": infos["clip_loss"],
+            **{name: infos[name] for name in ("penetration", "contact_force", "contact_loss")},
             "energy_residual": infos["energy_residual"],
             "solver_iterations": infos["solver_iterations"],
             f"{control}_commanded": infos["commanded"],
@@ -79,14 +81,16 @@ def test_records_are_what_stepping_gave(env_id, settings, tmp_path, context, pla
         assert record["energy_end"] - record["energy_start"] == pytest.approx(
             record["work_total"]
             - record["dissipated_total"]
+            - record["contact_loss_total"]
             - record["clip_loss_total"]
             + record["energy_residual_total"],
             abs=1e-9,
         )
         assert (record["seed"], record["rng_key"], record["episode_index"]) == (k, f"{k}/0", k)
         assert record["wall_start"] <= record["wall_end"]
-        assert record["penetration_max"] is None
-        assert "penetration" not in record.trace
+        assert record["penetration_max"] == infos["penetration"].max()
+        assert record["constraint_violation_max"] is None
+        assert "constraint_violation" not in record.trace
 
 
 def test_discretization_and_arguments(tmp_path, context, play):
@@ -188,29 +192,52 @@ def test_saturation_fallback_and_recovery(tmp_path, context):
     assert record["saturated_share"] == pytest.approx(0.4)
 
 
-class _Touching(IntegPendulumEnv):
-    """A pendulum that reports contact."""
+class _Constrained(IntegPendulumEnv):
+    """A pendulum that reports a violated constraint."""
 
     def reset(self, **arguments):
         observation, info = super().reset(**arguments)
-        return observation, info | {"penetration": 0.0, "contact_loss": 0.0}
+        return observation, info | {"constraint_violation": 0.0}
 
     def step(self, action):
         *result, info = super().step(action)
-        return *result, info | {"penetration": abs(self.state[1]), "contact_loss": 0.25}
+        return *result, info | {"constraint_violation": abs(self.state[1])}
 
 
-def test_contact_is_recorded_where_there_is_any(tmp_path, context, play):
-    env = RecordEvidence(_Touching(duration=0.5), tmp_path, context)
+def test_constraint_violation_is_recorded_where_there_is_any(tmp_path, context, play):
+    env = RecordEvidence(_Constrained(duration=0.5), tmp_path, context)
     play(env, [0])
     env.close()
     (record,) = EvidenceStore(tmp_path).records()
-    assert record["env_id"] == "_Touching"
-    np.testing.assert_array_equal(record["penetration"], abs(record["theta_dot"][1:]))
-    assert record["penetration_max"] == record["penetration"].max()
-    assert record["contact_loss_total"] == 2.5
-    assert "contact_force" not in record.trace
-    assert record["constraint_violation_max"] is None
+    assert record["env_id"] == "_Constrained"
+    np.testing.assert_array_equal(record["constraint_violation"], abs(record["theta_dot"][1:]))
+    assert record["constraint_violation_max"] == record["constraint_violation"].max()
+
+
+STOPPED = {
+    "IntegPendulum-v0": ({"joint_limit": 1.0, "start": "uniform"}, "rad", "N m"),
+    "IntegCartPoleSwingUp-v0": ({"track_limit": 0.02}, "m", "N"),
+}
+
+
+@pytest.mark.parametrize("env_id", STOPPED)
+def test_contact_is_recorded(env_id, tmp_path, context, play):
+    arguments, unit, force_unit = STOPPED[env_id]
+    env = RecordEvidence(
+        gym.make(env_id, duration=1.0, integrator="rk4", dt=0.01, **arguments), tmp_path, context
+    )
+    ((_, steps),) = play(env, [0])
+    env.close()
+    store = EvidenceStore(tmp_path)
+    (record,) = store.records()
+    assert record["penetration_max"] > 0.0
+    assert np.abs(record["contact_force"]).max() > 0.0
+    assert record["contact_loss_total"] > 0.0
+    assert record["contact_loss_total"] == pytest.approx(sum(i["contact_loss"] for _, i in steps))
+    task = env.unwrapped.setup.task
+    units = {field.name: field.unit for field in record_fields(env.unwrapped.setup.plant, task)}
+    assert units["penetration"] == units["penetration_max"] == unit
+    assert units["contact_force"] == force_unit
 
 
 def test_unfinished_episodes_are_not_written(tmp_path, context):

@@ -1,0 +1,93 @@
+"""Bring the swinging bob of an elastic pendulum to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any, ClassVar
+
+from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.parameters import parameter, positive
+from integ_gym.envs.reset_options import number
+from integ_gym.envs.tasks._saturation import saturated
+from integ_gym.envs.tasks.interface import Command
+
+REWARD_STEP = 0.02
+"""Time that earns at most 1, s."""
+
+NEAR_PLUMB = 0.1
+"""Goal: |x| below this, m."""
+
+SWING_TIME = 0.3
+"""Time by which a speed counts like a distance in the reward, s."""
+
+
+@dataclass(frozen=True)
+class ElasticPendulumQuiet:
+    """Reward rate up to 1 / 0.02 s, the more the nearer the bob is to rest below its pivot."""
+
+    max_force: float = parameter(2.0, "N", "limit of the horizontal force", positive)
+
+    plant: ClassVar[str] = "elastic_pendulum"
+    starts: ClassVar[tuple[str, ...]] = ("pushed",)
+    discrete: ClassVar[int | None] = None
+    goal: ClassVar[str] = "|x| < 0.1 m throughout the last 2 s"
+    goal_stay: ClassVar[float] = 2.0
+    observation_names: ClassVar[tuple[str, ...]] = ("x", "x_dot", "y", "y_dot")
+    observation_units: ClassVar[tuple[str, ...]] = ("m", "m/s", "m", "m/s")
+
+    @property
+    def control_limit(self) -> Component:
+        """Force limit, N."""
+        return self.max_force
+
+    def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
+        """Infinity for both distances; the speed limit or infinity for both speeds."""
+        speed = inf if max_speed is None else max_speed
+        return inf, speed, inf, speed
+
+    def command(self, ops: Ops, action: Component) -> Command:
+        """The force, saturated."""
+        return saturated(ops, action, self.max_force)
+
+    def observe(self, ops: Ops, q: Components, v: Components) -> Components:
+        """(x, ẋ, y, ẏ)."""
+        return q[0], v[0], q[1], v[1]
+
+    def reward(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        mean_square_control: Component,
+        terminated: Component,
+        control_period: float,
+    ) -> Component:
+        """Nearness to rest times gentleness at the start of the control period."""
+        away, speed = q[0] / NEAR_PLUMB, SWING_TIME * v[0] / NEAR_PLUMB
+        effort = mean_square_control / (self.max_force * self.max_force)
+        share = (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)
+        return share * (control_period / REWARD_STEP)
+
+    def worst_return(
+        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
+    ) -> Component:
+        """No further reward."""
+        return 0.0 * remaining
+
+    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Never."""
+        return False
+
+    def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Near the vertical through the pivot."""
+        return abs(q[0]) < NEAR_PLUMB
+
+    def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
+        """At the resting place, with ẋ uniform in ±push and ẏ in ±push/10, by default 3 m/s."""
+        push = number(options, "push", 3.0)
+        if not (isfinite(push) and push >= 0.0):
+            raise ValueError(f"reset option `push` must be finite and 0 or above, got {push}")
+        x_dot, y_dot = rng.uniform(low=[-push, -0.1 * push], high=[push, 0.1 * push])
+        return 0.0, float(x_dot), 0.0, float(y_dot)
