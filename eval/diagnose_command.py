@@ -11,13 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.diagnosis.finding import VERDICTS, Finding
-from integ_gym.eval.diagnosis.run import Request, diagnose, work
+from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.drift_example import drift_example
 from integ_gym.eval.extras import require
+from integ_gym.eval.panel import cores
 from integ_gym.evidence.extra import pyarrow
 from integ_gym.evidence.print_table import print_table
 
@@ -58,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--example", choices=("drift",), help="a worked example instead")
     add("--out", required=True, type=Path, metavar="DIR", help="where results go")
+    add("--workers", type=int, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
@@ -73,10 +73,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _diagnose(given: argparse.Namespace, argv: Sequence[str]) -> int:
+    if given.workers is not None and given.workers < 1:
+        raise ValueError(f"--workers must be 1 or above, got {given.workers}")
     request = Request(given.env, given.plant, given.integrator, given.dt)
-    command = shlex.join(["integ-gym", "diagnose", *argv])
-    with tqdm(total=work(request), unit="check", desc="diagnose", disable=given.no_progress) as bar:
-        result = diagnose(request, given.out, command, bar.update)
+    result = diagnose(
+        request,
+        given.out,
+        shlex.join(["integ-gym", "diagnose", *argv]),
+        given.workers or cores(),
+        progress=not given.no_progress,
+    )
     _print(result)
     print(f"Results: {given.out.resolve()}")
     return 0

@@ -172,7 +172,7 @@ def _phase(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
                 axes, name if row == 0 else "", f"{label}, {unit}",
                 f"{plain(plant, 20)}: speed, {unit}/s" if column == 0 else "",
             )  # fmt: skip
-            axes.title.set_size(8.5)
+            axes.title.set_fontsize(8.5)
     return figure
 
 
@@ -194,7 +194,8 @@ def _convergence(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
     """Error against step."""
     return _curves(
         curves, schemes, "steps", "Convergence",
-        "largest error of (q, v/ω) in one driven period, control period fixed; grey: slopes 1, 2, 4",
+        "largest error of (q, v/ω) in one driven period at a fixed control period; "
+        "dotted: slopes 1, 2, 4",
         "step, s", _slopes,
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ COMMANDS = {
     "evaluate": ("integ_gym.eval.evaluate_command", "evaluate an existing policy"),
     "diagnose": (
         "integ_gym.eval.diagnose_command",
-        "what integrators do to plants, against theory",
+        "check integrators against theory",
     ),
     "report": ("integ_gym.eval.report_command", "write a panel's page and figures again"),
     "evidence": ("integ_gym.evidence.command", "show, query, verify and export records"),

@@ -6,8 +6,8 @@ import numpy as np
 
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.diagnosis.bench import Commands, Rollout
-from integ_gym.eval.diagnosis.damping import ledger_line
-from integ_gym.eval.diagnosis.section import Diagnosis
+from integ_gym.eval.diagnosis.ledger import ledger_line
+from integ_gym.eval.diagnosis.section import Diagnosis, steps_for
 from integ_gym.eval.diagnosis.subject import Subject
 
 SECTION = "actuation"
@@ -31,7 +31,7 @@ def diagnose_actuation(diagnosis: Diagnosis) -> None:
                 Commands("square_wave", wave), subject.rest[None],
                 duration=DECISIONS * subject.control_period, control_limit=limit,
             )
-            for dt in subject.steps
+            for dt in steps_for(subject, integrator)
         ]  # fmt: skip
         _saturation(diagnosis, subject, integrator, limit, rollouts)
         _work(diagnosis, subject, integrator, rollouts)
@@ -54,7 +54,7 @@ def _saturation(
     diagnosis.add(
         SECTION, subject, integrator, f"largest control for commands of ±{BEYOND * limit:g} {unit}",
         applied, unit, f"{limit:g} {unit}, every decision counted as saturated",
-        all(x == limit for x in applied) and counted, steps=subject.steps,
+        all(x == limit for x in applied) and counted, steps=steps_for(subject, integrator),
     )  # fmt: skip
 
 
@@ -68,5 +68,6 @@ def _work(diagnosis: Diagnosis, subject: Subject, integrator: str, rollouts: lis
         gaps.append(float(np.nanmax(np.abs(booked - by_hand)) / np.nanmax(np.abs(by_hand))))
     diagnosis.add(
         SECTION, subject, integrator, "work booked − control × displacement, relative",
-        tuple(gaps), "", f"rounding: below {_EXACT:g}", max(gaps) < _EXACT, steps=subject.steps,
+        tuple(gaps), "", f"rounding: below {_EXACT:g}", max(gaps) < _EXACT,
+        steps=steps_for(subject, integrator),
     )  # fmt: skip

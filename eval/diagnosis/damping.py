@@ -7,24 +7,23 @@ import math
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.plants.interface import split_state
-from integ_gym.eval.diagnosis.bench import Array, Commands, Rollout
-from integ_gym.eval.diagnosis.finding import halving_order
-from integ_gym.eval.diagnosis.section import SLACK, TRUTH, Diagnosis
+from integ_gym.envs.plants.interface import Plant, split_state
+from integ_gym.envs.system import PlantSystem
+from integ_gym.eval.diagnosis.bench import Array, Commands
+from integ_gym.eval.diagnosis.ledger import ledger_line
+from integ_gym.eval.diagnosis.section import Diagnosis, steps_for
 from integ_gym.eval.diagnosis.stiffness import LARGEST, radii
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import declared
 
 SECTION = "damping"
 
 RATIO = 0.1
 """Damping ratio of the motion that is followed."""
 
-EXACT = 1e-9
-"""Ledger residual of the exact motion over a rollout, as a share of its energy."""
-
 _PERIODS = 3.0
+_SLOW = 1e-7
+"""Speed at which resistance is linear in the speed."""
 _SMALL = 1e-3
 """hω of the steps at which the damping limit is measured: the oscillation does not matter."""
 _LANES = 300
@@ -38,19 +37,22 @@ def diagnose_damping(diagnosis: Diagnosis) -> None:
         names = [n for n in subject.parameters("damping") if not n.startswith("stop")]
         if not names:
             continue
-        unit_rate = _decay_rate(subject, names)
+        unit_rate = decay_rate(subject.varied(**dict.fromkeys(names, 1.0)), subject.rest)
         _ledger(diagnosis, subject, integrator, names, 2.0 * RATIO * subject.frequency / unit_rate)
         _limit(diagnosis, subject, integrator, names, unit_rate)
 
 
-def _decay_rate(subject: Subject, names: list[str]) -> float:
-    """Fastest decay of a velocity at rest with damping parameters of 1, 1/s."""
-    plant = subject.varied(**dict.fromkeys(names, 1.0))
-    q, _ = split_state(tuple(subject.rest))
+def decay_rate(plant: Plant, rest: Array) -> float:
+    """Fastest decay of a velocity at rest, 1/s; friction included.
+
+    Args:
+        plant: with numbers as parameters.
+        rest: state order, shape (n,).
+    """
+    q, _ = split_state(tuple(rest))
     n = len(q)
-    nothing = (0.0,) * n
-    slopes = plant.acceleration(ARRAY, q, tuple(np.eye(n)), nothing)
-    matrix = -np.stack([np.broadcast_to(x, n) for x in slopes])
+    rates, _ = PlantSystem(plant).rates(ARRAY, q, tuple(_SLOW * np.eye(n)), 0.0)
+    matrix = -np.stack([np.broadcast_to(x, n) for x in rates]) / _SLOW
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
@@ -64,7 +66,7 @@ def _ledger(
             f"damping/{integrator}/dt={dt:g}", subject, integrator, dt,
             Commands("zero", np.zeros(1)), subject.start[None], duration=duration, **damped,
         )
-        for dt in subject.steps
+        for dt in steps_for(subject, integrator)
     ]  # fmt: skip
     ledger_line(diagnosis, SECTION, subject, integrator, rollouts)
     taken = tuple(float(r.total("dissipated")[0]) for r in rollouts)
@@ -72,30 +74,8 @@ def _ledger(
     holds = all(x > 0.0 for x in taken)
     diagnosis.add(
         SECTION, subject, integrator, f"energy taken out, of {start:.3g} J at the start", taken,
-        "J", "never negative", holds, steps=subject.steps,
+        "J", "never negative", holds, steps=steps_for(subject, integrator),
     )  # fmt: skip
-
-
-def ledger_line(
-    diagnosis: Diagnosis, section: str, subject: Subject, integrator: str, rollouts: list[Rollout]
-) -> None:
-    """The line on Σ |energy residual|: rounding for the exact motion, else falling at the order."""
-    residuals = tuple(float(r.residual()[0]) for r in rollouts)
-    line = (section, subject, integrator, "Σ |energy residual|", residuals, "J")
-    scale = float(np.nanmax(rollouts[-1].info["energy"]))
-    if integrator == TRUTH:
-        bound = EXACT * scale
-        holds: bool | None = max(residuals) < bound
-        diagnosis.add(*line, f"rounding: below {bound:.1e} J", holds, steps=subject.steps)
-        return
-    order = declared(integrator).order
-    if order is None:
-        diagnosis.add(*line, "order not declared", None, steps=subject.steps)
-        return
-    slope = halving_order(residuals, subject.steps)
-    holds = bool(slope > order - SLACK) or residuals[-1] < EXACT * scale
-    expected = f"falls as dt^{order} or faster; measured dt^{slope:.2f}"
-    diagnosis.add(*line, expected, holds, steps=subject.steps)
 
 
 def _limit(

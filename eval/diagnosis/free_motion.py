@@ -6,8 +6,8 @@ import numpy as np
 
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.eval.diagnosis.bench import Array, Commands
-from integ_gym.eval.diagnosis.finding import halving_order
-from integ_gym.eval.diagnosis.section import SLACK, TRUTH, Diagnosis
+from integ_gym.eval.diagnosis.order import promised
+from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis, steps_for
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
 from integ_gym.eval.numerics import declared
@@ -31,8 +31,7 @@ def diagnose_free_motion(diagnosis: Diagnosis) -> None:
     """Release every plant from rest displaced, and follow its energy."""
     for subject, integrator in diagnosis.pairs():
         duration = subject.rounded_duration(PERIODS * subject.period)
-        # The exact motion is the same at every step.
-        steps = subject.steps[:1] if integrator == TRUTH else subject.steps
+        steps = steps_for(subject, integrator)
         changes = [_changes(diagnosis, subject, integrator, dt, duration) for dt in steps]
         _first_period(diagnosis, subject, integrator, changes, steps)
         _long_run(diagnosis, subject, integrator, changes, steps)
@@ -57,7 +56,8 @@ def _changes(
             position=rollout.state[:, 0, shown].tolist(),
             velocity=rollout.state[:, 0, shown + 1].tolist(),
         )  # fmt: skip
-    return energy / energy[0] - 1.0
+    change: Array = energy / energy[0] - 1.0
+    return change
 
 
 def _shown_coordinate(subject: Subject) -> int:
@@ -80,13 +80,7 @@ def _first_period(
         expected = f"rounding: below {100.0 * _EXACT:g} %"
         diagnosis.add(*line, measured, "%", expected, max(largest) < _EXACT, steps=steps)
         return
-    order = declared(integrator).order
-    if order is None:
-        diagnosis.add(*line, measured, "%", "order not declared", None, steps=steps)
-        return
-    slope = halving_order(largest, steps)
-    expected = f"falls as dt^{order} or faster; measured dt^{slope:.2f}"
-    holds = bool(slope > order - SLACK) or largest[-1] < _EXACT
+    expected, holds = promised(subject, integrator, largest, _EXACT)
     diagnosis.add(*line, measured, "%", expected, holds, steps=steps)
 
 

@@ -27,6 +27,7 @@ def described(env_id: str) -> str:
 
 def metric(
     diagnosis: Diagnosis,
+    section: str,
     env_id: str,
     integrator: str,
     dt: float,
@@ -39,13 +40,14 @@ def metric(
 
     Args:
         diagnosis: where it is run and remembered.
+        section: what it is played for.
         env_id: the environment.
         integrator: a registered name or ``"module:Class"``.
         dt: integration step, s.
         control_period: s.
         latency: of every command, s.
     """
-    key = (env_id, integrator, dt, control_period, latency)
+    key = (section, env_id, integrator, dt, control_period, latency)
     if key not in diagnosis.metrics:
         diagnosis.metrics[key] = _played(diagnosis, *key)
     return diagnosis.metrics[key]
@@ -53,6 +55,7 @@ def metric(
 
 def _played(
     diagnosis: Diagnosis,
+    section: str,
     env_id: str,
     integrator: str,
     dt: float,
@@ -70,6 +73,6 @@ def _played(
         policy = make_baseline("handmade", environment_setup(env_id, arguments))
     except ValueError:
         return None
-    cell = f"handmade/{integrator}/dt={dt:g}/latency={latency:g}"
+    cell = f"{section}/handmade/{integrator}/dt={dt:g}/latency={latency:g}"
     rollout = diagnosis.bench.task(cell, env_id, policy, EPISODES, **arguments)
     return float(rollout.success.mean())

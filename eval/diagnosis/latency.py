@@ -62,8 +62,8 @@ def _cost(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
         period = subject.control_period
         rates = [
             (
-                metric(diagnosis, env_id, TRUTH, period, period, k * period),
-                metric(diagnosis, env_id, integrator, period, period, k * period),
+                metric(diagnosis, SECTION, env_id, TRUTH, period, period, k * period),
+                metric(diagnosis, SECTION, env_id, integrator, period, period, k * period),
             )
             for k in PERIODS
         ]
@@ -72,8 +72,9 @@ def _cost(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
         truths, shares = (tuple(x or 0.0 for x in column) for column in zip(*rates, strict=True))
         diagnosis.add(
             SECTION, subject, integrator,
-            f"success at latencies of {', '.join(map(str, PERIODS))} control periods, {described(env_id)}",
-            shares, "", f"{', '.join(f'{x:.2f}' for x in truths)} ± {TOLERANCE:g}, as on the truth",
+            f"success at latencies of {', '.join(map(str, PERIODS))} control periods, "
+            f"{described(env_id)}", shares, "",
+            f"{', '.join(f'{x:.2f}' for x in truths)} ± {TOLERANCE:g}, as on the truth",
             all(abs(a - b) <= TOLERANCE for a, b in zip(truths, shares, strict=True)),
             steps=(period,),
         )  # fmt: skip

@@ -13,10 +13,10 @@ from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.system import PlantSystem
 from integ_gym.eval.diagnosis.actuation import actuator_limit
 from integ_gym.eval.diagnosis.bench import Array, Commands, Rollout
-from integ_gym.eval.diagnosis.damping import ledger_line
-from integ_gym.eval.diagnosis.finding import halving_order
 from integ_gym.eval.diagnosis.handmade import TOLERANCE, described, metric
-from integ_gym.eval.diagnosis.section import SLACK, TRUTH, Diagnosis
+from integ_gym.eval.diagnosis.ledger import ledger_line
+from integ_gym.eval.diagnosis.order import promised
+from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.numerics import declared
 
@@ -64,12 +64,7 @@ def _driven(diagnosis: Diagnosis, subject: Subject, integrator: str, dt: float) 
 def _trajectory(diagnosis: Diagnosis, subject: Subject, integrator: str, truth: Rollout) -> None:
     rollouts = [_driven(diagnosis, subject, integrator, dt) for dt in subject.steps]
     errors = tuple(_error(subject, r.state[:, 0], truth.state[:, 0]) for r in rollouts)
-    order = declared(integrator).order
-    slope = halving_order(errors, subject.steps)
-    expected, holds = f"measured dt^{slope:.2f}; order not declared", None
-    if order is not None:
-        expected = f"falls as dt^{order} or faster; measured dt^{slope:.2f}"
-        holds = bool(slope > order - SLACK) or errors[-1] < _EXACT
+    expected, holds = promised(subject, integrator, errors, _EXACT)
     diagnosis.add(
         SECTION, subject, integrator, "largest trajectory error in one driven period", errors,
         "rad or m", expected, holds, steps=subject.steps,
@@ -101,8 +96,8 @@ def _curve(diagnosis: Diagnosis, subject: Subject, integrator: str, truth: Rollo
 
 def _counted(subject: Subject, integrator: str, substeps: int) -> tuple[Array, int]:
     """The driven motion at control instants, and evaluations of the plant on the way."""
-    plant: Any = _CountingPlant(subject.plant)
-    engine = NativeEngine(PlantSystem(plant), integrator, subject.control_period / substeps)
+    system = _CountingSystem(subject.plant)
+    engine = NativeEngine(system, integrator, subject.control_period / substeps)
     q, v = split_state(tuple(subject.start.tolist()))
     states = [join_state(q, v)]
     try:
@@ -113,27 +108,22 @@ def _counted(subject: Subject, integrator: str, substeps: int) -> tuple[Array, i
     except ArithmeticError:
         pass
     missing = len(_commands(subject)) + 1 - len(states)
-    return np.array(states + [(math.nan,) * len(states[0])] * missing), plant.evaluations
+    return np.array(states + [(math.nan,) * len(states[0])] * missing), system.evaluations
 
 
-class _CountingPlant:
-    """A plant that counts its accelerations and Jacobians."""
+class _CountingSystem(PlantSystem):
+    """A system that counts how often it is asked for accelerations or a Jacobian."""
 
-    def __init__(self, plant: Any) -> None:
-        self._plant = plant
-        self.evaluations = 0
-        self.jacobian = None if not hasattr(plant, "jacobian") else self._counted_jacobian
+    evaluations = 0
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._plant, name)
-
-    def acceleration(self, *arguments: Any) -> Any:
+    def rates(self, *arguments: Any) -> Any:
         self.evaluations += 1
-        return self._plant.acceleration(*arguments)
+        return super().rates(*arguments)
 
-    def _counted_jacobian(self, *arguments: Any) -> Any:
-        self.evaluations += 1
-        return self._plant.jacobian(*arguments)
+    def slopes(self, *arguments: Any) -> Any:
+        given = super().slopes(*arguments)
+        self.evaluations += given is not None
+        return given
 
 
 def _task(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
@@ -141,14 +131,15 @@ def _task(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
     for env_id in subject.environments:
 
         def share(integrator: str, dt: float, env_id: str = env_id) -> float | None:
-            return metric(diagnosis, env_id, integrator, dt, subject.control_period)
+            return metric(diagnosis, SECTION, env_id, integrator, dt, subject.control_period)
 
         truth = share(TRUTH, subject.control_period)
         if truth is None or integrator == TRUTH:
             continue
         shares = tuple(share(integrator, dt) or 0.0 for dt in subject.steps)
         diagnosis.add(
-            SECTION, subject, integrator, f"success of the hand-made controller, {described(env_id)}", shares,
-            "", f"{truth:.2f} ± {TOLERANCE:g}, as on the truth",
+            SECTION, subject, integrator,
+            f"success of the hand-made controller, {described(env_id)}", shares, "",
+            f"{truth:.2f} ± {TOLERANCE:g}, as on the truth",
             all(abs(x - truth) <= TOLERANCE for x in shares), steps=subject.steps,
         )  # fmt: skip

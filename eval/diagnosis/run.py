@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.eval.diagnose_figures import write_diagnosis_figures
 from integ_gym.eval.diagnosis import (
     actuation,
+    contact,
     damping,
     free_motion,
+    friction,
     identity,
     latency,
     refinement,
@@ -24,6 +29,7 @@ from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject, subjects
 from integ_gym.eval.report_data import write_atomically
+from integ_gym.eval.worker import Progress
 from integ_gym.evidence.provenance import package_versions
 from integ_gym.evidence.store import EvidenceStore
 
@@ -37,6 +43,8 @@ SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
     free_motion.SECTION: free_motion.diagnose_free_motion,
     stiffness.SECTION: stiffness.diagnose_stiffness,
     damping.SECTION: damping.diagnose_damping,
+    friction.SECTION: friction.diagnose_friction,
+    contact.SECTION: contact.diagnose_contact,
     actuation.SECTION: actuation.diagnose_actuation,
     refinement.SECTION: refinement.diagnose_refinement,
     latency.SECTION: latency.diagnose_latency,
@@ -72,14 +80,26 @@ class Request:
         return subjects(self.env_id, self.plant, self.steps), names
 
 
-def work(request: Request) -> int:
-    """Units of work of a diagnosis."""
-    plants, names = request.chosen()
-    return len(SECTIONS) * len(plants) * len(names)
+@dataclass(frozen=True)
+class _Job:
+    """One section on one plant: what a worker does at a time."""
+
+    section: str
+    subject: Subject
+    integrators: tuple[str, ...]
+    evidence: Path
+
+    def run(self) -> Diagnosis:
+        """Examine, and commit the evidence."""
+        bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
+        diagnosis = Diagnosis(bench, [self.subject], self.integrators)
+        SECTIONS[self.section](diagnosis)
+        bench.commit(self.section.replace(" ", "_"))
+        return diagnosis
 
 
 def diagnose(
-    request: Request, directory: Path, command: str, on_unit: Callable[[], object]
+    request: Request, directory: Path, command: str, workers: int = 1, progress: bool = False
 ) -> dict[str, Any]:
     """Run every section and write its results.
 
@@ -87,7 +107,8 @@ def diagnose(
         request: what to diagnose.
         directory: where ``diagnose.json``, ``figures`` and ``evidence`` go.
         command: what was typed, for the record.
-        on_unit: called after every unit of work; see :func:`work`.
+        workers: processes.
+        progress: whether to show a progress bar.
 
     Returns:
         The content of ``diagnose.json``.
@@ -100,19 +121,44 @@ def diagnose(
             f"{directory} already holds a diagnosis; give another --out, or remove the directory"
         )
     plants, names = request.chosen()
-    bench = Bench(EvidenceStore(directory / "evidence"), run_id="diagnose")
-    diagnosis = Diagnosis(bench, plants, names, lambda: (on_unit(), None)[1])
-    for section, examine in SECTIONS.items():
-        examine(diagnosis)
-        bench.commit(section.replace(" ", "_"))
-    result = _result(diagnosis, command)
+    jobs = [
+        _Job(section, subject, names, directory / "evidence")
+        for section in SECTIONS
+        for subject in plants
+    ]
+    with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
+        parts = _all(jobs, workers, bar.update)
+    result = _result(parts, plants, names, command)
+    result["records"] = EvidenceStore(directory / "evidence").count()
     text = json.dumps(result, indent=1, allow_nan=False)
     write_atomically(directory / RESULT, text.encode())
     write_diagnosis_figures(result, directory / "figures")
     return result
 
 
-def _result(diagnosis: Diagnosis, command: str) -> dict[str, Any]:
+def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[Diagnosis]:
+    """Results in the order of the jobs."""
+    if min(workers, len(jobs)) < 2:
+        done = []
+        for job in jobs:
+            done.append(job.run())
+            on_job()
+        return done
+    with Progress().pool(workers) as pool:
+        futures = [pool.submit(job.run) for job in jobs]
+        for future in as_completed(futures):
+            future.result()
+            on_job()
+    return [future.result() for future in futures]
+
+
+def _result(
+    parts: list[Diagnosis], plants: list[Subject], names: tuple[str, ...], command: str
+) -> dict[str, Any]:
+    curves: dict[str, list[dict[str, Any]]] = {}
+    for part in parts:
+        for figure, found in part.curves.items():
+            curves.setdefault(figure, []).extend(found)
     return {
         "schema_version": SCHEMA_VERSION,
         "command": command,
@@ -126,14 +172,11 @@ def _result(diagnosis: Diagnosis, command: str) -> dict[str, Any]:
                 "rest_state": s.rest.tolist(),
                 "frequency_rad_s": s.frequency,
             }
-            for s in diagnosis.subjects
+            for s in plants
         ],
-        "integrators": [
-            {"name": name, "is": identity.sentence(name)} for name in diagnosis.integrators
-        ],
-        "findings": [finding.row() for finding in diagnosis.findings],
-        "curves": _finite(diagnosis.curves),
-        "records": diagnosis.bench.store.count(),
+        "integrators": [{"name": name, "is": identity.sentence(name)} for name in names],
+        "findings": [finding.row() for part in parts for finding in part.findings],
+        "curves": _finite(curves),
     }
 
 

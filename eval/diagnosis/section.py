@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,9 +13,10 @@ from integ_gym.eval.diagnosis.subject import Subject
 TRUTH = "reference"
 """The integrator that the others are compared with."""
 
-SLACK = 0.35
-"""How far below the declared order an error may fall at the steps of a ladder, which are not yet
-small; :mod:`integ_gym.eval.numerics.convergence` measures the order itself."""
+
+def steps_for(subject: Subject, integrator: str) -> tuple[float, ...]:
+    """Steps to take, coarse to fine: the exact motion is the same at every step."""
+    return subject.steps[:1] if integrator == TRUTH else subject.steps
 
 
 @dataclass
@@ -26,7 +27,6 @@ class Diagnosis:
         bench: where rollouts are run.
         subjects: the plants.
         integrators: names or references.
-        on_unit: called after every unit of work.
         findings: the lines so far.
         curves: what the figures draw, by name of the figure.
         metrics: success of the hand-made controller, by what it met.
@@ -35,17 +35,15 @@ class Diagnosis:
     bench: Bench
     subjects: list[Subject]
     integrators: tuple[str, ...]
-    on_unit: Callable[[], None]
     findings: list[Finding] = field(default_factory=list)
     curves: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     metrics: dict[tuple[Any, ...], float | None] = field(default_factory=dict)
 
     def pairs(self) -> Iterator[tuple[Subject, str]]:
-        """Every plant with every integrator; counts a unit of work after each."""
+        """Every plant with every integrator."""
         for subject in self.subjects:
             for integrator in self.integrators:
                 yield subject, integrator
-                self.on_unit()
 
     def add(self, section: str, subject: Subject, integrator: str, *line: Any, **more: Any) -> None:
         """Add a line; see :class:`Finding` for what follows."""

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.eval.diagnosis.bench import Array
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
@@ -65,16 +66,14 @@ def spectral_radii(subject: Subject, integrator: str, steps: Array) -> Array:
     return radii(subject.plant, subject.rest, integrator, steps)
 
 
-def radii(plant: object, rest: Array, integrator: str, steps: Array) -> Array:
+def radii(plant: Plant, rest: Array, integrator: str, steps: Array) -> Array:
     """The same for a plant whose parameters may be one value per step size."""
     n = len(rest)
     columns = []
     for direction in np.eye(n):
         ends = [
-            advance_lanes(
-                integrator, plant, np.tile(rest + side * _WIDTH * direction, (len(steps), 1)), steps
-            )  # type: ignore[arg-type]
-            for side in (1.0, -1.0)
+            advance_lanes(integrator, plant, np.tile(point, (len(steps), 1)), steps)
+            for point in (rest + _WIDTH * direction, rest - _WIDTH * direction)
         ]
         columns.append((ends[0] - ends[1]) / (2.0 * _WIDTH))
     maps = np.nan_to_num(np.stack(columns, axis=-1), nan=1e9, posinf=1e9, neginf=-1e9)

@@ -25,7 +25,7 @@ _STEPS_PER_RADIAN = 4.0
 _RELAXATION = 0.02
 _DRAG = 0.9
 _MOST_RELAXATIONS = 20_000
-_AT_REST = 1e-13
+_AT_REST = 1e-11
 
 
 @dataclass(frozen=True)
