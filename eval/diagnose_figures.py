@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from integ_gym.eval.diagnosis.section import TRUTH
+from integ_gym.eval.diagnosis.theory import THEORY
 from integ_gym.eval.figure_style import (
+    COOL,
     INK,
     LINE,
     PAPER,
     SCHEME_COLOURS,
     SCHEME_MARKERS,
     SOFT,
+    WARM,
     axes_at,
     bare,
     blank_figure,
@@ -26,7 +29,7 @@ from integ_gym.eval.figure_style import (
     png,
     scheme_legend,
 )
-from integ_gym.eval.report_data import require, step, write_atomically
+from integ_gym.eval.report_data import compact, require, step, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,10 +38,13 @@ if TYPE_CHECKING:
 Curve = Mapping[str, Any]
 
 _LEFT: Final = 0.85
-_TOP: Final = 1.75
-_GAP: Final = (0.75, 0.95)  # inches between plots
+_TOP: Final = 1.5
+_GAP: Final = (0.75, 0.8)  # inches between plots
 _BOTTOM: Final = 0.62
 _MARGIN: Final = 0.35
+_WINDOW: Final = 2.0  # seconds, about one oscillation of the worked example
+_REBOUND: Final = 0.5  # error of the rebound's energy share with the fullest colour
+_SHADE: Final = "#c9cad0"  # the truth under a coloured line
 
 
 def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[Path]:
@@ -86,11 +92,14 @@ def _plants(curves: Sequence[Curve]) -> list[str]:
 
 def _grid(
     rows: int, columns: int, size: tuple[float, float], title: str, about: str,
-    schemes: Mapping[str, int],
+    schemes: Mapping[str, int], top: float = _TOP, margin: float = _MARGIN,
 ) -> tuple[Figure, list[list[Axes]]]:  # fmt: skip
-    """A figure with a heading, a legend and a grid of plots of a size in inches."""
-    wide = max(_LEFT + columns * (size[0] + _GAP[0]) - _GAP[0] + _MARGIN, 8.4)
-    high = _TOP + rows * (size[1] + _GAP[1]) - _GAP[1] + _BOTTOM
+    """A figure with a heading, a legend and a grid of plots of a size in inches.
+
+    ``top`` and ``margin`` are the inches above the plots and to their right.
+    """
+    wide = max(_LEFT + columns * (size[0] + _GAP[0]) - _GAP[0] + margin, 8.4)
+    high = top + rows * (size[1] + _GAP[1]) - _GAP[1] + _BOTTOM
     figure = blank_figure(wide, high)
     canvas = inch_canvas(figure)
     draw_heading(canvas, 0.3, title, about)
@@ -100,7 +109,7 @@ def _grid(
             axes_at(
                 figure,
                 _LEFT + column * (size[0] + _GAP[0]),
-                high - _TOP - size[1] - row * (size[1] + _GAP[1]),
+                high - top - size[1] - row * (size[1] + _GAP[1]),
                 *size,
             )
             for column in range(columns)
@@ -159,7 +168,7 @@ def _phase(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
     plants, names = _plants(curves), list(schemes)
     figure, places = _grid(
         len(plants), len(names), (1.75, 1.75), "Phase portraits of free motion",
-        "released from rest, no control, no damping; ink: reference", schemes,
+        "released from rest, no control, no damping; grey band: reference", schemes,
     )  # fmt: skip
     for row, plant in enumerate(plants):
         found = {c["integrator"]: c for c in curves if c["plant"] == plant}
@@ -182,11 +191,9 @@ def _portrait(axes: Axes, curve: Curve, truth: Curve | None, style: Mapping[str,
     middle = 0.5 * (np.nanmax(position) + np.nanmin(position))
     reach = 2.4 * max(np.nanmax(position) - middle, 1e-9)
     fastest = 2.4 * max(float(np.nanmax(np.abs(velocity))), 1e-9)
-    axes.plot(
-        _numbers(curve["position"]), _numbers(curve["velocity"]), **{**style, "linewidth": 0.9}
-    )
     if truth is not None:
-        axes.plot(position, velocity, color=INK, linewidth=0.8, zorder=4)
+        axes.plot(position, velocity, color=_SHADE, linewidth=4.0, solid_capstyle="round")
+    axes.plot(_numbers(curve["position"]), _numbers(curve["velocity"]), **style)
     axes.set(xlim=(middle - reach, middle + reach), ylim=(-fastest, fastest))
 
 
@@ -248,8 +255,8 @@ def _stability(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
     plants = _plants(curves)
     figure, places = _grid(
         1, len(plants), (3.4, 2.6), "Stability of small oscillations",
-        "growth of the amplitude per step at rest, against step × fastest frequency; above 1: "
-        "unstable", schemes,
+        "largest growth per step of any small motion at rest, against step × fastest frequency; "
+        "above 1: unstable", schemes,
     )  # fmt: skip
     for axes, plant in zip(places[0], plants, strict=True):
         for curve in (c for c in curves if c["plant"] == plant):
@@ -260,8 +267,76 @@ def _stability(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
     return figure
 
 
+def _contact(curves: Sequence[Curve], schemes: Mapping[str, int]) -> Figure:
+    """Rebound energy over step and stiffness, with the boundaries of stability."""
+    plants, names = _plants(curves), list(schemes)
+    figure, places = _grid(
+        len(plants), len(names), (1.75, 1.75), "Contact: energy after one impact",
+        "share left − analytic share; ink line: energy is gained above it; "
+        "dashed: an oscillator grows above it", {},
+    )  # fmt: skip
+    mesh: Any = None
+    for row, plant in enumerate(plants):
+        found = {c["integrator"]: c for c in curves if c["plant"] == plant}
+        for column, name in enumerate(names):
+            axes, curve = places[row][column], found[name]
+            mesh = _impact_map(axes, curve)
+            _name(
+                axes, name if row == 0 else "", f"stiffness, {curve['unit']}",
+                f"{plain(plant, 20)}: step, s" if column == 0 else "",
+            )  # fmt: skip
+            axes.title.set_fontsize(8.5)
+    high = float(figure.get_size_inches()[1])
+    bar = figure.colorbar(
+        mesh, cax=axes_at(figure, _LEFT, high - 1.0, 2.2, 0.12), orientation="horizontal"
+    )
+    bar.outline.set_visible(False)
+    bar.set_ticks([-0.5, 0.0, 0.5], labels=["−0.5: drained", "exact", "+0.5: pumped"])
+    bar.ax.tick_params(labelsize=7.5, colors=SOFT, length=0)
+    return figure
+
+
+def _impact_map(axes: Axes, curve: Curve) -> Any:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = LinearSegmentedColormap.from_list("error", (COOL, PAPER, WARM))
+    stiffness, steps = _numbers(curve["stiffness"]), _numbers(curve["steps"])
+    left = np.array([[math.inf if x is None else x for x in line] for line in curve["left"]])
+    error = np.clip(left - curve["expected"], -_REBOUND, _REBOUND)
+    across, up = _edges(stiffness), _edges(steps)
+    axes.grid(visible=False)
+    mesh = axes.pcolormesh(across, up, error, cmap=colours, vmin=-_REBOUND, vmax=_REBOUND)
+    _boundary(axes, left > 1.0, across, up)
+    theory = THEORY.get(curve["integrator"])
+    if theory is not None and 0.0 < theory.oscillation_limit < math.inf:
+        limit = theory.oscillation_limit / _numbers(curve["rates"])
+        axes.plot(stiffness, limit, color=INK, linewidth=1.0, linestyle=(0, (3, 2)))
+    axes.set(xscale="log", yscale="log", xlim=across[[0, -1]], ylim=up[[-1, 0]])
+    return mesh
+
+
+def _edges(centres: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Edges of cells around geometrically spaced centres."""
+    ratio = math.sqrt(centres[1] / centres[0])
+    edges: np.ndarray[Any, Any] = np.append(centres / ratio, centres[-1] * ratio)
+    return edges
+
+
+def _boundary(
+    axes: Axes, inside: np.ndarray[Any, Any], across: np.ndarray[Any, Any],
+    up: np.ndarray[Any, Any],
+) -> None:  # fmt: skip
+    """The line between cells that are inside and those that are not."""
+    for row, column in np.argwhere(inside[:, 1:] != inside[:, :-1]):
+        x = across[column + 1]
+        axes.plot([x, x], up[row : row + 2], color=INK, linewidth=1.8)
+    for row, column in np.argwhere(inside[1:] != inside[:-1]):
+        y = up[row + 1]
+        axes.plot(across[column : column + 2], [y, y], color=INK, linewidth=1.8)
+
+
 def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure:
-    """Energy drift over time on an axis that shows signs and seven decades.
+    """The largest energy change within each oscillation, over time, and its value at the end.
 
     Args:
         changes: relative energy change at every step, by integrator.
@@ -269,15 +344,24 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
     """
     schemes = _schemes(iter(changes))
     figure, places = _grid(
-        1, 1, (7.4, 3.6), "Energy drift of a released pendulum",
-        f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; change of energy in per cent, "
-        "linear within ±0.0001 %", schemes,
+        1, 1, (5.8, 3.9), "Energy drift of a released pendulum",
+        f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; largest change within each "
+        f"{_WINDOW:g} s; at the right, the change at the end", {}, top=1.0, margin=2.4,
     )  # fmt: skip
-    axes = places[0][0]
+    axes, window = places[0][0], round(_WINDOW / dt)
     for name, change in changes.items():
-        axes.plot(np.arange(len(change)) * dt, 100.0 * change, **_style(name, schemes))
-    axes.set_yscale("symlog", linthresh=1e-4, linscale=0.5)
-    _name(axes, "", "time, s", "energy change, %")
+        count = len(change) // window
+        envelope = 100.0 * np.abs(change[: count * window]).reshape(count, window).max(axis=1)
+        time = (np.arange(count) + 0.5) * _WINDOW
+        style = _style(name, schemes)
+        axes.semilogy(time, envelope, **style)
+        label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"
+        axes.annotate(
+            label, (time[-1], envelope[-1]), xytext=(8, 0), textcoords="offset points",
+            size=8.5, color=style["color"], va="center", annotation_clip=False,
+        )  # fmt: skip
+    axes.set_xlim(0.0, len(change) * dt)
+    _name(axes, "", "time, s", "|energy change|, %")
     return figure
 
 
@@ -285,6 +369,7 @@ _FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], Mapping[str, int
     "energy.png": ("free_motion", _energy),
     "phase_portraits.png": ("free_motion", _phase),
     "stability.png": ("stiffness", _stability),
+    "contact_stability.png": ("contact", _contact),
     "convergence.png": ("refinement", _convergence),
     "work_precision.png": ("refinement", _work),
 }

@@ -12,10 +12,9 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.diagnose_figures import draw_drift
-from integ_gym.eval.diagnosis.finding import shown
 from integ_gym.eval.figure_style import png
 from integ_gym.eval.numerics import energies
-from integ_gym.eval.report_data import write_atomically
+from integ_gym.eval.report_data import compact, write_atomically
 
 DT, STEPS = 0.05, 4000
 """Of the pendulum: 200 s."""
@@ -55,7 +54,7 @@ def _row(name: str, change: Any) -> dict[str, str]:
     return {
         "integrator": name,
         "energy change at 200 s": f"{_signed(100.0 * change[-1])} %",
-        "largest change": f"{shown(100.0 * float(np.abs(change).max()))} %",
+        "largest change": f"{compact(100.0 * float(np.abs(change).max()), 4)} %",
     }
 
 
@@ -75,4 +74,4 @@ def _cart_pole() -> list[dict[str, str]]:
 
 
 def _signed(value: float) -> str:
-    return f"{'+' if value > 0.0 else ''}{shown(float(value))}"
+    return compact(float(value), 4, True)

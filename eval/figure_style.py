@@ -25,7 +25,7 @@ WARM, COOL = "#e8783c", "#5492d6"
 ACCENT: Final = "#2f4fb5"
 
 SCHEME_COLOURS: Final = (
-    "#c44e00", "#0067a5", "#008060", "#a8437c", "#8a6d00", "#2c93c9", "#5b5f97",
+    "#c44e00", "#0067a5", "#008060", "#a8437c", "#8a6d00", "#6b9400", "#5b5f97",
 )  # fmt: skip
 """Colours of integrators; markers tell them apart as well."""
 

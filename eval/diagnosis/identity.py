@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from integ_gym.eval.diagnosis.finding import shown
+from integ_gym.eval.diagnosis.finding import Finding, shown
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
@@ -24,8 +24,8 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
     """Classify every integrator on every plant."""
     for subject, integrator in diagnosis.pairs():
         _classified(diagnosis, subject, integrator)
-        if subject is diagnosis.subjects[0]:
-            _linear(diagnosis, subject, integrator)
+        if diagnosis.leads:
+            _linear(diagnosis, integrator)
 
 
 def sentence(integrator: str) -> str:
@@ -91,28 +91,30 @@ def _canonical(subject: Subject, integrator: str, claimed: bool | None) -> tuple
     return True, f"symplectic: below {SYMPLECTIC:g}"
 
 
-def _linear(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
+def _linear(diagnosis: Diagnosis, integrator: str) -> None:
     """Once per integrator: what it does to a harmonic oscillator."""
     theory, claim = THEORY.get(integrator), declared(integrator)
-    factor = linear_map(integrator, Z).spectral_radius ** 2
+    gain = linear_map(integrator, Z).spectral_radius ** 2 - 1.0
     limit = stability_limit(integrator)
-    at = (SECTION, subject, integrator)
-    label = f"oscillator, energy gained per step at hω = {Z:g}"
-    if theory:
-        wanted = theory.energy_factor(Z)
-        near = abs(factor - wanted) <= _FACTOR_TOLERANCE
-        words = f"{shown(wanted - 1.0)}: {theory.formula}"
-        diagnosis.add(*at, label, (factor - 1.0,), "", words, near)
-        same = limit == theory.oscillation_limit or math.isclose(
+    wanted, holds = "not declared", None
+    bound, stays = "not declared", None
+    if theory is not None:
+        factor = theory.energy_factor(Z) - 1.0
+        wanted = f"{shown(factor)}: {theory.formula}"
+        holds = abs(gain - factor) <= _FACTOR_TOLERANCE
+        bound = _limit_words(theory.oscillation_limit)
+        stays = limit == theory.oscillation_limit or math.isclose(
             limit, theory.oscillation_limit, rel_tol=_LIMIT_TOLERANCE
         )
-        expected = _limit_words(theory.oscillation_limit)
-        diagnosis.add(*at, "oscillator, stable up to hω", (limit,), "", expected, same)
-        return
-    one = abs(factor - 1.0) <= _FACTOR_TOLERANCE if claim.symplectic else None
-    words = "0: declared symplectic" if claim.symplectic else "not declared"
-    diagnosis.add(*at, label, (factor - 1.0,), "", words, one)
-    diagnosis.add(*at, "oscillator, stable up to hω", (limit,), "", "not declared", None)
+    elif claim.symplectic:
+        wanted, holds = "0: declared symplectic", abs(gain) <= _FACTOR_TOLERANCE
+    for quantity, measured, expected, verdict in (
+        (f"share of energy gained per step at hω = {Z:g}", gain, wanted, holds),
+        ("stable up to hω", limit, bound, stays),
+    ):
+        diagnosis.findings.append(
+            Finding(SECTION, "oscillator", integrator, quantity, (measured,), "", expected, verdict)
+        )
 
 
 def _limit_words(limit: float) -> str:

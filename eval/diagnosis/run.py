@@ -88,11 +88,12 @@ class _Job:
     subject: Subject
     integrators: tuple[str, ...]
     evidence: Path
+    leads: bool
 
     def run(self) -> Diagnosis:
         """Examine, and commit the evidence."""
         bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
-        diagnosis = Diagnosis(bench, [self.subject], self.integrators)
+        diagnosis = Diagnosis(bench, [self.subject], self.integrators, self.leads)
         SECTIONS[self.section](diagnosis)
         bench.commit(self.section.replace(" ", "_"))
         return diagnosis
@@ -122,7 +123,7 @@ def diagnose(
         )
     plants, names = request.chosen()
     jobs = [
-        _Job(section, subject, names, directory / "evidence")
+        _Job(section, subject, names, directory / "evidence", subject is plants[0])
         for section in SECTIONS
         for subject in plants
     ]

@@ -27,6 +27,7 @@ class Diagnosis:
         bench: where rollouts are run.
         subjects: the plants.
         integrators: names or references.
+        leads: whether it also says what does not depend on the plant.
         findings: the lines so far.
         curves: what the figures draw, by name of the figure.
         metrics: success of the hand-made controller, by what it met.
@@ -35,6 +36,7 @@ class Diagnosis:
     bench: Bench
     subjects: list[Subject]
     integrators: tuple[str, ...]
+    leads: bool = True
     findings: list[Finding] = field(default_factory=list)
     curves: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     metrics: dict[tuple[Any, ...], float | None] = field(default_factory=dict)
