@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registration import ENVIRONMENTS, environment_class, environment_setup
+from integ_gym.envs.timing import whole_multiple
 from integ_gym.eval.numerics.probe import fastest_rate
 
 Array = npt.NDArray[np.float64]
@@ -100,11 +101,25 @@ def _about(plant: str) -> tuple[str, ...]:
 
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
-    plant = PLANTS.load(name)()
+    plant = _checked(name, PLANTS.load(name))()
     rest = rest_state(plant)
     frequency = fastest_rate(plant, rest)
     ladder = _ladder(steps or [_usual_step(environments, frequency)])
     return Subject(name, plant, environments, ladder, rest, frequency)
+
+
+def _checked(name: str, plant: type[Any]) -> type[Any]:
+    """``plant`` if it has all that a plant must have.
+
+    Raises:
+        ValueError: otherwise, with what is missing.
+    """
+    needed = (*Plant.__annotations__, *(n for n in vars(Plant) if not n.startswith("_")))
+    missing = [n for n in dict.fromkeys(needed) if not hasattr(plant, n)]
+    if missing or not is_dataclass(plant):
+        lacks = f"lacks {', '.join(missing)}" if missing else "is no dataclass"
+        raise ValueError(f"the plant {name!r} {lacks}; docs/adding.md has a complete example")
+    return plant
 
 
 def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
@@ -113,6 +128,8 @@ def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
     if wrong:
         raise ValueError(f"--dt must be a finite number of seconds above 0, got {wrong[0]:g}")
     ladder = sorted(set(steps), reverse=True)
+    for step in ladder[1:]:
+        whole_multiple("the largest --dt", ladder[0], "--dt", step)
     return tuple(ladder) if len(ladder) > 1 else tuple(ladder[0] / n for n in (1, 2, 4))
 
 
@@ -143,8 +160,3 @@ def rest_state(plant: Plant) -> Array:
         f"the plant {type(plant).__name__} does not come to rest without control; a diagnosis "
         "needs a plant with a stable equilibrium"
     )
-
-
-def arguments_of(plant: Plant) -> Mapping[str, Any]:
-    """A plant's parameters by name."""
-    return {f.name: getattr(plant, f.name) for f in fields(plant)}  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Integrators that claim to be what they are not, for the diagnosis to find out."""
+"""Integrators that claim to be what they are not, and a plant that is none."""
 
 from __future__ import annotations
 
@@ -17,3 +17,10 @@ class Silent:
     """Explicit Euler that says nothing of itself."""
 
     step = ExplicitEuler.step
+
+
+class NoPlant:
+    """Has an acceleration and nothing else."""
+
+    def acceleration(self, ops, q, v, force):
+        return (0.0 * q[0],)
