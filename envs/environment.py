@@ -63,6 +63,11 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
 
+    @classmethod
+    def task_class(cls) -> type[Any]:
+        """The class of the environment's task."""
+        return TASKS.load(cls.task_name)
+
     @property
     def state(self) -> npt.NDArray[np.float64]:
         """True state in Gymnasium's order, SI units, shape (n,).
@@ -186,7 +191,7 @@ class IntegEnv(gym.Env[Observation, Any]):
 
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     """The setup of an environment class from its constructor arguments."""
-    task = TASKS.load(env.task_name)
+    task = env.task_class()
     return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
 
 

@@ -1,20 +1,34 @@
-"""Figures of a panel as PNG files, drawn from ``panel.json`` alone.
-
-Everything goes through `matplotlib.figure.Figure` and the Agg canvas: pyplot is never imported
-and no global setting is read twice or changed, so figures can be drawn in any process.
-"""
+"""Figures of a panel as PNG files, drawn from ``panel.json`` alone."""
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from integ_gym.envs.extras import load
+from integ_gym.eval.figure_style import (
+    ACCENT,
+    COOL,
+    INK,
+    LINE,
+    PAPER,
+    SCHEME_COLOURS,
+    SCHEME_MARKERS,
+    SOFT,
+    SUNK,
+    WARM,
+    axes_at,
+    bare,
+    blank_figure,
+    draw_heading,
+    inch_canvas,
+    plain,
+    png,
+    scheme_legend,
+)
 from integ_gym.eval.report import (
     KIND_WORDS,
     difference_axis,
@@ -45,9 +59,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI: Final = 150
-"""Dots per inch of every figure."""
-
 MAX_GAPS: Final = 24
 """Exploratory gaps drawn; the report lists more."""
 
@@ -56,18 +67,6 @@ MAX_LADDERS: Final = 12
 
 MAX_CHECKS: Final = 40
 """Rows drawn for each perturbation."""
-
-INK, SOFT, LINE, PAPER, SUNK = "#14171c", "#565c66", "#dedfd9", "#ffffff", "#efefeb"
-WARM, COOL = "#e8783c", "#5492d6"
-ACCENT: Final = "#2f4fb5"
-
-SCHEME_COLOURS: Final = (
-    "#c44e00", "#0067a5", "#008060", "#a8437c", "#8a6d00", "#2c93c9", "#5b5f97",
-)  # fmt: skip
-"""Colours of integrators; markers tell them apart as well."""
-
-SCHEME_MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
-"""Markers of integrators."""
 
 VERDICT_COLOURS: Final = {
     "fails": "#b8400a",
@@ -116,62 +115,8 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
         if figure is None:
             path.unlink(missing_ok=True)
         else:
-            written.append(replace_file(path, _png(figure)))
+            written.append(replace_file(path, png(figure)))
     return written
-
-
-def _png(figure: Figure) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": "integ-gym"})
-    return buffer.getvalue()
-
-
-def _figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=DPI, facecolor=PAPER)
-
-
-def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes at a place in inches from the lower left corner."""
-    wide, high = figure.get_size_inches()
-    return figure.add_axes((left / wide, bottom / high, width / wide, height / high))
-
-
-def _canvas(figure: Figure) -> Axes:
-    """Axes over the whole figure whose unit is one inch, y downwards."""
-    wide, high = (float(size) for size in figure.get_size_inches())
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0.0, wide), ylim=(high, 0.0))
-    axes.axis("off")
-    return axes
-
-
-@cache
-def _known_characters() -> frozenset[int]:
-    """Characters that the default font can draw."""
-    manager = load("matplotlib.font_manager", "report")
-    font = manager.get_font(manager.findfont(manager.FontProperties()))
-    return frozenset(font.get_charmap())
-
-
-def plain(text: str, longest: int = 46) -> str:
-    """Text as it is drawn: no mathematics, no character the font lacks, not too long."""
-    known = _known_characters()
-    drawn = "".join(letter if ord(letter) in known else "?" for letter in " ".join(text.split()))
-    if len(drawn) > longest:
-        drawn = drawn[: longest - 1] + "…"
-    return drawn.replace("$", r"\$")
-
-
-def _title(axes: Axes, left: float, title: str, about: str) -> None:
-    """A figure's heading: what it shows, and how to read it."""
-    axes.text(left, 0.36, title, size=14, weight="bold", color=INK, va="baseline")
-    axes.text(left, 0.62, about, size=9, color=SOFT, va="baseline")
 
 
 # Matrices ---------------------------------------------------------------------------------------
@@ -225,9 +170,9 @@ def _matrix(
     left, top = 2.75, 1.62
     columns, right = _column_places(panel, left)
     rows, bottom = _row_places(panel, top)
-    figure = _figure(max(right + 0.35, 7.2), bottom + 0.85)
-    axes = _canvas(figure)
-    _title(axes, 0.3, title, about)
+    figure = blank_figure(max(right + 0.35, 7.2), bottom + 0.85)
+    axes = inch_canvas(figure)
+    draw_heading(axes, 0.3, title, about)
     _column_heads(axes, panel, columns, top, bottom)
     for row, y, heading in rows:
         if heading:
@@ -438,11 +383,11 @@ def _gaps(panel: Panel) -> Figure | None:
     pitch, left, width, top = 0.27, 4.9, 4.6, 1.05
     split = 0.45 if declared and others else 0.0
     tall = pitch * len(lines) + split
-    figure = _figure(left + width + 1.9, top + tall + 0.85)
+    figure = blank_figure(left + width + 1.9, top + tall + 0.85)
     high = float(figure.get_size_inches()[1])
-    canvas = _canvas(figure)
-    _title(canvas, 0.3, "Transfer gaps", _gap_words(lines))
-    axes = _axes(figure, left, high - top - tall, width, tall)
+    canvas = inch_canvas(figure)
+    draw_heading(canvas, 0.3, "Transfer gaps", _gap_words(lines))
+    axes = axes_at(figure, left, high - top - tall, width, tall)
     axes.set_ylim(tall, 0.0)
     _gap_frame(axes, [gap.value for gap in lines])
     for number, gap in enumerate(lines):
@@ -475,16 +420,7 @@ def _gap_frame(axes: Axes, values: Sequence[Estimate]) -> None:
     axes.axvspan(-EQUIVALENCE_MARGIN, EQUIVALENCE_MARGIN, color=INK, alpha=0.07, linewidth=0)
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.axvline(FAIL_MARGIN, color=VERDICT_COLOURS["fails"], linewidth=1.2, linestyle=(0, (4, 3)))
-    _bare(axes)
-
-
-def _bare(axes: Axes) -> None:
-    """No frame but the lower edge."""
-    for side in ("left", "right", "top"):
-        axes.spines[side].set_visible(False)
-    axes.spines["bottom"].set_color(LINE)
-    axes.tick_params(axis="both", colors=SOFT, labelsize=8, length=0)
-    axes.set_facecolor("none")
+    bare(axes)
 
 
 def _gap_line(
@@ -518,17 +454,17 @@ def _checks(panel: Panel) -> Figure | None:
         return None
     pitch, left, width, top, split = 0.3, 4.6, 4.2, 0.95, 0.42
     tall = sum(split + pitch * len(found) for _, found in blocks)
-    figure = _figure(left + width + 1.6, top + tall + 0.75)
+    figure = blank_figure(left + width + 1.6, top + tall + 0.75)
     high = float(figure.get_size_inches()[1])
-    canvas = _canvas(figure)
+    canvas = inch_canvas(figure)
     about = "success with its interval over seeds: ring as specified, dot with the change"
-    _title(canvas, 0.3, "Perturbations and latency", about)
-    axes = _axes(figure, left, high - top - tall, width, tall)
+    draw_heading(canvas, 0.3, "Perturbations and latency", about)
+    axes = axes_at(figure, left, high - top - tall, width, tall)
     axes.set(xlim=(-0.02, 1.02), ylim=(tall, 0.0), yticks=[])
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
     axes.grid(axis="x", color=LINE, linewidth=0.7)
     axes.set_axisbelow(True)
-    _bare(axes)
+    bare(axes)
     y = 0.0
     for label, found in blocks:
         y += split
@@ -577,12 +513,12 @@ def _ladder(panel: Panel) -> Figure | None:
     down = math.ceil(len(ladders) / across)
     width, height, side, top = 2.55, 1.75, 0.62, 1.5
     unit = plots * (width + side) + 0.3
-    figure = _figure(max(0.3 + across * unit, 6.9), top + down * (height + 1.02) + 0.1)
+    figure = blank_figure(max(0.3 + across * unit, 6.9), top + down * (height + 1.02) + 0.1)
     high = float(figure.get_size_inches()[1])
-    canvas = _canvas(figure)
+    canvas = inch_canvas(figure)
     about = "success of the same policies as the step shrinks; finer to the right, dashed: truth"
-    _title(canvas, 0.3, "Refinement ladder", about)
-    _ladder_legend(canvas, schemes, float(figure.get_size_inches()[0]))
+    draw_heading(canvas, 0.3, "Refinement ladder", about)
+    scheme_legend(canvas, schemes, float(figure.get_size_inches()[0]))
     for number, ladder in enumerate(ladders):
         x = 0.3 + (number % across) * unit
         y = top + (number // across) * (height + 1.02)
@@ -590,7 +526,7 @@ def _ladder(panel: Panel) -> Figure | None:
         for place, (words, rungs, truth) in enumerate(_ladder_plots(ladder)):
             if rungs:
                 left = x + 0.42 + place * (width + side)
-                axes = _axes(figure, left, high - y - 0.32 - height, width, height)
+                axes = axes_at(figure, left, high - y - 0.32 - height, width, height)
                 _ladder_axes(axes, rungs, schemes, truth, words)
     return figure
 
@@ -602,22 +538,6 @@ def _ladder_plots(ladder: Ladder) -> tuple[tuple[str, Any, Estimate | None], ...
         (f"control period fixed{period}", ladder.fixed, truth),
         ("control period follows the step", ladder.following, None),
     )
-
-
-def _ladder_legend(canvas: Axes, schemes: dict[str, int], wide: float) -> None:
-    """One entry for each integrator, on as many lines as it takes."""
-    x, y = 0.3, 0.92
-    for name, place in schemes.items():
-        text = plain(name, 26)
-        size = 0.42 + 0.066 * len(text)
-        if x + size > wide:
-            x, y = 0.3, y + 0.2
-        style = place % len(SCHEME_COLOURS)
-        colour, marker = SCHEME_COLOURS[style], SCHEME_MARKERS[style]
-        canvas.plot([x, x + 0.24], [y, y], color=colour, linewidth=1.6)
-        canvas.plot(x + 0.12, y, marker, color=colour, markersize=5)
-        canvas.text(x + 0.3, y, text, size=8, color=INK, va="center")
-        x += size + 0.12
 
 
 def _ladder_axes(
@@ -636,7 +556,7 @@ def _ladder_axes(
     axes.set_axisbelow(True)
     axes.set_title(words, size=8, color=SOFT, loc="left", pad=3)
     axes.set_xlabel("step, s", size=8, color=SOFT, labelpad=1)
-    _bare(axes)
+    bare(axes)
     if truth is not None:
         axes.axhline(truth.estimate, color=INK, linewidth=1.3, linestyle=(0, (4, 3)), zorder=1.5)
     for name, line in rungs.items():

@@ -15,6 +15,10 @@ COMMANDS = {
     "panel": ("integ_gym.eval.panel_command", "train and evaluate a whole panel (the main job)"),
     "train": ("integ_gym.train.ppo", "train one policy with PPO"),
     "evaluate": ("integ_gym.eval.evaluate_command", "evaluate an existing policy"),
+    "diagnose": (
+        "integ_gym.eval.diagnose_command",
+        "check integrators against theory",
+    ),
     "report": ("integ_gym.eval.report_command", "write a panel's page and figures again"),
     "evidence": ("integ_gym.evidence.command", "show, query, verify and export records"),
 }
@@ -25,6 +29,7 @@ examples:
   integ-gym panel --out runs/panel
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
+  integ-gym diagnose --out runs/diagnose
   integ-gym evidence query runs/panel "SELECT cell, avg(success::INT) FROM records GROUP BY cell"
 """
 

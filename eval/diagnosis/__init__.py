@@ -1,0 +1,1 @@
+"""Diagnosis of integrators on plants: measured, expected, and whether it holds."""

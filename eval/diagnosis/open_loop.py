@@ -1,0 +1,98 @@
+"""A plant without a task: given starts, given commands, followed to the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.parameters import parameter, positive
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import join_state, state_names, state_units
+from integ_gym.envs.tasks.interface import Command
+from integ_gym.envs.vector import IntegVectorEnv
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """No reward and no termination; success is to arrive at the end without diverging."""
+
+    control_limit: float = parameter(1e6, "SI", "saturation of the actuator", positive)
+
+    plant: ClassVar[str]
+    observation_names: ClassVar[tuple[str, ...]]
+    observation_units: ClassVar[tuple[str, ...]]
+    starts: ClassVar[tuple[str, ...]] = ("given",)
+    discrete: ClassVar[int | None] = None
+    goal: ClassVar[str] = "no divergence until `duration`"
+    goal_stay: ClassVar[float] = 0.0
+
+    def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
+        """Unbounded."""
+        return (float("inf"),) * len(self.observation_names)
+
+    def command(self, ops: Ops, action: Component) -> Command:
+        """The action in SI units, within the limit."""
+        valid, limit = ops.isfinite(action), self.control_limit
+        clipped = ops.maximum(-limit, ops.minimum(action, limit))
+        return Command(ops.where(valid, clipped, 0.0), valid, valid & (abs(action) > limit))
+
+    def observe(self, ops: Ops, q: Components, v: Components) -> Components:
+        """The state in state order."""
+        return join_state(q, v)
+
+    def reward(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        mean_square_control: Component,
+        terminated: Component,
+        control_period: float,
+    ) -> Component:
+        """Nothing."""
+        return 0.0 * q[0]
+
+    def worst_return(
+        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
+    ) -> Component:
+        """Nothing."""
+        return 0.0 * remaining
+
+    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Never."""
+        return False
+
+    def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Wherever it is."""
+        return q[0] == q[0]
+
+    def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
+        """Any state: starts are given, and this one follows an episode that has ended."""
+        return (1.0, 0.0) * (len(self.observation_names) // 2)
+
+
+def open_loop_environment(plant: str) -> type[IntegVectorEnv]:
+    """The vector environment of a plant without a task.
+
+    Args:
+        plant: a registered name or ``"module:Class"``.
+
+    Raises:
+        ValueError: for a plant that is neither.
+    """
+    plant_class = PLANTS.load(plant)
+    described = {
+        "plant": plant,
+        "observation_names": state_names(plant_class),
+        "observation_units": state_units(plant_class),
+    }
+    task = type("OpenLoop", (OpenLoop,), described)
+    single = type(
+        "OpenLoopEnv",
+        (IntegEnv,),
+        {"task_class": classmethod(lambda cls: task), "defaults": {"integrator": "rk4"}},
+    )
+    return type(f"OpenLoop-{plant_class.name}", (IntegVectorEnv,), {"env_class": single})

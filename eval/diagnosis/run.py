@@ -1,0 +1,190 @@
+"""A whole diagnosis: all sections, ``diagnose.json``, figures and evidence."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.eval.diagnose_figures import write_diagnosis_figures
+from integ_gym.eval.diagnosis import (
+    actuation,
+    contact,
+    damping,
+    free_motion,
+    friction,
+    identity,
+    latency,
+    refinement,
+    stiffness,
+)
+from integ_gym.eval.diagnosis.bench import Bench
+from integ_gym.eval.diagnosis.section import Diagnosis
+from integ_gym.eval.diagnosis.subject import Subject, subjects
+from integ_gym.eval.worker import Progress
+from integ_gym.evidence.atomic import replace_file
+from integ_gym.evidence.provenance import package_versions
+from integ_gym.evidence.store import EvidenceStore
+
+SCHEMA_VERSION = 1
+"""Version of ``diagnose.json``."""
+
+RESULT = "diagnose.json"
+
+SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
+    identity.SECTION: identity.diagnose_identity,
+    free_motion.SECTION: free_motion.diagnose_free_motion,
+    stiffness.SECTION: stiffness.diagnose_stiffness,
+    damping.SECTION: damping.diagnose_damping,
+    friction.SECTION: friction.diagnose_friction,
+    contact.SECTION: contact.diagnose_contact,
+    actuation.SECTION: actuation.diagnose_actuation,
+    refinement.SECTION: refinement.diagnose_refinement,
+    latency.SECTION: latency.diagnose_latency,
+}
+"""Sections in the order in which they are run and shown."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to diagnose.
+
+    Attributes:
+        env_id: an environment, whose plant is taken; or None.
+        plant: a registered name or ``"module:Class"``; None: all plants.
+        integrators: names or references; empty: all.
+        steps: integration steps, s; one is halved twice; empty: the environments' own.
+    """
+
+    env_id: str | None = None
+    plant: str | None = None
+    integrators: Sequence[str] = ()
+    steps: Sequence[float] = ()
+
+    def chosen(self) -> tuple[list[Subject], tuple[str, ...]]:
+        """Plants and integrators.
+
+        Raises:
+            ValueError: for an unknown environment, plant or integrator, or an impossible step.
+        """
+        names = tuple(dict.fromkeys(self.integrators)) or INTEGRATORS.names()
+        for name in names:
+            INTEGRATORS.load(name)
+        return subjects(self.env_id, self.plant, self.steps), names
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One section on one plant: what a worker does at a time."""
+
+    section: str
+    subject: Subject
+    integrators: tuple[str, ...]
+    evidence: Path
+    leads: bool
+
+    def run(self) -> Diagnosis:
+        """Examine, and commit the evidence."""
+        bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
+        diagnosis = Diagnosis(bench, [self.subject], self.integrators, self.leads)
+        SECTIONS[self.section](diagnosis)
+        bench.commit(self.section.replace(" ", "_"))
+        return diagnosis
+
+
+def diagnose(
+    request: Request, directory: Path, command: str, workers: int = 1, progress: bool = False
+) -> dict[str, Any]:
+    """Run every section and write its results.
+
+    Args:
+        request: what to diagnose.
+        directory: where ``diagnose.json``, ``figures`` and ``evidence`` go.
+        command: what was typed, for the record.
+        workers: processes.
+        progress: whether to show a progress bar.
+
+    Returns:
+        The content of ``diagnose.json``.
+
+    Raises:
+        ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already.
+    """
+    if (directory / "evidence").exists() or (directory / RESULT).exists():
+        raise ValueError(
+            f"{directory} already holds a diagnosis; give another --out, or remove the directory"
+        )
+    plants, names = request.chosen()
+    jobs = [
+        _Job(section, subject, names, directory / "evidence", subject is plants[0])
+        for section in SECTIONS
+        for subject in plants
+    ]
+    with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
+        parts = _all(jobs, workers, bar.update)
+    result = _result(parts, plants, names, command)
+    result["records"] = EvidenceStore(directory / "evidence").count()
+    text = json.dumps(result, indent=1, allow_nan=False)
+    replace_file(directory / RESULT, text.encode())
+    write_diagnosis_figures(result, directory / "figures")
+    return result
+
+
+def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[Diagnosis]:
+    """Results in the order of the jobs."""
+    if min(workers, len(jobs)) < 2:
+        done = []
+        for job in jobs:
+            done.append(job.run())
+            on_job()
+        return done
+    with Progress().pool(workers) as pool:
+        futures = [pool.submit(job.run) for job in jobs]
+        for future in as_completed(futures):
+            future.result()
+            on_job()
+    return [future.result() for future in futures]
+
+
+def _result(
+    parts: list[Diagnosis], plants: list[Subject], names: tuple[str, ...], command: str
+) -> dict[str, Any]:
+    curves: dict[str, list[dict[str, Any]]] = {}
+    for part in parts:
+        for figure, found in part.curves.items():
+            curves.setdefault(figure, []).extend(found)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "command": command,
+        "versions": package_versions({}),
+        "plants": [
+            {
+                "name": s.name,
+                "environments": list(s.environments),
+                "dt_s": list(s.steps),
+                "control_period_s": s.control_period,
+                "rest_state": s.rest.tolist(),
+                "frequency_rad_s": s.frequency,
+            }
+            for s in plants
+        ],
+        "integrators": [{"name": name, "is": identity.sentence(name)} for name in names],
+        "findings": [finding.row() for part in parts for finding in part.findings],
+        "curves": _finite(curves),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Nested lists and dicts with null for what is not finite."""
+    if isinstance(value, dict):
+        return {name: _finite(x) for name, x in value.items()}
+    if isinstance(value, list):
+        return [_finite(x) for x in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,162 @@
+"""What is diagnosed: a plant, where it rests, how fast it swings, and the steps to take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import Plant, join_state
+from integ_gym.envs.registration import ENVIRONMENTS, environment_class, environment_setup
+from integ_gym.envs.timing import whole_multiple
+from integ_gym.eval.numerics.probe import fastest_rate
+
+Array = npt.NDArray[np.float64]
+
+RELEASE = 0.5
+"""Displacement from rest at the start of a free motion: rad, or m without any angle."""
+
+_STEPS_PER_RADIAN = 4.0
+_RELAXATION = 0.02
+_DRAG = 0.9
+_MOST_RELAXATIONS = 20_000
+_AT_REST = 1e-11
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A plant under diagnosis.
+
+    Attributes:
+        name: registered name or ``"module:Class"``.
+        plant: with its default parameters.
+        environments: registered ids of tasks about this plant.
+        steps: integration steps from coarse to fine, s.
+        control_period: time between two decisions, s: the coarsest step.
+        rest: stable rest state, state order, SI units, shape (n,).
+        frequency: of its fastest small oscillation, rad/s.
+    """
+
+    name: str
+    plant: Plant
+    environments: tuple[str, ...]
+    steps: tuple[float, ...]
+    rest: Array
+    frequency: float
+
+    @property
+    def control_period(self) -> float:
+        """Time between two decisions, s."""
+        return self.steps[0]
+
+    @property
+    def period(self) -> float:
+        """Of the fastest small oscillation, s."""
+        return 2.0 * math.pi / self.frequency
+
+    @property
+    def start(self) -> Array:
+        """Displaced from rest by :data:`RELEASE` in every angle, at zero speed; shape (n,)."""
+        units = self.plant.coordinate_units
+        moved = [i for i, unit in enumerate(units) if unit == "rad"] or [0]
+        start = self.rest.copy()
+        start[[2 * i for i in moved]] -= RELEASE
+        return start
+
+    def parameters(self, *words: str) -> tuple[str, ...]:
+        """Names of the plant's parameters that end in one of the words."""
+        return tuple(f.name for f in fields(self.plant) if f.name.split("_")[-1] in words)  # type: ignore[arg-type]
+
+    def varied(self, **parameters: Any) -> Plant:
+        """The plant with other parameters."""
+        return type(self.plant)(**parameters)
+
+    def rounded_duration(self, seconds: float) -> float:
+        """The next whole number of control periods, s."""
+        return math.ceil(seconds / self.control_period - 1e-9) * self.control_period
+
+
+def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> list[Subject]:
+    """The plants to diagnose: of an environment, one by name, or all.
+
+    Raises:
+        ValueError: for an unknown environment or plant.
+    """
+    if env_id is not None and plant is not None:
+        raise ValueError(f"--env {env_id} has its own plant; give --env or --plant, not both")
+    if env_id is not None:
+        return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
+    names = (plant,) if plant is not None else PLANTS.names()
+    return [_subject(name, _about(name), steps) for name in names]
+
+
+def _about(plant: str) -> tuple[str, ...]:
+    return tuple(i for i in ENVIRONMENTS if environment_class(i).task_class().plant == plant)
+
+
+def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
+    plant = _checked(name, PLANTS.load(name))()
+    rest = rest_state(plant)
+    frequency = fastest_rate(plant, rest)
+    ladder = _ladder(steps or [_usual_step(environments, frequency)])
+    return Subject(name, plant, environments, ladder, rest, frequency)
+
+
+def _checked(name: str, plant: type[Any]) -> type[Any]:
+    """``plant`` if it has all that a plant must have.
+
+    Raises:
+        ValueError: otherwise, with what is missing.
+    """
+    needed = (*Plant.__annotations__, *(n for n in vars(Plant) if not n.startswith("_")))
+    missing = [n for n in dict.fromkeys(needed) if not hasattr(plant, n)]
+    if missing or not is_dataclass(plant):
+        lacks = f"lacks {', '.join(missing)}" if missing else "is no dataclass"
+        raise ValueError(f"the plant {name!r} {lacks}; docs/adding.md has a complete example")
+    return plant
+
+
+def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
+    """Coarse to fine; one step alone is halved twice."""
+    wrong = [step for step in steps if not (math.isfinite(step) and step > 0.0)]
+    if wrong:
+        raise ValueError(f"--dt must be a finite number of seconds above 0, got {wrong[0]:g}")
+    ladder = sorted(set(steps), reverse=True)
+    for step in ladder[1:]:
+        whole_multiple("the largest --dt", ladder[0], "--dt", step)
+    return tuple(ladder) if len(ladder) > 1 else tuple(ladder[0] / n for n in (1, 2, 4))
+
+
+def _usual_step(environments: tuple[str, ...], frequency: float) -> float:
+    """That of the plant's own environment, else 1, 2 or 5 times a power of ten."""
+    if environments:
+        return environment_setup(environments[0], {}).timing.dt
+    wanted = 1.0 / (_STEPS_PER_RADIAN * frequency)
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted * (1.0 + 1e-9)) * power
+
+
+def rest_state(plant: Plant) -> Array:
+    """Where the plant comes to rest under strong drag, state order, shape (n,).
+
+    Raises:
+        ValueError: if it does not come to rest.
+    """
+    q = tuple(0.1 * (i + 1) for i in range(len(plant.coordinates)))
+    v = nothing = (0.0,) * len(q)
+    for _ in range(_MOST_RELAXATIONS):
+        slopes = plant.acceleration(SCALAR, q, v, nothing)
+        v = tuple(_DRAG * (x + _RELAXATION * a) for x, a in zip(v, slopes, strict=True))
+        q = tuple(x + _RELAXATION * y for x, y in zip(q, v, strict=True))
+        if max(map(abs, (*v, *slopes))) < _AT_REST:
+            return np.array(join_state(q, nothing))
+    raise ValueError(
+        f"the plant {type(plant).__name__} does not come to rest without control; a diagnosis "
+        "needs a plant with a stable equilibrium"
+    )

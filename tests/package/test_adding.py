@@ -1,0 +1,63 @@
+"""docs/adding.md: its files work together as they stand on the page."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+PAGE = (ROOT / "docs" / "adding.md").read_text(encoding="utf-8")
+
+
+def _blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory) -> Path:
+    """A directory with the page's files."""
+    folder = tmp_path_factory.mktemp("adding")
+    for block in _blocks("python"):
+        (name,) = re.findall(r"\A# (\w+\.py)$", block, re.MULTILINE)
+        (folder / name).write_text(block, encoding="utf-8")
+    return folder
+
+
+def _run(directory: Path, *words: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", *words],
+        cwd=directory,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_task_runs(directory):
+    printed = _run(directory, "use_task.py")
+    assert re.search(r"x = -?\d\.\d{3} m", printed)
+    assert "(8, 2)" in printed
+
+
+def test_the_command_tells_the_integrator_what_it_is(directory):
+    (command,) = _blocks("sh")
+    words = shlex.split(command)
+    assert words[0] == "integ-gym"
+    printed = _run(directory, "-m", "integ_gym.cli", *words[1:], "--no-progress")
+    told = re.search(r"prints, among much else, `([^`]*)`", PAGE)
+    assert told is not None
+    assert " ".join(told[1].split()) in printed
+    assert (directory / "runs" / "ralston" / "diagnose.json").exists()
+
+
+def test_the_page_names_folders_that_exist():
+    for path in re.findall(r"`((?:envs|train|eval)/[\w/]+\.py)`", PAGE):
+        example = Path(path).name in ("slider.py", "ralston.py", "settle.py")
+        assert (ROOT / path).parent.is_dir() if example else (ROOT / path).exists(), path
