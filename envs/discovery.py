@@ -80,9 +80,9 @@ class Registry:
         module_name, _, class_name = reference.partition(":")
         try:
             loaded = getattr(importlib.import_module(module_name), class_name)
-        except (ImportError, AttributeError, ValueError) as error:
+        except Exception as error:  # whatever the user's module does while it is imported
             raise ValueError(
-                f"cannot load {self._kind} {reference!r}: {error}; "
+                f"cannot load {self._kind} {reference!r}: {type(error).__name__}: {error}; "
                 'write it as "module:Class", importable from here'
             ) from error
         if not isinstance(loaded, type) or not hasattr(loaded, self._method):

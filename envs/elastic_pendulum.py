@@ -105,7 +105,7 @@ class IntegElasticPendulumEnv(IntegEnv):
     | `energy_residual` | J | ΔE − work + dissipated + contact_loss + clip_loss: what numerical error put in or took out |
     | `control` | N | in force at the end of the period |
     | `commanded` | N | asked for by this decision, after saturation and fallback |
-    | `saturated` | | whether the action was beyond its bounds |
+    | `saturated` | | whether the action was at a bound or beyond |
     | `fallback_used` | | whether the fallback acted in this period |
     | `sensor_time` | s | when the observed sample was taken |
     | `penetration` | m | 0: there are no stops |

@@ -12,6 +12,12 @@ Check = Callable[[Any], str | None]
 
 MASS_DISTRIBUTIONS = ("uniform", "point")
 
+LARGEST = 1e30
+"""No parameter is larger in size: products of a few stay finite."""
+
+SMALLEST = 1e-30
+"""No positive parameter is smaller: quotients of a few stay finite."""
+
 
 def parameter(default: Any, unit: str, meaning: str, check: Check) -> Any:
     """A dataclass field with a default value, an SI unit, a meaning and a check."""
@@ -50,14 +56,17 @@ def _is_number(value: Any) -> bool:
 
 
 def finite(value: Any) -> str | None:
-    """A finite number."""
-    ok = _is_number(value) and value - value == 0
-    return None if ok else "must be a finite number"
+    """A finite number, no larger than :data:`LARGEST`."""
+    if not (_is_number(value) and value - value == 0):
+        return "must be a finite number"
+    return None if abs(value) <= LARGEST else f"must be at most {LARGEST:g} in size"
 
 
 def positive(value: Any) -> str | None:
-    """A finite number above zero."""
-    return None if finite(value) is None and value > 0 else "must be a finite number above 0"
+    """A finite number above zero, no smaller than :data:`SMALLEST`."""
+    if finite(value) is not None or not value > 0:
+        return "must be a finite number above 0"
+    return None if value >= SMALLEST else f"must be {SMALLEST:g} or above"
 
 
 def nonnegative(value: Any) -> str | None:

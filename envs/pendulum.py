@@ -109,7 +109,7 @@ class IntegPendulumEnv(IntegEnv):
     | `energy_residual` | J | ΔE − work + dissipated + contact_loss + clip_loss: what numerical error put in or took out |
     | `control` | N m | in force at the end of the period |
     | `commanded` | N m | asked for by this decision, after saturation and fallback |
-    | `saturated` | | whether the action was beyond its bounds |
+    | `saturated` | | whether the action was at a bound or beyond |
     | `fallback_used` | | whether the fallback acted in this period |
     | `sensor_time` | s | when the observed sample was taken |
     | `penetration` | rad | deepest penetration of a stop at the end of any sub-step |

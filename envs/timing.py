@@ -8,6 +8,9 @@ from dataclasses import dataclass
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
 
+MOST = 1e9
+"""No time is a larger multiple of another."""
+
 
 def is_multiple(value: float, unit: float) -> bool:
     """Whether ``value`` is a whole multiple of ``unit``, 0 included, within the tolerance."""
@@ -22,6 +25,11 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
         ValueError: if ``value`` is no whole multiple of ``unit``, naming the nearest valid values.
     """
     ratio = value / unit
+    if ratio > MOST:
+        raise ValueError(
+            f"`{name}`={value:.12g} s is more than {MOST:.0e} times `{unit_name}`={unit:.12g} s; "
+            f"give a longer `{unit_name}`"
+        )
     count = round(ratio)
     if count >= least and is_multiple(value, unit):
         return count
@@ -31,6 +39,16 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
         f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
         f"nearest valid: {nearest} s"
     )
+
+
+def _horizon(duration: float, period: float) -> int:
+    """Decisions until truncation."""
+    if duration / period > MOST:
+        raise ValueError(
+            f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
+            f"{period:.12g} s; give a shorter one"
+        )
+    return max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
 
 
 @dataclass(frozen=True)
@@ -76,7 +94,7 @@ class Timing:
             sensor=None
             if sensor_period is None
             else whole_multiple("sensor_period", sensor_period, "dt", dt),
-            horizon=max(1, math.ceil(duration / period * (1.0 - TOLERANCE))),
+            horizon=_horizon(duration, period),
         )
 
     @property

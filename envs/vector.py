@@ -158,7 +158,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{np.flatnonzero(waiting).tolist()}"
             )
-        outcome = self._advance(self._read_actions(actions))
+        outcome = self._advance(self._read_actions(actions, waiting))
         everyone = np.ones(self.num_envs, dtype=bool)
         reward = self._full(outcome.reward)
         terminated = self._full(outcome.terminated, bool)
@@ -263,14 +263,16 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
             options = {**options, "state": states[lane]}
         return draw_start(self.setup, rng, options)
 
-    def _read_actions(self, actions: Any) -> Array:
-        values = np.asarray(actions, dtype=np.float64)
+    def _read_actions(self, actions: Any, ignored: Array) -> Array:
+        """Actions as floats; those of lanes that are being reset are not looked at."""
+        values = np.array(actions, dtype=np.float64)
         if values.shape != self.action_space.shape:
             raise ValueError(
                 f"actions must have shape {self.action_space.shape}, got {values.shape}"
             )
         if self.setup.task.discrete is None:
             return values[:, 0]
+        values[ignored] = 0.0
         wrong = np.isfinite(values) & ~np.isin(values, np.arange(self.setup.task.discrete))
         if wrong.any():
             raise ValueError(
@@ -419,8 +421,16 @@ def _make_setups(
 ) -> list[Setup]:
     if mixture is None:
         return [make_setup(env_class, arguments)]
+    if isinstance(mixture, str | Mapping) or not isinstance(mixture, Sequence):
+        raise ValueError(f"`mixture` must be a list of discretizations, got {mixture!r}")
     if not mixture:
         raise ValueError("`mixture` must list at least one discretization, got none")
+    for member in mixture:
+        if not isinstance(member, Mapping):
+            raise ValueError(
+                f'every member of `mixture` must be like {{"integrator": "rk4", "dt": 0.01}}, got '
+                f"{member!r}"
+            )
     for name in sorted({name for member in mixture for name in member}):
         if name not in DISCRETIZATION:
             raise ValueError(unknown_name("key in `mixture`", name, DISCRETIZATION))

@@ -54,6 +54,10 @@ def parser() -> argparse.ArgumentParser:
         help="environment argument; may be repeated",
     )  # fmt: skip
     add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
+    add(
+        "--own-code", action="store_true",
+        help="load the classes that the side-car names as module:Class",
+    )  # fmt: skip
     add("--episodes", type=int, default=50, metavar="N", help="starts (default: 50)")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
@@ -65,7 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    existing = read_existing(given.policy, given.env, dict(given.env_arg), given.obs_stats)
+    existing = read_existing(
+        given.policy, given.env, dict(given.env_arg), given.obs_stats, given.own_code
+    )
     spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     total = work(spec, existing.home)

@@ -26,7 +26,14 @@ from integ_gym.eval.panel_artefact import (
     write_outputs,
 )
 from integ_gym.eval.run_directory import RunDirectory, key_of
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec, Perturbation
+from integ_gym.eval.spec import (
+    BASELINES,
+    Cell,
+    Discretization,
+    PanelSpec,
+    dividing_step,
+    standard_perturbations,
+)
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
@@ -42,7 +49,6 @@ STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 
 STATISTICS_FILE = "obs_stats.json"
 
-BASELINES = ("random", "zero", "handmade")
 REFINEMENTS = (1, 2, 4)
 
 
@@ -86,7 +92,11 @@ class Grid:
 
 
 def read_existing(
-    path: Path, env_id: str, given: Mapping[str, Any], obs_stats: Path | None = None
+    path: Path,
+    env_id: str,
+    given: Mapping[str, Any],
+    obs_stats: Path | None = None,
+    own_code: bool = False,
 ) -> Existing:
     """A policy from its file, with what its side-car says; see :func:`load` and :func:`describe`.
 
@@ -95,13 +105,15 @@ def read_existing(
         env_id: environment to evaluate in.
         given: environment arguments that override those of its training.
         obs_stats: JSON file of VecNormalize's statistics.
+        own_code: see :func:`describe`.
     """
     policy, card = load(path, obs_stats)
     name = path.stem if card is None else str(card.get("policy_id", path.stem))
     files = {POLICY_FILE: path}
     files |= {} if card is None else {SIDECAR_FILE: path.with_suffix(".json")}
     files |= {} if obs_stats is None else {STATISTICS_FILE: obs_stats}
-    existing = describe(replace(policy, policy_id=row_name(name)), card, env_id, given)
+    named = replace(policy, policy_id=row_name(name))
+    existing = describe(named, card, env_id, given, own_code)
     return replace(existing, files=files, seed=None if card is None else card.get("seed"))
 
 
@@ -120,7 +132,11 @@ def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str
 
 
 def describe(
-    policy: MlpPolicy, card: Mapping[str, Any] | None, env_id: str, given: Mapping[str, Any]
+    policy: MlpPolicy,
+    card: Mapping[str, Any] | None,
+    env_id: str,
+    given: Mapping[str, Any],
+    own_code: bool = False,
 ) -> Existing:
     """What is known of a policy's training: its side-car, or else the stock environment.
 
@@ -130,10 +146,11 @@ def describe(
         env_id: environment to evaluate in.
         given: environment arguments that override both; not the discretization, which is what
             the evaluation varies.
+        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
 
     Raises:
-        ValueError: if the side-car is of another environment or of a mixture, or if ``given``
-            holds what the evaluation varies.
+        ValueError: if the side-car is damaged, of another environment or of a mixture, or names
+            code that may not be run; or if ``given`` holds what the evaluation varies.
     """
     for name in DISCRETIZATION:
         if name in given:
@@ -145,7 +162,7 @@ def describe(
         arguments = dict(STOCK_ARGUMENTS.get(env_id, {}))
         origin = "no side-car: Gymnasium's own environment is taken as its home"
     else:
-        arguments = _trained_on(card, env_id)
+        arguments = _trained_on(card, env_id, own_code)
         origin = "the side-car beside the policy"
     arguments.update(given)
     setup = environment_setup(env_id, arguments)
@@ -169,18 +186,30 @@ def row_name(name: str) -> str:
 def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
+    A baseline that cannot be made for the environment, such as a hand-made controller without
+    gravity, is left out.
+
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
     spec = _specification(existing, env_id, grid)
     for cell in spec.columns():
         environment_setup(env_id, cell.arguments(spec.environment))
-    return spec
+    possible = tuple(name for name in BASELINES if _can_be_made(name, spec))
+    return replace(spec, baselines=possible)
+
+
+def _can_be_made(baseline: str, spec: PanelSpec) -> bool:
+    try:
+        make_baseline(baseline, _nominal(spec))
+    except ValueError:
+        return False
+    return True
 
 
 def work(spec: PanelSpec, home: Discretization) -> int:
     """Cells that :func:`evaluate_existing` runs, baselines included."""
-    return len(spec.cells_of(home)) + len(BASELINES) * len(spec.cells_of(None))
+    return len(spec.cells_of(home)) + len(spec.baselines) * len(spec.cells_of(None))
 
 
 def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
@@ -227,7 +256,7 @@ def evaluate_existing(
     row = existing.policy.policy_id
     directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
     subjects = {row: Subject(existing.policy, existing.home)}
-    subjects |= {name: Subject(make_baseline(name, _nominal(spec))) for name in BASELINES}
+    subjects |= {name: Subject(make_baseline(name, _nominal(spec))) for name in spec.baselines}
     with directory.opened():
         warnings = doubts(existing, spec)
         for doubt in warnings:
@@ -235,13 +264,13 @@ def evaluate_existing(
         _keep(existing.files, directory.policies / row)
         for name, subject in subjects.items():
             _evaluate_once(name, subject, spec, directory, on_cell)
-    layout = make_layout(spec, _rows(existing), {row: existing.home})
-    matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-    panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
-    panel["warnings"] = warnings
-    for entry in panel["matrix"]:
-        entry.update(whereabouts(entry, layout, directory.path))
-    write_outputs(panel, directory.path)
+        layout = make_layout(spec, _rows(existing, spec), {row: existing.home})
+        matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
+        panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
+        panel["warnings"] = warnings
+        for entry in panel["matrix"]:
+            entry.update(whereabouts(entry, layout, directory.path))
+        write_outputs(panel, directory.path)
     return panel
 
 
@@ -260,18 +289,32 @@ def _keep(files: Mapping[str, Path], folder: Path) -> None:
         replace_file(folder / name, source.read_bytes())
 
 
-def _trained_on(card: Mapping[str, Any], env_id: str) -> dict[str, Any]:
-    config = card["config"]
-    if config["env_id"] != env_id:
+def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
+    """Environment arguments of the training."""
+    config = card.get("config")
+    given = config.get("env_arguments") if isinstance(config, Mapping) else None
+    if not isinstance(config, Mapping) or not isinstance(given, Mapping):
         raise ValueError(
-            f"the policy was trained on {config['env_id']}; evaluate it with --env "
-            f"{config['env_id']}"
+            "the policy's side-car does not say what it was trained on; restore the file that the "
+            "trainer wrote, or move it away to take Gymnasium's own environment as the home"
         )
-    arguments = dict(config["env_arguments"])
+    if config.get("env_id") != env_id:
+        raise ValueError(
+            f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
+            f"{config.get('env_id')}"
+        )
+    arguments = dict(given)
     if "mixture" in arguments:
         raise ValueError(
-            "the policy was trained on a mixture of discretizations and has no single home; "
-            "evaluate it in a panel, or without its side-car"
+            "the policy was trained on a mixture of discretizations and has no single home; move "
+            "its side-car away to take Gymnasium's own environment as its home, and repeat the "
+            "training's other arguments with --env-arg"
+        )
+    foreign = [v for v in arguments.values() if isinstance(v, str) and ":" in v]
+    if foreign and not own_code:
+        raise ValueError(
+            f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
+            "pass --own-code"
         )
     return arguments
 
@@ -280,7 +323,8 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     home = existing.home
     period = home.control_period
     integrators = grid.integrators or [n for n in INTEGRATORS.names() if n != "reference"]
-    dts = grid.dts or [period / n for n in REFINEMENTS]
+    coarsest = dividing_step({**existing.environment, "dt": period})
+    dts = grid.dts or [coarsest / n for n in REFINEMENTS]
     columns = [Discretization(i, dt, period, home.engine) for i in integrators for dt in dts]
     return PanelSpec(
         name=f"evaluate {existing.policy.policy_id}",
@@ -290,24 +334,13 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
         grid=tuple(dict.fromkeys([*columns, home])),
         seeds=(),
         environment=existing.environment,
-        baselines=BASELINES,
-        perturbations=_checks(existing, env_id),
+        perturbations=standard_perturbations(
+            env_id, Cell(home, "grid").arguments(existing.environment)
+        ),
         ladder=False,
         episodes=grid.episodes,
         episode_seed=grid.episode_seed,
         question=f"Does {existing.policy.policy_id} survive another integrator or timestep?",
-    )
-
-
-def _checks(existing: Existing, env_id: str) -> tuple[Perturbation, ...]:
-    """A heavier plant and a later command, each on the home cell and on the reference."""
-    home = Cell(existing.home, "grid").arguments(existing.environment)
-    setup = environment_setup(env_id, home)
-    period = existing.home.control_period
-    later = setup.settings.action_latency + period
-    return (
-        Perturbation("mass +20 %", {"mass": 1.2 * setup.arguments()["mass"]}),
-        Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}),
     )
 
 
@@ -336,11 +369,11 @@ def _unit(name: str) -> str:
     return f"evaluate-{name}"
 
 
-def _rows(existing: Existing) -> tuple[Row, ...]:
+def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     row = existing.policy.policy_id
     return (
         Row(row, "given", (row,), existing.home.name),
-        *(Row(name, "baseline", (name,)) for name in BASELINES),
+        *(Row(name, "baseline", (name,)) for name in spec.baselines),
     )
 
 
@@ -348,11 +381,12 @@ def _facts(
     existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
 ) -> dict[str, Any]:
     row = existing.policy.policy_id
-    units = [_unit(name) for name in (row, *BASELINES)]
+    units = [_unit(name) for name in (row, *spec.baselines)]
     return {
         "name": spec.name,
         "question": spec.question,
         "spec": {**spec.to_json(), "home": existing.origin},
+        "protocol_gaps": spec.gaps(),
         "command": command,
         "directory": str(directory.path),
         "training_steps": None,
@@ -363,7 +397,10 @@ def _facts(
                 "hash": existing.policy.content_hash,
                 "file": f"policies/{row}/{POLICY_FILE}",
             },
-            **{name: {"id": name, "seed": None, "hash": None, "file": None} for name in BASELINES},
+            **{
+                name: {"id": name, "seed": None, "hash": None, "file": None}
+                for name in spec.baselines
+            },
         },
         "cost": cost_of(directory, [], units, workers=1),
     }

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -115,7 +115,12 @@ def nominal_setup(spec: PanelSpec) -> Any:
 
 
 def run_panel(
-    spec: PanelSpec, out: Path, *, workers: int | None = None, progress: bool = True
+    spec: PanelSpec,
+    out: Path,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    finish: Callable[[RunDirectory], None] = lambda directory: None,
 ) -> RunDirectory:
     """Train and evaluate everything that is not finished yet.
 
@@ -124,6 +129,7 @@ def run_panel(
         out: its directory.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time.
+        finish: called at the end, while the directory is still held.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
@@ -133,6 +139,7 @@ def run_panel(
     directory = RunDirectory(out, spec.to_json())
     with directory.opened():
         _run_units(spec, directory, workers or cores(), progress)
+        finish(directory)
     return directory
 
 
@@ -205,7 +212,8 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     """Train one policy and mark it finished, unless it is."""
     config = training_config(spec, unit)
     key = key_of(config=asdict(config))
-    if directory.finished(unit.training, key):
+    policy_file = directory.policies / unit.policy / POLICY_FILE
+    if directory.finished(unit.training, key, policy_file):
         report_work(_training_seconds(spec, unit))
         return
     directory.discard_remains(unit.training)

@@ -27,6 +27,7 @@ def write_artefact(
         "name": spec.name,
         "question": spec.question,
         "spec": spec.to_json(),
+        "protocol_gaps": spec.gaps(),
         "command": command,
         "training_steps": _training_steps(spec),
         "policies": {unit.policy: _policy(unit, directory) for unit in units_of(spec)},

@@ -6,10 +6,12 @@ import argparse
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from integ_gym.envs.extras import require
 from integ_gym.eval.panel import cores, run_panel
 from integ_gym.eval.panel_artefact import write_artefact
+from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 from integ_gym.evidence.command_line import CommandParser
 
@@ -47,15 +49,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = _spec(arguments.spec)
-    directory = run_panel(
-        spec, arguments.out, workers=arguments.workers, progress=not arguments.no_progress
-    )
-    command = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
-    panel = write_artefact(
-        spec,
-        directory,
-        command=shlex.join([*command, "--out", str(arguments.out)]),
-        workers=arguments.workers or cores(),
+    words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
+    command = shlex.join([*words, "--out", str(arguments.out)])
+    workers = arguments.workers or cores()
+    panel: dict[str, Any] = {}
+
+    def report(directory: RunDirectory) -> None:
+        panel.update(write_artefact(spec, directory, command, workers))
+
+    run_panel(
+        spec, arguments.out, workers=workers, progress=not arguments.no_progress, finish=report
     )
     print(f"{panel['question']}\n{panel['answer']}")
     for verdict in panel["verdicts"]:

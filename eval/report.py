@@ -788,6 +788,7 @@ def _limits(panel: Panel) -> list[str]:
             f"Not learned, hence without a verdict: {', '.join(unlearned)} (home success below "
             f"{rules.LEARNED})."
         )
+    limits += [str(gap) for gap in panel.raw.get("protocol_gaps") or []]
     limits.append(
         "Everything outside the declared family is exploratory: its intervals are not adjusted "
         "for how many there are."

@@ -32,6 +32,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{directory}"
         )
     panel = read_json(directory / "panel.json")
-    write_figures(panel, directory / "figures")
-    print(f"Page: {write_report(panel, directory).resolve()}")
+    try:
+        write_figures(panel, directory / "figures")
+        page = write_report(panel, directory)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"{directory / 'panel.json'} is damaged ({type(error).__name__}: {error}); run the "
+            "panel again to write it anew"
+        ) from error
+    print(f"Page: {page.resolve()}")
     return 0

@@ -17,7 +17,7 @@ from integ_gym.evidence.atomic import replace_file
 
 MANIFEST = "run.json"
 LOCK = ".lock"
-PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch", "jax")
+PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
 
 
@@ -124,8 +124,13 @@ class RunDirectory:
         path = self._units / f"{unit}.json"
         return read_json(path) if path.exists() else None
 
-    def finished(self, unit: str, key: str) -> Mapping[str, Any] | None:
-        """The marker of a finished unit, or None.
+    def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
+        """The marker of a finished unit, or None; one that has lost a file is done again.
+
+        Args:
+            unit: name.
+            key: of its inputs; see :func:`key_of`.
+            files: what it wrote beside its records.
 
         Raises:
             RunDirectoryError: if the unit was finished under another key.
@@ -136,7 +141,7 @@ class RunDirectory:
                 f"{self.path}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
-        return held
+        return held if all(file.exists() for file in (self._records(unit), *files)) else None
 
     def finish(self, unit: str, key: str, start: float, **facts: Any) -> None:
         """Mark a unit as finished; its files must be in place.
@@ -168,7 +173,10 @@ class RunDirectory:
 
     def discard_remains(self, unit: str) -> None:
         """Remove the records of a unit that was not finished."""
-        (self.evidence / f"{unit}.parquet").unlink(missing_ok=True)
+        self._records(unit).unlink(missing_ok=True)
+
+    def _records(self, unit: str) -> Path:
+        return self.evidence / f"{unit}.parquet"
 
 
 def key_of(**parts: Any) -> str:

@@ -18,8 +18,17 @@ from integ_gym.envs.timing import is_multiple
 BUILT_IN = ("quick",)
 """Panels that come with the package."""
 
+BASELINES = ("random", "zero", "handmade")
+"""Policies without training that every panel holds its rows against."""
+
+LARGEST_SEED = 2**32 - 1
+
 FINEST_DIVISION = 1000
 """Parts of the reference's step that are tried to fit latencies and sensor periods."""
+
+
+_DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
+"""Arguments that disturb what the policy is told and does, not the plant."""
 
 
 class SpecError(ValueError):
@@ -83,11 +92,11 @@ class Cell:
         changed = self.perturbation.environment if self.perturbation else {}
         values = {**environment, **self.discretization.arguments(), **changed}
         if self.discretization.integrator == "reference":
-            values["dt"] = _dividing_step(values)
+            values["dt"] = dividing_step(values)
         return values
 
 
-def _dividing_step(arguments: Mapping[str, Any]) -> float:
+def dividing_step(arguments: Mapping[str, Any]) -> float:
     """The largest whole part of ``dt`` that divides the action latency and the sensor period.
 
     The reference may take any step, for its result does not depend on it.
@@ -139,10 +148,29 @@ class PanelSpec:
         return (*grid, Cell(self.reference, "reference", role="reference"))
 
     def _decides(self, discretization: Discretization) -> bool:
-        """Whether it is its integrator's finest step, a quarter of the control period or less."""
-        dts = [d.dt for d in self.grid if d.integrator == discretization.integrator]
+        """Whether it is its integrator's finest step, a quarter of what it was trained at."""
+        own = (discretization.engine, discretization.integrator)
+        dts = [d.dt for d in self.grid if (d.engine, d.integrator) == own]
+        homes = [d.dt for d in self.train if (d.engine, d.integrator) == own]
+        coarsest = max(homes, default=self.control_period)
         finest = discretization.dt <= min(dts)
-        return finest and discretization.dt * 4.0 <= self.control_period * (1.0 + 1e-9)
+        return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
+
+    def gaps(self) -> list[str]:
+        """What every panel has and this one lacks, in sentences."""
+        found = [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
+        changed = {name for p in self.perturbations for name in p.environment}
+        if not changed - _DELAYS:
+            found.append("No perturbation of the plant is evaluated.")
+        if "action_latency" not in changed:
+            found.append("No action latency is evaluated.")
+        setup = environment_setup(self.env_id, self.columns()[-1].arguments(self.environment))
+        if setup.settings.duration < setup.task.goal_stay:
+            found.append(
+                f"Episodes last {setup.settings.duration:g} s, but success takes "
+                f"{setup.task.goal_stay:g} s at the goal: nobody can succeed."
+            )
+        return found
 
     def cells_of(self, home: Discretization | None) -> tuple[Cell, ...]:
         """Cells of one row, its home first: columns, perturbations and its own ladder."""
@@ -210,6 +238,8 @@ def read_spec(path: Path) -> PanelSpec:
     try:
         with path.open("rb") as file:
             data = tomllib.load(file)
+    except UnicodeDecodeError as error:
+        raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
         raise SpecError(
             f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
@@ -259,8 +289,8 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         seeds=tuple(_integer("seeds", seed) for seed in _list(data, "seeds")),
         environment=dict(_table(data, "environment")),
         training=dict(_table(data, "training")),
-        baselines=tuple(_text("baselines", name) for name in _list(data, "baselines")),
-        perturbations=tuple(_perturbation(p) for p in _list(data, "perturbations")),
+        baselines=tuple(_text("baselines", name) for name in _list(data, "baselines", BASELINES)),
+        perturbations=_perturbations(data, period),
         family=tuple(_pair("family", pair) for pair in _list(data, "family")),
         compare=tuple(_pair("compare", pair) for pair in _list(data, "compare")),
         ladder=_flag(data, "ladder", True),
@@ -282,8 +312,7 @@ def _check(spec: PanelSpec) -> None:
         "compare": spec.compare,
     }
     for label, values in named.items():
-        if len(set(values)) != len(values):
-            raise SpecError(f"`{label}` lists something twice: {list(values)}")
+        _check_unique(label, values)
     for perturbation in spec.perturbations:
         varied = set(perturbation.environment) & set(spec.reference.arguments())
         if varied:
@@ -291,9 +320,18 @@ def _check(spec: PanelSpec) -> None:
                 f"perturbation {perturbation.name!r} changes `{sorted(varied)[0]}`, which is what "
                 "cells vary; use `evaluate` for it"
             )
-    for home in (*spec.train, None):
-        for cell in spec.cells_of(home):
+    _check_environment(spec)
+    for row_home in (*spec.train, None):
+        cells = spec.cells_of(row_home)
+        for cell in cells:
             environment_setup(spec.env_id, cell.arguments(spec.environment))
+        _check_unique("cells", [cell.name for cell in cells])
+    for home in spec.train:
+        if home not in spec.grid and home != spec.reference:
+            raise SpecError(
+                f"every training discretization must also be evaluated, {home.name!r} is not; "
+                "add it to `evaluate`"
+            )
     homes = {d.name for d in spec.train}
     columns = {cell.name for cell in spec.columns()}
     for home_name, cell_name in spec.family:
@@ -305,26 +343,36 @@ def _check(spec: PanelSpec) -> None:
         for name in pair:
             _known("training discretization in `compare`", name, homes)
         _check_comparison(spec, pair)
-    for home in spec.train:
-        if home.name not in columns:
-            raise SpecError(
-                f"every training discretization must also be evaluated, {home.name!r} is not; "
-                "add it to `evaluate`"
-            )
+
+
+def _check_environment(spec: PanelSpec) -> None:
+    varied = set(spec.environment) & {*spec.reference.arguments(), "mixture"}
+    if varied:
+        raise SpecError(
+            f"`environment` gives `{sorted(varied)[0]}`, which is what cells vary; use "
+            "`control_period`, `train` and `evaluate` for it"
+        )
+
+
+def _check_unique(label: str, values: Sequence[Any]) -> None:
+    if len(set(values)) != len(values):
+        raise SpecError(f"`{label}` lists something twice: {list(values)}")
 
 
 def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
-    """A comparison is decided at a quarter of the control period and on the reference."""
+    """A comparison is decided at a quarter of each home's step and on the reference."""
     if pair[0] == pair[1]:
         raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
-    own = {d.integrator for d in spec.train if d.name in pair} - {spec.reference.integrator}
-    decided = {c.discretization.integrator for c in spec.columns() if c.role == "quarter_step"}
-    for integrator in sorted(own - decided):
-        quarter = spec.control_period / 4.0
-        raise SpecError(
-            f"`compare` needs {integrator} evaluated at dt={quarter:g} or finer; add it to "
-            "`evaluate`"
-        )
+    for home in spec.train:
+        if home.name not in pair or home == spec.reference:
+            continue
+        own = (home.engine, home.integrator)
+        finest = min(d.dt for d in spec.grid if (d.engine, d.integrator) == own)
+        if finest * 4.0 > home.dt * (1.0 + 1e-9):
+            raise SpecError(
+                f"`compare` needs {home.integrator} evaluated at dt={home.dt / 4.0:g} or finer, a "
+                f"quarter of {home.name}'s; add it to `evaluate`"
+            )
 
 
 def _expand(key: str, data: Mapping[str, Any], period: float) -> tuple[Discretization, ...]:
@@ -345,6 +393,32 @@ def _expand(key: str, data: Mapping[str, Any], period: float) -> tuple[Discretiz
             for dt in _many(entry["dt"])
         ]
     return tuple(dict.fromkeys(found))
+
+
+def _perturbations(data: Mapping[str, Any], period: float) -> tuple[Perturbation, ...]:
+    """Those given; where the key is left out, those of every panel."""
+    if "perturbations" in data:
+        return tuple(_perturbation(entry) for entry in _list(data, "perturbations"))
+    given = {"control_period": period, "dt": period, **_table(data, "environment")}
+    return standard_perturbations(str(data["env_id"]), {**given, "integrator": "reference"})
+
+
+def standard_perturbations(
+    env_id: str, arguments: Mapping[str, Any]
+) -> tuple[Perturbation, Perturbation]:
+    """A heavier plant and a later command: what every panel checks.
+
+    Args:
+        env_id: environment.
+        arguments: constructor arguments of an undisturbed cell.
+    """
+    setup = environment_setup(env_id, {**arguments, "dt": dividing_step(arguments)})
+    period = setup.timing.control_period
+    later = setup.settings.action_latency + period
+    return (
+        Perturbation("mass +20 %", {"mass": 1.2 * setup.arguments()["mass"]}),
+        Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}),
+    )
 
 
 def _perturbation(entry: Any) -> Perturbation:
@@ -373,8 +447,8 @@ def _many(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _list(data: Mapping[str, Any], key: str) -> list[Any]:
-    value = data.get(key, [])
+def _list(data: Mapping[str, Any], key: str, default: Sequence[Any] = ()) -> list[Any]:
+    value = data.get(key, list(default))
     if not isinstance(value, list):
         raise SpecError(f"`{key}` must be a list, got {value!r}")
     return value
@@ -407,8 +481,10 @@ def _positive(key: str, value: Any) -> float:
 
 
 def _integer(key: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise SpecError(f"`{key}` must be made of whole numbers, 0 or above, got {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_SEED:
+        raise SpecError(
+            f"`{key}` must be made of whole numbers from 0 to {LARGEST_SEED}, got {value!r}"
+        )
     return value
 
 

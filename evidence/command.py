@@ -108,8 +108,9 @@ def _show(arguments: argparse.Namespace) -> int:
 
 def _query(arguments: argparse.Namespace) -> int:
     table = _store(arguments).query(arguments.sql)
-    if table is not None:
-        printing.print_table(table, sys.stdout, arguments.format)
+    if table is None:
+        raise EvidenceError('the statement has no result; give one such as "SELECT * FROM records"')
+    printing.print_table(table, sys.stdout, arguments.format)
     return 0
 
 
@@ -140,6 +141,8 @@ def _export(arguments: argparse.Namespace) -> int:
 
 def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> int:
     """Replace ``output`` once everything is written."""
+    if output.is_dir():
+        raise EvidenceError(f"cannot write {output}: it is a directory; give a file with --output")
     part = output.with_name(f"{output.name}.part")
     try:
         with open(part, "w", encoding="utf-8", newline="") as file:

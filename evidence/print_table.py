@@ -75,4 +75,6 @@ def _plain(value: Any) -> Any:
         return None
     if isinstance(value, list):
         return [_plain(x) for x in value]
+    if isinstance(value, dict):
+        return {key: _plain(x) for key, x in value.items()}
     return value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -37,6 +38,8 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if os.getcwd() not in sys.path:  # for integrators of the user's own, "module:Class"
+        sys.path.append(os.getcwd())
     parser = CommandParser(
         prog="integ-gym",
         description="Gymnasium environments in which the discretization is a constructor argument.",

@@ -56,12 +56,20 @@ Wrap: TypeAlias = Callable[[VectorEnv[Any, Any, Any]], VectorEnv[Any, Any, Any]]
 _PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 
 
-def whole(least: int) -> Callable[[Any], str | None]:
-    """A whole number of at least ``least``."""
+_GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
+
+
+class TrainingError(RuntimeError):
+    """A run that cannot go on, in one sentence with the remedy."""
+
+
+def whole(least: int, most: float = math.inf) -> Callable[[Any], str | None]:
+    """A whole number of at least ``least`` and at most ``most``."""
+    limits = f"{least} or above" if most == math.inf else f"from {least} to {most}"
 
     def check_whole(value: Any) -> str | None:
-        fits = isinstance(value, int) and not isinstance(value, bool) and value >= least
-        return None if fits else f"must be a whole number, {least} or above"
+        fits = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+        return None if fits else f"must be a whole number, {limits}"
 
     return check_whole
 
@@ -100,7 +108,9 @@ class PPOConfig:
             "check": named_values,
         },
     )
-    seed: int = parameter(0, "", "of starts, sensor noise, weights and exploration", whole(0))
+    seed: int = parameter(
+        0, "", "of starts, sensor noise, weights and exploration", whole(0, 2**32 - 1)
+    )
     total_steps: int = parameter(
         300_000, "", "decisions of all environments together, rounded up to rollouts", whole(1)
     )
@@ -142,10 +152,14 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Check every value, and that rollouts split into batches."""
-        object.__setattr__(self, "net_arch", tuple(self.net_arch))
+        if isinstance(self.net_arch, list):
+            object.__setattr__(self, "net_arch", tuple(self.net_arch))
         check_values(PPOConfig, {f.name: getattr(self, f.name) for f in fields(self)})
         if self.env_id not in ENVIRONMENTS:
             raise ValueError(unknown_name("environment", self.env_id, ENVIRONMENTS))
+        for name in _GIVEN_BY_THE_TRAINER:
+            if name in self.env_arguments:
+                raise ValueError(f"`{name}` is not an environment argument; leave it out")
         if self.rollout % self.batch_size:
             raise ValueError(
                 f"`batch_size`={self.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
@@ -232,7 +246,7 @@ def train(
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
             with _Progress(config.rounded_steps, progress, on_steps) as bar:
-                model.learn(config.total_steps, callback=bar)
+                _learn(model, config, bar)
             seconds = time.perf_counter() - start
             model.logger.close()
             buffer = io.BytesIO()
@@ -241,6 +255,16 @@ def train(
         vector_env.close()
     card = _card(config, setups, model, seconds)
     return write_policy(folder, buffer.getvalue(), card, vector_env.single_action_space)
+
+
+def _learn(model: Any, config: PPOConfig, callback: Any) -> None:
+    try:
+        model.learn(config.total_steps, callback=callback)
+    except ValueError as error:
+        raise TrainingError(
+            "training broke down: the policy's weights are no longer finite; lower "
+            f"`learning_rate`={config.learning_rate:g}"
+        ) from error
 
 
 def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
@@ -485,6 +509,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{command.prog}: interrupted; no policy was written", file=sys.stderr)
         return 130
+    except TrainingError as error:
+        print(f"{command.prog}: error: {error}", file=sys.stderr)
+        return 2
     card = trained.card
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     print(

@@ -139,7 +139,13 @@ def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, A
             together.
     """
     card = read_sidecar(policy)
-    read = read_sb3_zip(policy, action_bounds=card.get("action_bounds"))
+    bounds = card.get("action_bounds")
+    if not _are_bounds(bounds):
+        raise PolicyFileError(
+            f"{Path(policy).with_suffix('.json')}: `action_bounds` must be null or two lists of "
+            "numbers; restore the file that the trainer wrote"
+        )
+    read = read_sb3_zip(policy, action_bounds=bounds)
     if read.content_hash != card.get("content_hash"):
         raise PolicyFileError(
             f"{policy}: is not the policy that {Path(policy).with_suffix('.json').name} describes; "
@@ -153,6 +159,16 @@ def _bounds(action_space: spaces.Space[Any]) -> tuple[list[float], list[float]] 
     if not isinstance(action_space, spaces.Box):
         return None
     return action_space.low.tolist(), action_space.high.tolist()
+
+
+def _are_bounds(value: Any) -> bool:
+    """Whether a side-car's value is (low, high), or None."""
+    return value is None or (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(side, list) and side for side in value)
+        and all(isinstance(x, int | float) for side in value for x in side)
+    )
 
 
 def _write_durably(path: Path, content: bytes) -> None:

@@ -88,7 +88,7 @@ def files_of(folder: Path) -> set[str]:
     ("changes", "message"),
     [
         ({"env_id": "IntegPendulm-v0"}, "unknown environment 'IntegPendulm-v0'. Did you mean"),
-        ({"seed": -1}, "`seed` must be a whole number, 0 or above, got -1"),
+        ({"seed": -1}, "`seed` must be a whole number, from 0 to 4294967295, got -1"),
         ({"n_envs": 2.0}, "`n_envs` must be a whole number, 1 or above, got 2.0"),
         ({"batch_size": 96}, "`batch_size`=96 does not divide a rollout of `n_envs` × `n_steps`"),
         ({"learning_rate": 0.0}, "`learning_rate` must be a finite number above 0, got 0.0"),
