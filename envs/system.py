@@ -17,6 +17,7 @@ class PlantSystem:
 
     Attributes:
         stops: the plant's stops, or None.
+        steep: whether there are stops or friction.
         kinked: whether there are stops.
         no_losses: zero of every loss component: (damping,), or (damping, contact) with stops.
     """
@@ -28,7 +29,7 @@ class PlantSystem:
         self.kinked = self.stops is not None
         self.no_losses: Components = (0.0,) if self.stops is None else (0.0, 0.0)
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
-        self._unresisted = self.stops is None and self._friction is None
+        self.steep = self.stops is not None or self._friction is not None
         self._before = (0.0,) * plant.actuated
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
         self._jacobian = getattr(plant, "jacobian", None)
@@ -39,7 +40,7 @@ class PlantSystem:
         """Accelerations and the power of each loss component, W."""
         force = (*self._before, control, *self._after)
         plant = self.plant
-        if self._unresisted:
+        if not self.steep:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
         force, losses = self._resisted(ops, q, v, force)
         return plant.acceleration(ops, q, v, force), losses
@@ -51,7 +52,7 @@ class PlantSystem:
         if self._jacobian is None:
             return None
         force = (*self._before, control, *self._after)
-        if self._unresisted:
+        if not self.steep:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
         force, _ = self._resisted(ops, q, v, force)
         by_q, by_v = self._jacobian(ops, q, v, force)

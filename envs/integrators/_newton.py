@@ -42,38 +42,37 @@ def solve_velocity(
     """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
 
     ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
-    difference where the plant has none. A correction after which the defect would be larger is
-    halved, so that steep friction and stops do not throw the iteration from side to side.
+    difference where the plant has none. In a steep system a correction after which the defect would
+    be larger is halved, so that friction and stops do not throw the iteration from side to side.
     """
     equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
     tolerance = max(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
     n = len(v)
 
     def unfinished(carry: tuple[Component, ...]) -> Component:
-        residual, previous, iterations, _ = carry[2 * n :]
+        residual, previous, iterations = carry[2 * n : 2 * n + 3]
         improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
         return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
         velocity, f = carry[:n], carry[n : 2 * n]
-        residual, previous, iterations, share = carry[2 * n :]
+        residual, previous, iterations, share, size = carry[2 * n :]
         correction = solve_linear(ops, equation.jacobian(velocity, f), f)
         trial = tuple([x - share * y for x, y in zip(velocity, correction, strict=True)])
         moved = equation.defect(trial)
-        better = (_largest(ops, moved) < _largest(ops, f)) | (residual <= tolerance)
-        pairs = zip((*trial, *moved), (*velocity, *f), strict=True)
-        kept = [ops.where(better, new, old) for new, old in pairs]
-        return (
-            *kept,
-            ops.where(better, _scaled(ops, moved, trial), residual),
-            ops.where(better, residual, previous),
-            iterations + 1,
-            ops.where(better, 1.0, 0.5 * share),
-        )
+        now = _largest(ops, moved) if system.steep else size
+        accepted = (*trial, *moved, _scaled(ops, moved, trial), residual, iterations + 1, 1.0, now)
+        if not system.steep:
+            return accepted
+        better = (now < size) | (residual <= tolerance)
+        refused = (*velocity, *f, residual, previous, iterations + 1, 0.5 * share, size)
+        pairs = zip(accepted, refused, strict=True)
+        return tuple([ops.where(better, new, old) for new, old in pairs])
 
     f = equation.defect(v)
     residual = _scaled(ops, f, v)
-    end = ops.while_loop(unfinished, newton, (*v, *f, residual, 4.0 * residual + 1.0, 0, 1.0))
+    start = (*v, *f, residual, 4.0 * residual + 1.0, 0, 1.0, _largest(ops, f))
+    end = ops.while_loop(unfinished, newton, start)
     return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
 
 

@@ -10,6 +10,8 @@ from integ_gym.envs.ops import Component, Components, Ops
 class System(Protocol):
     """The continuous-time system as an integrator sees it, at a constant control."""
 
+    steep: bool
+    """Whether a force may change within a small fraction of a step."""
     kinked: bool
     """Whether the accelerations have a kink where :meth:`clearance` is zero; elsewhere smooth."""
 

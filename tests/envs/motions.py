@@ -9,18 +9,20 @@ import numpy as np
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.system import PlantSystem
 
 ALL = INTEGRATORS.names()
-DRIVEN_PLANTS = {
-    "pendulum": Pendulum(damping=0.3),
-    "cart_pole": CartPole(damping=0.02, cart_damping=0.4),
-    "elastic_pendulum": ElasticPendulum(damping=0.2, stiffness=50.0),
+DAMPED: dict[str, dict[str, float]] = {
+    "pendulum": {"damping": 0.3},
+    "cart_pole": {"damping": 0.02, "cart_damping": 0.4},
+    "elastic_pendulum": {"damping": 0.2, "stiffness": 50.0},
 }
+DRIVEN_PLANTS = {name: PLANTS.load(name)(**DAMPED.get(name, {})) for name in PLANTS.names()}
 STARTS = {
+    name: ((0.3,) * len(plant.coordinates), (1.0,) * len(plant.coordinates))
+    for name, plant in DRIVEN_PLANTS.items()
+} | {
     "pendulum": ((2.0,), (1.5,)),
     "cart_pole": ((0.1, 2.0), (0.3, 3.0)),
     "elastic_pendulum": ((0.3, 0.1), (1.0, -0.5)),

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 import integ_gym
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
@@ -45,10 +44,6 @@ def test_halving_dt_converges_to_the_reference(plant, integrator):
 def test_reference_does_not_depend_on_dt(plant):
     coarse, fine = (_driven(plant, "reference", n) for n in (1, 4))
     assert np.abs(coarse - fine).max() < 1e-11
-
-
-def test_every_plant_is_driven():
-    assert DRIVEN_PLANTS.keys() == STARTS.keys() == set(PLANTS.names())
 
 
 @pytest.mark.parametrize("plant", DRIVEN_PLANTS)

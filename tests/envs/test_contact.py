@@ -217,7 +217,7 @@ def test_contact_converges_as_far_as_it_is_smooth(integrator):
     order = 1 if integrator.endswith("euler") else 2
     truth, exactly = _bounces("reference", 1)
     assert exactly < 1e-9
-    runs = [_bounces(integrator, n) for n in (16, 32, 64, 128)]
+    runs = [_bounces(integrator, n) for n in (8, 16, 32, 64)]
     errors = [float(np.abs(state - truth).sum()) for state, _ in runs]
     residuals = [residual for _, residual in runs]
     for values in (errors, residuals):
@@ -241,11 +241,13 @@ def test_no_stop_gives_energy_on_the_reference():
     assert touched > 5
 
 
-@pytest.mark.parametrize("case", STOPPED)
-@pytest.mark.parametrize("integrator", ALL)
+@pytest.mark.parametrize(
+    ("case", "integrator"),
+    [*(("pendulum", name) for name in ALL), ("cart_pole", "rk4"), ("cart_pole", "implicit_euler")],
+)
 def test_three_worlds_agree_in_contact(case, integrator):
     env_id, arguments = STOPPED[case]
-    arguments = {"integrator": integrator, "dt": 0.01, "control_period": 0.02, **arguments}
+    arguments = {"integrator": integrator, "dt": 0.01, **arguments}
     lanes = 5
     ours = gym.make_vec(env_id, num_envs=lanes, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     singles = [gym.make(env_id, **arguments).unwrapped for _ in range(lanes)]
