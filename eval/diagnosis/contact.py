@@ -132,4 +132,6 @@ def _passive(integrator: str, limit: float) -> tuple[str, bool | None]:
     wanted = theory.oscillation_limit
     if wanted == 0.0:
         return "below 1: it pumps energy in", limit < 1.0
+    if math.isinf(wanted):
+        return "no promise; an oscillator never grows", None
     return f"no promise; an oscillator grows above {shown(wanted)}", None

@@ -4,6 +4,7 @@ Each takes an integrator by name or as ``"module:Class"``, a plant with numbers 
 state in the order of ``env.unwrapped.state``.
 """
 
+from integ_gym.eval.numerics.closed_loop import critical_step
 from integ_gym.eval.numerics.convergence import Convergence, convergence
 from integ_gym.eval.numerics.energy import EnergyGrowth, energies, energy_growth
 from integ_gym.eval.numerics.identity import Declared, Identity, classify, declared
@@ -29,6 +30,7 @@ __all__ = [
     "canonical_jacobian",
     "classify",
     "convergence",
+    "critical_step",
     "declared",
     "energies",
     "energy_growth",

@@ -13,7 +13,7 @@ from integ_gym.eval.numerics.stepping import State, advance
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""
 
-ROUNDING = 1e-13
+ROUNDING = 1e-12
 """Errors below this share of the state's size measure the arithmetic, not the method."""
 
 

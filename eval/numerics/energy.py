@@ -59,15 +59,16 @@ def energies(
         steps: how many.
         control: held throughout, in the plant's unit.
     """
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
+    system = PlantSystem(plant)
+    engine = NativeEngine(system, integrator, dt)
     q, v = split_state(tuple(float(x) for x in state))
     trace = np.full(steps + 1, np.nan)
     try:
-        trace[0] = plant.energy(SCALAR, q, v)
+        trace[0] = system.energy(SCALAR, q, v)
         for k in range(1, steps + 1):
             motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
             q, v = motion.q, motion.v
-            trace[k] = plant.energy(SCALAR, q, v)
+            trace[k] = system.energy(SCALAR, q, v)
     except ArithmeticError:
         pass
     return trace

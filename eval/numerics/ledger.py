@@ -60,14 +60,15 @@ def ledger(
         substeps: integration steps per control period.
         max_speed: limit on every velocity component, or None.
     """
-    engine = NativeEngine(PlantSystem(plant, max_speed), integrator, control_period / substeps)
+    system = PlantSystem(plant, max_speed)
+    engine = NativeEngine(system, integrator, control_period / substeps)
     q, v = split_state(tuple(float(x) for x in state))
-    energy = [plant.energy(SCALAR, q, v)]
+    energy = [system.energy(SCALAR, q, v)]
     work, losses, clipped = [], [], []
     for control in controls:
         motion = engine.advance(SCALAR, q, v, ((float(control), substeps),), None)
         q, v = motion.q, motion.v
-        energy.append(plant.energy(SCALAR, q, v))
+        energy.append(system.energy(SCALAR, q, v))
         work.append(motion.work)
         losses.append(sum(motion.losses))
         clipped.append(motion.clip_loss)

@@ -45,9 +45,12 @@ def advance(
 
 
 def advance_lanes(
-    integrator: str, plant: Plant, states: Array, dt: Component, control: float = 0.0
+    integrator: str, plant: Plant, states: Array, dt: Component, control: Component = 0.0
 ) -> Array:
-    """States after one step from many, shape (lanes, n) to (lanes, n); ``dt`` may be per lane."""
+    """States after one step from many, shape (lanes, n) to (lanes, n).
+
+    ``dt`` and ``control`` may be one for all or of shape (lanes,).
+    """
     q, v = split_state(tuple(np.asarray(states, dtype=np.float64).T))
     engine = NativeEngine(PlantSystem(plant), integrator, dt)
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""Free and driven motions that several tests follow, on the native engine."""
+"""Plants and free motions that several tests follow, on the native engine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 
 ALL = INTEGRATORS.names()
-EXPLICIT_ORDERS = {name: INTEGRATORS.load(name).order for name in ALL if name != "reference"}
 DRIVEN_PLANTS = {
     "pendulum": Pendulum(damping=0.3),
     "cart_pole": CartPole(damping=0.02, cart_damping=0.4),
@@ -31,16 +30,3 @@ def energies(plant: Any, integrator: str, dt: float, steps: int, q: Any, v: Any)
         q, v = motion.q, motion.v
         trace.append(plant.energy(SCALAR, q, v))
     return np.array(trace)
-
-
-def driven(plant: Any, integrator: str, substeps: int, q: Any, v: Any) -> tuple[Any, float]:
-    """State and Σ|residual| (J) after 10 control periods of 0.05 s of random control."""
-    engine = NativeEngine(PlantSystem(plant), integrator, 0.05 / substeps)
-    residual = 0.0
-    for control in np.random.default_rng(3).uniform(-2.0, 2.0, 10).tolist():
-        before = plant.energy(SCALAR, q, v)
-        motion = engine.advance(SCALAR, q, v, ((control, substeps),), None)
-        q, v = motion.q, motion.v
-        change = plant.energy(SCALAR, q, v) - before
-        residual += abs(change - motion.work + motion.losses[0])
-    return np.array([*q, *v]), residual

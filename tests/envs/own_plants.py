@@ -1,0 +1,47 @@
+"""A plant of a user's own, with two degrees of freedom and a constant mass matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CentralSpring:
+    """A mass on a stiffening spring in a horizontal plane, (x, y) from the spring's anchor.
+
+    V = k r²/2 + c r⁴/4; angular momentum is conserved. No Jacobian is given, so that implicit
+    integrators take finite differences.
+    """
+
+    mass: float = 1.3
+    stiffness: float = 4.0
+    hardening: float = 2.0
+    damping: float = 0.0
+
+    name = "central_spring"
+    coordinates = ("x", "y")
+    velocities = ("x_dot", "y_dot")
+    coordinate_units = ("m", "m")
+    control_name = "force"
+    control_unit = "N"
+    frame = "anchor of the spring"
+    actuated = 0
+    constant_mass_matrix = True
+
+    def acceleration(self, ops, q, v, force):
+        pull = self.stiffness + self.hardening * (q[0] * q[0] + q[1] * q[1])
+        return tuple(
+            (f - self.damping * w - pull * x) / self.mass
+            for x, w, f in zip(q, v, force, strict=True)
+        )
+
+    def energy(self, ops, q, v):
+        square = q[0] * q[0] + q[1] * q[1]
+        kinetic = 0.5 * self.mass * (v[0] * v[0] + v[1] * v[1])
+        return kinetic + 0.5 * self.stiffness * square + 0.25 * self.hardening * square * square
+
+    def dissipation(self, ops, q, v):
+        return self.damping * (v[0] * v[0] + v[1] * v[1])
+
+    def mass_matrix(self, ops, q):
+        return (self.mass, 0.0), (0.0, self.mass)

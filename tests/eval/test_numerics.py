@@ -1,0 +1,167 @@
+"""The measuring functions, on maps whose properties are known, and on a user's own classes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.eval.numerics import (
+    Declared,
+    advance,
+    classify,
+    convergence,
+    declared,
+    energies,
+    energy_growth,
+    fastest_rate,
+    linear_map,
+    probe_state,
+    reversibility_defect,
+    stability_limit,
+    volume_defect,
+)
+from integ_gym.eval.numerics.stepping import jacobian
+
+NAMES = INTEGRATORS.names()
+CONTRADICTED_ON_THE_CART_POLE = {
+    "symplectic_euler": ("symplectic",),
+    "stormer_verlet": ("symplectic",),
+    "implicit_midpoint": ("symplectic",),
+}
+
+
+class Heun:
+    """Second order, explicit; declares a third order that it does not have."""
+
+    order = 3
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        a1, p1 = system.rates(ops, q, v, control)
+        end = along(v, dt, a1)
+        a2, p2 = system.rates(ops, along(q, dt, v), end, control)
+        half = 0.5 * dt
+        return Step(
+            along(along(q, half, v), half, end),
+            along(along(v, half, a1), half, a2),
+            along(along(losses, half, p1), half, p2),
+        )
+
+
+class Overflowing:
+    """Raises what Python raises where an array would hold an infinity."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        return Step((q[0] + 1e200**2,), v, losses)
+
+
+OWN = f"{__name__}:Heun"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_integrator_is_what_it_declares_on_the_pendulum(name):
+    assert classify(name).contradictions(declared(name)) == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_on_the_cart_pole_symplectic_is_contradicted(name):
+    found = classify(name, CartPole()).contradictions(declared(name))
+    assert found == CONTRADICTED_ON_THE_CART_POLE.get(name, ())
+
+
+def test_the_reference_is_exact_to_rounding():
+    found = classify("reference")
+    assert (found.order, found.symplectic, found.stable_up_to) == (None, True, math.inf)
+
+
+def test_own_integrator():
+    found = classify(OWN)
+    assert found.order == pytest.approx(2.0, abs=0.05)
+    assert (found.symplectic, found.reversible, found.stable_up_to) == (False, False, 0.0)
+    assert declared(OWN) == Declared(3, None, None)
+    assert found.contradictions(declared(OWN)) == ("order",)
+
+
+def test_damping_is_neither_symplectic_nor_reversible():
+    found = classify("stormer_verlet", Pendulum(damping=0.5))
+    assert (found.symplectic, found.reversible) == (False, False)
+    assert found.contradictions(declared("stormer_verlet")) == ("symplectic", "reversible")
+
+
+def test_volume_shrinks_by_the_damping():
+    """det of the exact flow is exp(−b h / I)."""
+    plant = Pendulum(damping=0.2)
+    found = volume_defect("reference", plant, (1.0, 2.0), 0.1)
+    assert found == pytest.approx(math.expm1(-0.2 / plant.inertia * 0.1), abs=1e-9)
+
+
+def test_unknown_integrator():
+    with pytest.raises(ValueError, match="unknown integrator 'rk5'"):
+        classify("rk5")
+
+
+def test_arithmetic_errors_are_not_a_number():
+    own = f"{__name__}:Overflowing"
+    assert np.isnan(advance(own, Pendulum(), (1.0, 0.0), 0.05)).all()
+    assert np.isnan(energies(own, Pendulum(), (1.0, 0.0), 0.05, 3)[1:]).all()
+    assert math.isnan(reversibility_defect(own, Pendulum(), (1.0, 0.0), 0.05))
+    assert energy_growth(energies(own, Pendulum(), (1.0, 0.0), 0.05, 30)).drift == math.inf
+
+
+def test_fastest_rate_is_the_frequency():
+    assert fastest_rate(Pendulum(), (math.pi, 0.0)) == pytest.approx(math.sqrt(15.0), rel=1e-9)
+    assert fastest_rate(CartPole(), probe_state(CartPole())) > 1.0
+
+
+def test_jacobian_of_a_known_map():
+    found = jacobian(
+        lambda z: np.stack([np.sin(z[:, 0]) * z[:, 1], np.exp(z[:, 1])], -1), np.array([0.4, 0.7])
+    )
+    expected = [[0.7 * math.cos(0.4), math.sin(0.4)], [0.0, math.exp(0.7)]]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+LADDER = (4, 5, 6, 12, 13)
+"""Errors of the last two steps are rounding."""
+
+
+def test_convergence_is_measured_above_rounding_only():
+    found = convergence("rk4", Pendulum(), (math.pi - 1.0, 0.0), frequency=4.0, halvings=LADDER)
+    assert found.order == pytest.approx(4.0, abs=0.05)
+    assert found.steps_s[0] == 0.5 / 16
+    assert len(found.errors) == len(LADDER)
+
+
+def test_heun_grows_at_every_step():
+    assert stability_limit(OWN) == 0.0
+    found = linear_map(OWN, 0.5)
+    growth = 1.0 + 0.5**4 / 4.0
+    assert found.energy_multipliers == pytest.approx((growth, growth), rel=1e-12)
+    assert found.determinant == pytest.approx(growth, rel=1e-12)
+    assert found.spectral_radius == pytest.approx(math.sqrt(growth), rel=1e-12)
+
+
+TIME = np.linspace(0.0, 50.0, 2001)
+
+
+@pytest.mark.parametrize(
+    ("energy", "kind", "drift"),
+    [
+        (2.0 + 0.1 * np.sin(7.0 * TIME), "bounded", 0.0),
+        (2.0 + 1e-13 * TIME, "bounded", 0.0),
+        (2.0 + 0.04 * TIME + 0.01 * np.sin(7.0 * TIME), "linear", 0.88),
+        (2.0 - 0.0001 * TIME, "linear", -0.00225),
+        (2.0 * np.exp(0.05 * TIME), "exponential", math.exp(2.25) - 1.0),
+        (2.0 * np.exp(-0.05 * TIME), "exponential", math.exp(-2.25) - 1.0),
+    ],
+)
+def test_energy_growth(energy, kind, drift):
+    found = energy_growth(energy)
+    assert found.kind == kind
+    assert found.drift == pytest.approx(drift, rel=0.03, abs=5e-3 if kind == "bounded" else 0.0)
+    assert found.largest == pytest.approx(np.abs(energy / energy[0] - 1.0).max())
