@@ -16,7 +16,7 @@ from integ_gym.eval.diagnosis.theory import THEORY
 
 SECTION = "contact"
 
-HALVINGS = 7
+HALVINGS = 6
 """Steps of the map, from the coarsest."""
 
 STIFFNESSES = 17
