@@ -101,9 +101,11 @@ def _example(given: argparse.Namespace) -> int:
 
 def _print(result: dict[str, Any]) -> None:
     findings = [_finding(line) for line in result["findings"]]
-    for title in dict.fromkeys(map(_title, findings)):
-        print(f"\n{title}")
-        _table([_row(f) for f in findings if _title(f) == title])
+    for topic in dict.fromkeys(map(_topic, findings)):
+        lines = [f for f in findings if _topic(f) == topic]
+        steps = max((f.steps for f in lines), key=len)
+        print(f"\n{topic}{f' (dt {_listed(steps)} s)' if steps else ''}")
+        _table([_row(f) for f in lines])
     print()
     for integrator in result["integrators"]:
         print(integrator["is"])
@@ -112,7 +114,7 @@ def _print(result: dict[str, Any]) -> None:
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.")
     if failed:
         print("These do not:")
-        _table([{"what": _title(f), **_row(f)} for f in failed])
+        _table([{"what": _topic(f), **_row(f)} for f in failed])
 
 
 def _finding(line: dict[str, Any]) -> Finding:
@@ -122,9 +124,12 @@ def _finding(line: dict[str, Any]) -> Finding:
     return Finding(**{**line, "measured": measured, "steps": tuple(line["steps"])})
 
 
-def _title(finding: Finding) -> str:
-    steps = f" (dt {', '.join(f'{x:g}' for x in finding.steps)} s)" if finding.steps else ""
-    return f"{finding.section}, {finding.plant}: {finding.quantity}{steps}"
+def _topic(finding: Finding) -> str:
+    return f"{finding.section}, {finding.plant}: {finding.quantity}"
+
+
+def _listed(steps: Sequence[float]) -> str:
+    return ", ".join(f"{step:.4g}" for step in steps)
 
 
 def _row(finding: Finding) -> dict[str, str]:

@@ -149,9 +149,10 @@ class Bench:
 
     def _run(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
         inner: IntegVectorEnv = made.unwrapped
+        name = made.spec.id if made.spec else type(inner).__name__
         context = EpisodeContext(
             run_id=self.run_id,
-            cell=cell,
+            cell=f"{name}/{cell}",
             policy_id=policy.policy_id,
             policy_hash=policy.content_hash,
         )
@@ -160,7 +161,6 @@ class Bench:
             made, self.store, context, episodes=lanes, commit_on_close=False
         )
         rollout = _follow(recorder, inner, policy, starts)
-        name = made.spec.id if made.spec else type(inner).__name__
         self._tables.setdefault(name, []).append(recorder.take())
         recorder.close()
         return rollout

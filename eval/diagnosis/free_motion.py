@@ -14,7 +14,7 @@ from integ_gym.eval.numerics import declared
 
 SECTION = "free motion"
 
-PERIODS = 12.0
+PERIODS = 8.0
 """Length of the motion in periods of the fastest small oscillation."""
 
 _EXACT = 1e-9

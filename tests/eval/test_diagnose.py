@@ -15,6 +15,7 @@ from integ_gym.cli import main
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants import PLANTS
 from integ_gym.eval import drift_example
+from integ_gym.eval.diagnosis.bench import Bench, Commands
 from integ_gym.eval.diagnosis.impact import impact_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
@@ -171,6 +172,18 @@ def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys):
 
 def test_theory_covers_the_built_in_integrators():
     assert set(THEORY) == set(INTEGRATORS.names())
+
+
+def test_records_of_different_plants_are_different(tmp_path):
+    bench = Bench(EvidenceStore(tmp_path), "run")
+    for subject in subjects(None, None, []):
+        bench.open_loop(
+            "cell", subject, "rk4", subject.steps[0], Commands("zero", np.zeros(1)),
+            subject.start[None], duration=2.0 * subject.steps[0],
+        )  # fmt: skip
+    bench.commit("section")
+    assert bench.store.count() == len(PLANTS.names())
+    assert bench.store.verify() == []
 
 
 @pytest.mark.parametrize("name", PLANTS.names())
