@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 from integ_gym.envs.info import reset_info
 from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Components
+from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, split_state, state_names
 from integ_gym.envs.scalar_step import ScalarStep, plain_step, traced_step
 from integ_gym.envs.settings import Setup, build_setup
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import EnvState, initial_state
+from integ_gym.envs.transition import EnvState, initial_state, top_speed
 
 Observation = npt.NDArray[np.float32]
 
@@ -223,6 +223,10 @@ def observation_space(setup: Setup) -> spaces.Box:
 
 def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
     """A start in state order, drawn or given as option ``state``."""
+    known = ("state", "reset_mask", *setup.task.start_options)
+    for name in options:
+        if name not in known:
+            raise ValueError(unknown_name("reset option", name, known))
     if "state" in options:
         return checked_state(setup, options["state"])
     return checked_state(setup, setup.task.draw_start(rng, setup.settings.start, options))
@@ -241,9 +245,10 @@ def checked_state(setup: Setup, state: Any) -> Components:
             f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
             f"got shape {values.shape}"
         )
-    if not (np.abs(values) <= FLOAT32_MAX).all() or (np.abs(values[1::2]) > DIVERGENCE_SPEED).any():
+    fastest = top_speed(setup)
+    if not (np.abs(values) <= FLOAT32_MAX).all() or (np.abs(values[1::2]) > fastest).any():
         raise ValueError(
-            f"a start state must be finite, with speeds up to {DIVERGENCE_SPEED:g}, got "
+            f"a start state must be finite, with speeds up to {fastest:g}, got "
             f"{tuple(values.tolist())}; mend the reset option `state` or the start's bounds"
         )
     return tuple(values.tolist())

@@ -235,8 +235,7 @@ def _reward(
     timing, task, period = setup.timing, setup.task, setup.timing.control_period
     mean_square = _mean_square(segments, timing.substeps)
     earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
-    speed = top_speed(ops, setup, before.v)
-    worst = task.worst_return(ops, timing.horizon - before.steps, period, speed)
+    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
     return ops.where(ok, earned, worst)
 
 
@@ -265,11 +264,6 @@ def _mean_square(segments: Segments, substeps: int) -> Component:
     return sum(count * (control * control) for control, count in segments) / substeps
 
 
-def top_speed(ops: Ops, setup: Setup, v: Components) -> Component:
-    """Largest speed that a motion at ``v`` can still have without diverging, rad/s or m/s."""
-    if setup.system.max_speed is None:
-        return DIVERGENCE_SPEED
-    fastest = setup.system.max_speed
-    for x in v:
-        fastest = ops.maximum(fastest, abs(x))
-    return fastest
+def top_speed(setup: Setup) -> Component:
+    """Largest speed a motion can have without diverging, rad/s or m/s."""
+    return DIVERGENCE_SPEED if setup.system.max_speed is None else setup.system.max_speed

@@ -218,6 +218,11 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     columns = [n for n in layout.cells_of[row] if layout.cells[n].kind in ("grid", "reference")]
     rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
+    if rates[low] == rates[high]:
+        return (
+            f"{row} succeeds in {rates[low]:.0%} of episodes on the reference and on each of "
+            f"{len(rates) - 1} other discretizations."
+        )
     return (
         f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "
         f"{len(rates)} discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} "

@@ -314,6 +314,7 @@ def _impact_map(axes: Axes, curve: Curve) -> Any:
         limit = theory.oscillation_limit / _numbers(curve["rates"])
         axes.plot(stiffness, limit, color=INK, linewidth=1.0, linestyle=(0, (3, 2)))
     axes.set(xscale="log", yscale="log", xlim=across[[0, -1]], ylim=up[[-1, 0]])
+    axes.yaxis.set_minor_formatter("")
     return mesh
 
 

@@ -75,7 +75,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     total = work(spec, existing.home)
-    with tqdm(total=total, unit="cell", desc="evaluate", disable=given.no_progress) as bar:
+    with tqdm(
+        total=total, unit="cell", desc="evaluate", disable=given.no_progress, delay=0.5
+    ) as bar:
         panel = evaluate_existing(existing, spec, given.out, command, bar.update, _warn)
     print(f"{panel['question']}\n{panel['answer']}")
     print(f"Page: {(given.out / 'report.html').resolve()}")

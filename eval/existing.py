@@ -39,7 +39,7 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
-from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, read_trained
+from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, has_sidecar, read_trained
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
@@ -123,7 +123,7 @@ def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str
     Raises:
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
     """
-    if not path.with_suffix(".json").exists():
+    if not has_sidecar(path):
         return read_sb3_zip(path, obs_stats=obs_stats), None
     policy, card = read_trained(path)
     if obs_stats is not None:

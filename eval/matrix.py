@@ -118,6 +118,7 @@ class Matrix:
             "energy_residual": self._mean(row, cell, "energy_residual_total"),
             "energy_residual_abs": self._mean(row, cell, "energy_residual_abs_total"),
             "diverged": sum(record["solver_status"] == "diverged" for record in records),
+            "not_converged": sum(r["solver_status"] == "not_converged" for r in records),
             "home_drop": self._home_drop(row, cell),
             "transfer_gap": self._transfer_gap(row, cell, native),
             "reference_class": self._reference_class(row, cell, reference),

@@ -731,6 +731,7 @@ def _record(entry: Entry) -> dict[str, Any]:
         ("transfer gap", _long(entry.transfer_gap, fixed)),
         ("against the reference", CLASS_WORDS.get(entry.reference_class or "")),
         ("diverged", str(entry.diverged) if entry.diverged else None),
+        ("solver not converged", str(entry.not_converged) if entry.not_converged else None),
     ]
     return {
         "entry": entry,

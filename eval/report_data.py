@@ -197,6 +197,7 @@ class Entry:
     energy_residual: Estimate | None
     energy_residual_abs: Estimate | None
     diverged: int
+    not_converged: int
     home_drop: Estimate | None
     transfer_gap: Estimate | None
     reference_class: str | None
@@ -708,7 +709,8 @@ def _entry(row: Row, cell: Cell, raw: Json) -> Entry:
         time_to_success_episodes=_count(raw.get("time_to_success_episodes")),
         energy_residual=estimate(raw.get("energy_residual")),
         energy_residual_abs=estimate(raw.get("energy_residual_abs")),
-        diverged=int(finite(raw.get("diverged")) or 0),
+        diverged=_count(raw.get("diverged")) or 0,
+        not_converged=_count(raw.get("not_converged")) or 0,
         home_drop=estimate(raw.get("home_drop")),
         transfer_gap=estimate(raw.get("transfer_gap")),
         reference_class=_text(raw.get("reference_class")),

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+import gymnasium.wrappers.vector
 import numpy as np
 import numpy.typing as npt
 
@@ -18,6 +20,18 @@ from integ_gym.evidence.episode_log import EpisodeLog
 from integ_gym.evidence.layout import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import ReplayLookup, SetupOfLane, record_table
+
+_CHANGING = (
+    gym.ActionWrapper,
+    gym.ObservationWrapper,
+    gym.RewardWrapper,
+    gym.wrappers.NormalizeReward,
+    gym.vector.VectorActionWrapper,
+    gym.vector.VectorObservationWrapper,
+    gym.vector.VectorRewardWrapper,
+    gym.wrappers.vector.NormalizeReward,
+)
+"""Wrappers that change actions, observations or rewards."""
 
 
 class Recording:
@@ -115,6 +129,14 @@ def check_unchanged(env: Any, kind: type, spaces: tuple[str, ...]) -> None:
             f"evidence is recorded of integ-gym environments, got {type(env.unwrapped).__name__}; "
             "make one with gym.make or gym.make_vec"
         )
+    wrapper = env
+    while wrapper is not env.unwrapped:
+        if isinstance(wrapper, _CHANGING):
+            raise TypeError(
+                f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
+                "recorder around the environment first, and the other wrappers around the recorder"
+            )
+        wrapper = wrapper.env
     for space in spaces:
         own, changed = getattr(env.unwrapped, space), getattr(env, space)
         if own != changed:

@@ -103,6 +103,21 @@ def write_policy(
     return TrainedPolicy(zip_path, sidecar_path, full)
 
 
+def has_sidecar(policy: str | os.PathLike[str]) -> bool:
+    """Whether a file of the policy's name is its side-car, or a damaged one.
+
+    JSON that does not say what format it has belongs to somebody else.
+    """
+    path = Path(policy).with_suffix(".json")
+    if not path.exists():
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True
+    return isinstance(content, dict) and "format" in content
+
+
 def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
     """The side-car of a policy zip: the JSON file of the same name.
 

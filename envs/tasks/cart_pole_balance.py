@@ -31,6 +31,7 @@ class CartPoleBalance:
 
     plant: ClassVar[str] = "cart_pole"
     starts: ClassVar[tuple[str, ...]] = ("upright",)
+    start_options: ClassVar[tuple[str, ...]] = ("low", "high")
     discrete: ClassVar[int | None] = 2
     goal: ClassVar[str] = "not terminated within `duration`"
     goal_stay: ClassVar[float] = 0.0

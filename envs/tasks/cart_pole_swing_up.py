@@ -28,6 +28,7 @@ class CartPoleSwingUp:
 
     plant: ClassVar[str] = "cart_pole"
     starts: ClassVar[tuple[str, ...]] = ("hanging", "upright")
+    start_options: ClassVar[tuple[str, ...]] = ("low", "high")
     discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = (
         "|theta| < 0.2 rad (wrapped) throughout the last 2 s, cart within the track"

@@ -31,6 +31,7 @@ class ElasticPendulumQuiet:
 
     plant: ClassVar[str] = "elastic_pendulum"
     starts: ClassVar[tuple[str, ...]] = ("pushed",)
+    start_options: ClassVar[tuple[str, ...]] = ("push",)
     discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "|x| < 0.1 m throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0

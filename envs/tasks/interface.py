@@ -23,6 +23,8 @@ class Task(Protocol):
 
     plant: ClassVar[str]
     starts: ClassVar[tuple[str, ...]]
+    start_options: ClassVar[tuple[str, ...]]
+    """Reset options that :meth:`draw_start` reads."""
     """Names of the start distributions, the default first."""
     discrete: ClassVar[int | None]
     """Number of actions of a `Discrete` action space, or None for a `Box`."""

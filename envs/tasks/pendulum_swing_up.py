@@ -28,6 +28,7 @@ class PendulumSwingUp:
 
     plant: ClassVar[str] = "pendulum"
     starts: ClassVar[tuple[str, ...]] = ("uniform", "hanging")
+    start_options: ClassVar[tuple[str, ...]] = ("x_init", "y_init")
     discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "|theta| < 0.2 rad (wrapped) throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0

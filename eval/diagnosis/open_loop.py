@@ -25,6 +25,7 @@ class OpenLoop:
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]
     starts: ClassVar[tuple[str, ...]] = ("given",)
+    start_options: ClassVar[tuple[str, ...]] = ()
     discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "no divergence until `duration`"
     goal_stay: ClassVar[float] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from math import inf, nan, pi
 
 import gymnasium as gym
@@ -403,3 +404,32 @@ def test_a_start_faster_than_any_motion_may_be_is_refused():
     env = gym.make("IntegPendulum-v0")
     with pytest.raises(ValueError, match=r"speeds up to 1000, got .*the start's bounds"):
         env.reset(seed=0, options={"x_init": 0.0, "y_init": 1e9})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        ({"dt": 1e-320}, "`dt` must be 1e-30 or above"),
+        ({"dt": 1e-20}, "more than 1e+09"),
+        ({"mass": 10**400}, "`mass` must be a finite number above 0"),
+        ({"mass": 1e308}, "`mass` must be a finite number above 0"),
+        ({"duration": 1e20}, "more than 1e+09 control periods"),
+    ],
+)
+def test_extreme_values_are_refused(arguments, fragment):
+    with pytest.raises(ValueError, match=re.escape(fragment)):
+        gym.make("IntegPendulum-v0", **arguments)
+
+
+def test_a_start_above_the_speed_limit_is_refused():
+    """From there a divergence could end an episode with less loss than going on."""
+    env = gym.make("IntegPendulum-v0", max_speed=8.0)
+    env.reset(options={"state": (0.0, 8.0)})
+    with pytest.raises(ValueError, match="speeds up to 8, got"):
+        env.reset(options={"state": (0.0, 8.1)})
+
+
+def test_an_unknown_reset_option_is_refused():
+    env = gym.make("IntegPendulum-v0")
+    with pytest.raises(ValueError, match=r"unknown reset option 'sate'.*Did you mean 'state'"):
+        env.reset(options={"sate": (0.0, 0.0)})

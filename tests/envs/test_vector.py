@@ -287,3 +287,18 @@ def test_reset_state_and_seeds():
     np.testing.assert_array_equal(env.state, start)
     assert env.np_random_seed == (5, 6)
     assert len(env.np_random) == 2
+
+
+def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
+    envs = gym.make_vec("IntegCartPole-v0", num_envs=2, duration=0.02)
+    envs.reset(seed=0)
+    envs.step(np.array([0, 1]))
+    envs.step(np.array([7, 1]))
+    with pytest.raises(ValueError, match="actions must be"):
+        envs.step(np.array([7, 1]))
+
+
+@pytest.mark.parametrize("mixture", [3, "rk4", {"integrator": "rk4"}, ["rk4"]])
+def test_a_mixture_that_is_no_list_of_discretizations_is_refused(mixture):
+    with pytest.raises(ValueError, match="mixture"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=mixture)

@@ -13,8 +13,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from integ_gym.cli import main
-from integ_gym.eval.existing import row_name
+from integ_gym.eval.existing import Grid, plan, read_existing, row_name
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.sidecar import has_sidecar
 
 
 def _trained(env_id: str, steps: int, path: Path, **arguments) -> Path:
@@ -181,3 +182,70 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
     assert main([*command, "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
     assert not (tmp_path / "out").exists()
+
+
+def _with_card(tmp_path, panel_directory, change) -> Path:
+    """A copy of a trained policy whose side-car is changed."""
+    source = panel_directory / "policies" / "rk4-dt-0.05-seed0"
+    (tmp_path / "mine.zip").write_bytes((source / "policy.zip").read_bytes())
+    card = json.loads((source / "policy.json").read_text(encoding="utf-8"))
+    change(card)
+    (tmp_path / "mine.json").write_text(json.dumps(card))
+    return tmp_path / "mine.zip"
+
+
+@pytest.mark.slow
+def test_a_side_car_runs_no_code_unasked(panel_directory, tmp_path, capsys, monkeypatch):
+    (tmp_path / "stranger.py").write_text("raise SystemExit('run')\nclass X: step = None\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def name_code(card):
+        card["config"]["env_arguments"]["integrator"] = "stranger:X"
+
+    policy = _with_card(tmp_path, panel_directory, name_code)
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert "--own-code" in error
+    assert error.count("\n") == 1
+    with pytest.raises(SystemExit, match="run"):
+        main([*command, "--own-code"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        (lambda card: card.pop("config"), "does not say what it was trained on"),
+        (lambda card: card.update(config="x"), "does not say what it was trained on"),
+        (lambda card: card.update(action_bounds=[1]), "two lists of numbers"),
+    ],
+)
+def test_a_damaged_side_car_is_refused(panel_directory, tmp_path, capsys, change, fragment):
+    policy = _with_card(tmp_path, panel_directory, change)
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert fragment in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_path):
+    def delay(card):
+        card["config"]["env_arguments"] |= {"action_latency": 0.02, "dt": 0.01}
+
+    policy = _with_card(tmp_path, panel_directory, delay)
+    existing = read_existing(policy, "IntegPendulum-v0", {})
+    spec = plan(existing, "IntegPendulum-v0", Grid(integrators=["rk4"]))
+    assert sorted(d.dt for d in spec.grid) == pytest.approx([0.0025, 0.005, 0.01])
+
+
+def test_json_of_somebody_else_is_no_side_car(tmp_path):
+    (tmp_path / "model.zip").write_bytes(b"")
+    assert not has_sidecar(tmp_path / "model.zip")
+    (tmp_path / "model.json").write_text('{"note": "mine"}')
+    assert not has_sidecar(tmp_path / "model.zip")
+    for text in ('{"format": "integ-gym policy 1"}', "{"):
+        (tmp_path / "model.json").write_text(text)
+        assert has_sidecar(tmp_path / "model.zip")

@@ -225,3 +225,29 @@ def test_report_is_written_again(panel_directory, capsys):
     assert str(page) in capsys.readouterr().out
     assert page.read_text(encoding="utf-8") == before
     assert "holds no panel.json" in _fails(capsys, "report", str(page.parent.parent))
+
+
+@pytest.mark.slow
+def test_what_was_lost_is_done_again(panel_directory, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    lost = [
+        copy / "evidence" / "evaluate-zero.parquet",
+        copy / "evidence" / "train-rk4-dt-0.05-seed0.parquet",
+        copy / "policies" / "rk4-dt-0.05-seed1" / "policy.zip",
+    ]
+    for file in lost:
+        file.unlink()
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
+    assert all(file.exists() for file in lost)
+    again, before = _panel(copy), _panel(panel_directory)
+    assert [e["success_by_seed"] for e in again["matrix"]] == [
+        e["success_by_seed"] for e in before["matrix"]
+    ]
+
+
+def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
+    content = {"schema_version": 1, "rows": [1], "matrix": [{}], "cells": []}
+    (tmp_path / "panel.json").write_text(json.dumps(content))
+    assert "is damaged" in _fails(capsys, "report", str(tmp_path))

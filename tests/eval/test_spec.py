@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -164,3 +165,53 @@ def test_missing_keys_and_files_are_named(tmp_path):
     (tmp_path / "bad.toml").write_text("name = ")
     with pytest.raises(SpecError, match="not valid TOML"):
         read_spec(tmp_path / "bad.toml")
+
+
+def test_every_panel_has_its_baselines_and_checks():
+    data = {k: v for k, v in _small().items() if k not in ("baselines", "perturbations")}
+    spec = parse_spec(data, "test")
+    assert spec.baselines == ("random", "zero", "handmade")
+    assert [p.name for p in spec.perturbations] == ["mass +20 %", "latency +50 ms"]
+    assert [dict(p.environment) for p in spec.perturbations] == [
+        {"mass": pytest.approx(1.2)}, {"action_latency": 0.05},
+    ]  # fmt: skip
+    assert spec.gaps() == []
+    bare = parse_spec(_small(baselines=["zero"], perturbations=[]), "test")
+    gaps = " ".join(bare.gaps())
+    for fragment in ("'random'", "'handmade'", "perturbation of the plant", "action latency"):
+        assert fragment in gaps
+    short = parse_spec(_small(environment={"duration": 1.0}), "test")
+    assert "nobody can succeed" in short.gaps()[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "fragment"),
+    [
+        ({"environment": {"integrator": "rk4"}}, "`environment` gives `integrator`"),
+        ({"environment": {"mixture": []}}, "`environment` gives `mixture`"),
+        ({"seeds": [2**32]}, "whole numbers from 0 to 4294967295"),
+        (
+            {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.05 + 1e-13]}]},
+            "lists something twice",
+        ),
+        (
+            {
+                "control_period": 0.04,
+                "train": [{"integrator": ["explicit_euler", "rk4"], "dt": 0.01}],
+                "evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": 0.01}],
+                "family": [], "compare": [["rk4 dt=0.01", "explicit_euler dt=0.01"]],
+                "ladder": False, "perturbations": [],
+            },
+            "evaluated at dt=0.0025 or finer",
+        ),
+    ],
+)  # fmt: skip
+def test_what_would_only_fail_or_mislead_later_is_refused(changes, fragment):
+    with pytest.raises(SpecError, match=re.escape(fragment)):
+        check_spec(parse_spec(_small(**changes), "panel.toml"))
+
+
+def test_a_file_that_is_not_utf8_is_refused(tmp_path):
+    (tmp_path / "latin.toml").write_bytes('name = "é"'.encode("latin-1"))
+    with pytest.raises(SpecError, match="not UTF-8"):
+        read_spec(tmp_path / "latin.toml")

@@ -356,7 +356,7 @@ def test_other_environments_are_refused(tmp_path, context):
         RecordEvidence(gym.make("Pendulum-v1"), tmp_path, context)
     env = gym.make("IntegPendulum-v0")
     env = gym.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
-    with pytest.raises(TypeError, match=r"changes action_space.*around the environment first"):
+    with pytest.raises(TypeError, match=r"RescaleAction changes.*around the environment first"):
         RecordEvidence(env, tmp_path, context)
 
 
@@ -373,3 +373,9 @@ def test_other_environments_are_refused(tmp_path, context):
 def test_impossible_contexts_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         EpisodeContext("run", "cell", **arguments)
+
+
+def test_a_wrapper_that_changes_rewards_is_refused(tmp_path):
+    env = gym.wrappers.TransformReward(gym.make("IntegPendulum-v0"), lambda reward: 2.0 * reward)
+    with pytest.raises(TypeError, match="TransformReward changes what would be recorded"):
+        RecordEvidence(env, tmp_path, EpisodeContext("run", "cell"))

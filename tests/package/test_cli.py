@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -97,3 +98,20 @@ def test_programming_errors_keep_their_traceback(monkeypatch):
     monkeypatch.setattr(command, "main", lambda argv: int("x"))
     with pytest.raises(ValueError, match="invalid literal"):
         main(["report"])
+
+
+@pytest.mark.slow
+def test_the_installed_command_finds_an_integrator_beside_it(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from integ_gym.envs.integrators.rk4 import RK4\n\n\nclass Own(RK4):\n    pass\n"
+    )
+    small = ["--total-steps", "64", "--n-envs", "2", "--n-steps", "16", "--batch-size", "32"]
+    done = subprocess.run(
+        [
+            Path(sys.executable).with_name("integ-gym"), "train", "--integrator", "mine:Own",
+            "--no-progress", "--no-tensorboard", "--out", "policy", *small,
+        ],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "policy" / "policy.zip").exists()
