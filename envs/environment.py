@@ -286,6 +286,13 @@ def reset_info(state: EnvState) -> dict[str, Any]:
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step, in the order of :func:`reset_info`."""
+    info = booked(setup, state, outcome)
+    info["solver_status"] = STATUS_NAMES[outcome.status]
+    return info
+
+
+def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    """`info` of a step without the solver's status."""
     return {
         "time": state.steps * setup.timing.control_period,
         "energy": state.energy,
@@ -302,5 +309,4 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
         "success": outcome.success,
         "solver_iterations": outcome.iterations,
         "solver_residual": outcome.solver_residual,
-        "solver_status": STATUS_NAMES[outcome.status],
     }
