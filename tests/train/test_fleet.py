@@ -148,7 +148,7 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
     _, _, steps = jax.jit(program._collect)(learner, learner.keys, params)
-    after, outcome, observed, observed_after = program._again(steps, params)
+    _, outcome, observed, observed_after = program._again(steps, params)
     batch = program._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
     ended = np.asarray(steps.terminated | steps.truncated)[:, 0]
     assert ended.any()
@@ -158,7 +158,6 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
         {k: model.policy.state_dict()[k].new_tensor(v) for k, v in weights.items()}
     )
     _check_against_buffer(model, config, steps, outcome, observed, observed_after, ended, batch)
-    del after
 
 
 def _check_against_buffer(model, config, steps, outcome, observed, observed_after, ended, batch):
