@@ -11,7 +11,15 @@ EXTRAS = {
     "fleet": ("jax",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
-    "train": ("stable_baselines3", "torch", "tensorboard", "tqdm", "scipy", "threadpoolctl"),
+    "train": (
+        "stable_baselines3",
+        "torch",
+        "tensorboard",
+        "tqdm",
+        "scipy",
+        "threadpoolctl",
+        "safetensors",
+    ),
 }
 """Extra to the modules that it brings."""
 

@@ -43,6 +43,13 @@ def reset_info(state: EnvState) -> dict[str, Any]:
 
 def step_info(ops: Ops, setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step, in the order of :func:`reset_info`."""
+    info = booked(setup, state, outcome)
+    info["solver_status"] = _status_name(ops, outcome.status)
+    return info
+
+
+def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    """`info` of a step without the solver's status."""
     return {
         "time": state.steps * setup.timing.control_period,
         "energy": state.energy,
@@ -62,7 +69,6 @@ def step_info(ops: Ops, setup: Setup, state: EnvState, outcome: Outcome) -> dict
         "success": outcome.success,
         "solver_iterations": outcome.iterations,
         "solver_residual": outcome.solver_residual,
-        "solver_status": _status_name(ops, outcome.status),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ try:
     import jax.numpy as jnp
 except ModuleNotFoundError as error:
     raise missing("jax", "fleet") from error
+
+__all__ = ["JaxOps", "jax", "jnp"]
 
 
 class JaxOps:
@@ -28,7 +30,7 @@ class JaxOps:
     cos = staticmethod(jnp.cos)
     sqrt = staticmethod(jnp.sqrt)
     tanh = staticmethod(jnp.tanh)
-    where = staticmethod(jnp.where)
+    where: ClassVar[Any] = staticmethod(jnp.where)
     minimum = staticmethod(jnp.minimum)
     maximum = staticmethod(jnp.maximum)
     isfinite = staticmethod(jnp.isfinite)
@@ -55,9 +57,11 @@ class JaxOps:
         end: Any = jax.lax.while_loop(lambda c: jnp.any(condition(c)), masked_body, start)
         return end  # type: ignore[no-any-return]
 
-    def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
-        """``lax.fori_loop``; one application is inlined."""
-        if count == 1:
+    def repeat(
+        self, count: int | jax.Array, body: Callable[[Component, Carry], Carry], carry: Carry
+    ) -> Carry:
+        """``lax.fori_loop``, whose count may be traced; a single application is inlined."""
+        if isinstance(count, int) and count == 1:
             return body(0, carry)
         shapes = jax.eval_shape(lambda c: body(0, c), carry)
         start = jax.tree.map(

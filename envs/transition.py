@@ -205,7 +205,8 @@ def _outcome(
     terminated = failed | _negated(ok)
     truncated = after.steps >= timing.horizon
     stayed = after.steps * timing.control_period - after.goal_since
-    reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - 1e-9))
+    rounding = max(1e-9, 64.0 * ops.epsilon)
+    reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
     return Outcome(
         reward=_reward(ops, setup, before, orders.segments, failed, ok),
         terminated=terminated,

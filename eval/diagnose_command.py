@@ -16,10 +16,10 @@ from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.diagnosis.finding import VERDICTS, Finding
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.drift_example import drift_example
-from integ_gym.eval.panel import cores
 from integ_gym.evidence.command_line import CommandParser
 from integ_gym.evidence.extra import pyarrow
 from integ_gym.evidence.print_table import print_table
+from integ_gym.train.worker import cores
 
 EXAMPLES = """\
 examples:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import sys
@@ -19,13 +18,13 @@ from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
 from integ_gym.eval.spec import Cell, Discretization, PanelSpec, SpecError
-from integ_gym.eval.worker import Progress, report_work
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import PPOConfig, train
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
+from integ_gym.train.worker import Progress, cores, report_work
 
 STEPS_PER_SECOND = 7000.0
 """Training decisions per second and core that the progress bar counts on."""
@@ -141,11 +140,6 @@ def run_panel(
         _run_units(spec, directory, workers or cores(), progress)
         finish(directory)
     return directory
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress: bool) -> None:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.extras import require
-from integ_gym.eval.panel import cores, run_panel
+from integ_gym.eval.panel import run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 from integ_gym.evidence.command_line import CommandParser
+from integ_gym.train.worker import cores
 
 EXAMPLES = """\
 examples:

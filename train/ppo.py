@@ -12,21 +12,16 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import math
-import platform
-import random
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import Field, asdict, dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.extras import load
@@ -45,15 +40,15 @@ from integ_gym.envs.parameters import (
 from integ_gym.envs.registration import ENVIRONMENTS, register_environments
 from integ_gym.envs.settings import Settings, Setup
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
-from integ_gym.envs.versions import installed_versions
 from integ_gym.evidence.command_line import CommandParser
+from integ_gym.train.card import episode_summary, make_card
 from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.sb3_model import model_arguments, reproducible, saved
+from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
 
 Wrap: TypeAlias = Callable[[VectorEnv[Any, Any, Any]], VectorEnv[Any, Any, Any]]
 """Wraps the training environments, for example to record their episodes; keeps their API."""
-
-_PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 
 
 _GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
@@ -241,7 +236,7 @@ def train(
     if wrap is not None:
         vector_env = wrap(vector_env)
     try:
-        with _reproducible():
+        with reproducible():
             model = _make_model(config, vector_env, setups[0])
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
@@ -249,12 +244,19 @@ def train(
                 _learn(model, config, bar)
             seconds = time.perf_counter() - start
             model.logger.close()
-            buffer = io.BytesIO()
-            model.save(buffer, exclude=["tensorboard_log"])
+            zip_bytes = saved(model)
     finally:
         vector_env.close()
-    card = _card(config, setups, model, seconds)
-    return write_policy(folder, buffer.getvalue(), card, vector_env.single_action_space)
+    card = make_card(
+        config,
+        setups,
+        trainer="sb3",
+        packages=("stable-baselines3", "torch"),
+        steps=int(model.num_timesteps),
+        seconds=seconds,
+        last_episodes=_last_episodes(model),
+    )
+    return write_policy(folder, zip_bytes, card, vector_env.single_action_space)
 
 
 def _learn(model: Any, config: PPOConfig, callback: Any) -> None:
@@ -283,48 +285,16 @@ def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
     )
 
 
-def first_lane_seed(seed: int) -> int:
-    """Seed of the first training environment; the others count up from it.
-
-    Spread out, so that runs with neighbouring seeds do not share start states.
-    """
-    return int(np.random.SeedSequence(seed).generate_state(1)[0])
-
-
 def _make_model(config: PPOConfig, vector_env: VectorEnv[Any, Any, Any], setup: Setup) -> Any:
     """SB3's PPO, with episodes monitored before rewards are scaled."""
-    import torch
     from stable_baselines3 import PPO
-    from stable_baselines3.common.utils import LinearSchedule
     from stable_baselines3.common.vec_env import VecMonitor
 
     from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
     episodes = VecMonitor(Sb3VecEnv(vector_env, info_keys=("success",)))
-    rate, rate_end = config.learning_rate, config.learning_rate_end
-    model = PPO(
-        "MlpPolicy",
-        ScaledRewards(episodes, config.reward_scale),
-        learning_rate=rate if rate_end is None else LinearSchedule(rate, rate_end, 1.0),
-        n_steps=config.n_steps,
-        batch_size=config.batch_size,
-        n_epochs=config.n_epochs,
-        gamma=config.discount(setup.timing.control_period),
-        gae_lambda=config.gae_lambda,
-        clip_range=config.clip_range,
-        normalize_advantage=config.normalize_advantage,
-        ent_coef=config.ent_coef,
-        vf_coef=config.vf_coef,
-        max_grad_norm=config.max_grad_norm,
-        target_kl=config.target_kl,
-        policy_kwargs={
-            "net_arch": {"pi": list(config.net_arch), "vf": list(config.net_arch)},
-            "activation_fn": getattr(torch.nn, config.activation),
-            "log_std_init": config.log_std_init,
-        },
-        seed=config.seed,
-        device="cpu",
-    )
+    scaled = ScaledRewards(episodes, config.reward_scale)
+    model = PPO("MlpPolicy", scaled, **model_arguments(config, setup.timing.control_period))
     episodes.seed(first_lane_seed(config.seed))
     return model
 
@@ -335,23 +305,6 @@ def _log_to(model: Any, folder: Path | None) -> None:
 
     outputs: list[Any] = [] if folder is None else [TensorBoardOutputFormat(str(folder))]
     model.set_logger(Logger(None if folder is None else str(folder), outputs))
-
-
-@contextmanager
-def _reproducible() -> Iterator[None]:
-    """One torch thread; afterwards the thread count and all global random states are put back."""
-    import torch
-
-    threads, states = torch.get_num_threads(), torch.get_rng_state()
-    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002  (SB3 seeds it)
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-        torch.set_rng_state(states)
-        random.setstate(python)
-        np.random.set_state(legacy)  # noqa: NPY002
 
 
 class _Progress:
@@ -395,14 +348,9 @@ class _Progress:
 
 
 def _last_episodes(model: Any) -> dict[str, Any]:
-    """Number, mean return and success rate of the last (up to 100) episodes of training."""
+    """The last (up to 100) episodes of training."""
     returns = [float(episode["r"]) for episode in model.ep_info_buffer]
-    successes = [float(success) for success in model.ep_success_buffer]
-    return {
-        "episodes": len(returns),
-        "return_mean": float(np.mean(returns)) if returns else None,
-        "success_rate": float(np.mean(successes)) if successes else None,
-    }
+    return episode_summary(returns, [float(success) for success in model.ep_success_buffer])
 
 
 def _told(episodes: Mapping[str, Any]) -> str:
@@ -412,52 +360,6 @@ def _told(episodes: Mapping[str, Any]) -> str:
     success = episodes["success_rate"]
     told = f"return {episodes['return_mean']:.1f}"
     return told if success is None else f"{told}, success {success:.2f}"
-
-
-def _card(config: PPOConfig, setups: Sequence[Setup], model: Any, seconds: float) -> dict[str, Any]:
-    """What the side-car says."""
-    setup = setups[0]
-    discretizations = [_discretization(member) for member in setups]
-    mixed = "mixture" in config.env_arguments
-    name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
-    return {
-        "policy_id": f"ppo-{name}-seed{config.seed}",
-        "algorithm": "PPO",
-        "env_id": config.env_id,
-        "discretization": None if mixed else discretizations[0],
-        "mixture": discretizations if mixed else None,
-        "env_arguments": _json_values(setup.arguments()),
-        "units": setup.units(),
-        "seed": config.seed,
-        "config": asdict(config),
-        "derived": {
-            "gamma": config.discount(setup.timing.control_period),
-            "gae_lambda": config.gae_lambda,
-            "rollout": config.rollout,
-            "first_lane_seed": first_lane_seed(config.seed),
-        },
-        "steps": int(model.num_timesteps),
-        "wall_seconds": round(seconds, 3),
-        "last_episodes": {**_last_episodes(model), "exploring": True},
-        "versions": installed_versions(_PACKAGES),
-        "platform": platform.platform(),
-    }
-
-
-def _discretization(setup: Setup) -> dict[str, Any]:
-    """Engine, integrator, step and control period in s."""
-    return {
-        "engine": setup.settings.engine,
-        "engine_version": setup.engine.version,
-        "integrator": setup.settings.integrator,
-        "dt": setup.timing.dt,
-        "control_period": setup.timing.control_period,
-    }
-
-
-def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays as lists."""
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}
 
 
 def _need_extra(tensorboard: bool) -> None:
@@ -478,6 +380,7 @@ examples:
   integ-gym train --integrator explicit_euler --dt 0.05 --control-period 0.05 \\
       --start hanging --max-torque 1.0 --seed 3 --out runs/explicit-3
   integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
+  integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
   integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
 """
 
@@ -489,27 +392,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
     command = parser()
     given = vars(command.parse_args(argv))
-    options = {name: given.pop(name) for name in ("out", "force", "tensorboard", "progress")}
+    names = ("out", "force", "tensorboard", "progress", "trainer")
+    out, force, tensorboard, progress, trainer = (given.pop(name) for name in names)
     try:
         config = _config(given)
-        _need_extra(options["tensorboard"])
+        if trainer == "sb3":
+            _need_extra(tensorboard)
         make_training_envs(config).close()
-        claim_folder(options["out"], options["force"])
+        claim_folder(out, force)
     except (ValueError, TypeError, OSError, ModuleNotFoundError) as error:
         print(f"{command.prog}: error: {error}", file=sys.stderr)
         return 2
     try:
-        trained = train(
-            config,
-            options["out"],
-            progress=options["progress"],
-            tensorboard=options["tensorboard"],
-            force=options["force"],
-        )
+        if trainer == "fleet":
+            trained = _train_with_fleet(config, out, progress, force)
+        else:
+            trained = train(config, out, progress=progress, tensorboard=tensorboard, force=force)
     except KeyboardInterrupt:
         print(f"{command.prog}: interrupted; no policy was written", file=sys.stderr)
         return 130
-    except TrainingError as error:
+    except (TrainingError, ValueError, ModuleNotFoundError) as error:
         print(f"{command.prog}: error: {error}", file=sys.stderr)
         return 2
     card = trained.card
@@ -519,6 +421,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"{_told(card['last_episodes'])}"
     )
     return 0
+
+
+def _train_with_fleet(config: PPOConfig, out: Path, progress: bool, force: bool) -> TrainedPolicy:
+    from integ_gym.train.fleet import train_fleet
+
+    return train_fleet([config], [out], progress=progress, force=force)[0]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -532,6 +440,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
     made.add_argument("--out", type=Path, required=True, help="folder for the policy")
     made.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    made.add_argument(
+        "--trainer",
+        choices=("sb3", "fleet"),
+        default="sb3",
+        help="stable-baselines3, or the compiled trainer, which writes no logs (default: sb3)",
+    )
     made.add_argument(
         "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
     )

@@ -1,7 +1,8 @@
-"""The two files of a trained policy: SB3's zip, and a JSON side-car that says how it came about.
+"""The files of a trained policy: SB3's zip, its actor as `safetensors`, and a JSON side-car.
 
-The side-car is written last, so a policy without one is not finished; and it holds the policy's
-content hash, so a pair that does not belong together is found out.
+The side-car says how the policy came about. It is written last, so a policy without one is not
+finished; and it holds the policy's content hash, so files that do not belong together are found
+out.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from typing import Any
 from gymnasium import spaces
 
 from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.safetensors_file import read_safetensors, safetensors_bytes
 from integ_gym.train.sb3_zip import PolicyFileError, read_sb3_zip
 
 POLICY_FILE = "policy.zip"
+WEIGHTS_FILE = "policy.safetensors"
 SIDECAR_FILE = "policy.json"
 FORMAT = "integ-gym policy 1"
 
@@ -66,11 +69,11 @@ def claim_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
 def write_policy(
     out_dir: Path, zip_bytes: bytes, card: Mapping[str, Any], action_space: spaces.Space[Any]
 ) -> TrainedPolicy:
-    """Write a policy and its side-car, each in one step, the side-car last.
+    """Write a policy and its side-car, each file in one step, the side-car last.
 
     A process killed in between leaves no file half-written and no side-car beside a zip that it
-    does not describe. ``format``, ``policy_file``, ``content_hash`` and ``action_bounds`` are added
-    to the card from the zip itself.
+    does not describe. ``format``, ``policy_file``, ``weights_file``, ``content_hash`` and
+    ``action_bounds`` are added to the card from the zip itself.
 
     Args:
         out_dir: folder that exists; a policy in it is replaced.
@@ -84,13 +87,16 @@ def write_policy(
     """
     zip_path, sidecar_path = out_dir / POLICY_FILE, out_dir / SIDECAR_FILE
     with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=out_dir) as folder:
-        new_zip, new_sidecar = Path(folder) / POLICY_FILE, Path(folder) / SIDECAR_FILE
+        new_zip, new_weights = Path(folder) / POLICY_FILE, Path(folder) / WEIGHTS_FILE
+        new_sidecar = Path(folder) / SIDECAR_FILE
         _write_durably(new_zip, zip_bytes)
         bounds = _bounds(action_space)
         policy = read_sb3_zip(new_zip, action_bounds=bounds)
+        _write_durably(new_weights, safetensors_bytes(policy))
         full = {
             "format": FORMAT,
             "policy_file": POLICY_FILE,
+            "weights_file": WEIGHTS_FILE,
             "content_hash": policy.content_hash,
             "action_bounds": bounds,
             **card,
@@ -99,6 +105,7 @@ def write_policy(
         _write_durably(new_sidecar, text.encode())
         sidecar_path.unlink(missing_ok=True)
         os.replace(new_zip, zip_path)
+        os.replace(new_weights, out_dir / WEIGHTS_FILE)
         os.replace(new_sidecar, sidecar_path)
     return TrainedPolicy(zip_path, sidecar_path, full)
 
@@ -147,7 +154,7 @@ def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, A
     """A trained policy, named as its side-car says, and the side-car.
 
     Args:
-        policy: path of the zip.
+        policy: path of the zip, or of the safetensors file.
 
     Raises:
         PolicyFileError: in one sentence, if a file cannot be read or the two do not belong
@@ -160,7 +167,10 @@ def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, A
             f"{Path(policy).with_suffix('.json')}: `action_bounds` must be null or two lists of "
             "numbers; restore the file that the trainer wrote"
         )
-    read = read_sb3_zip(policy, action_bounds=bounds)
+    if Path(policy).suffix == ".safetensors":
+        read = read_safetensors(policy)
+    else:
+        read = read_sb3_zip(policy, action_bounds=bounds)
     if read.content_hash != card.get("content_hash"):
         raise PolicyFileError(
             f"{policy}: is not the policy that {Path(policy).with_suffix('.json').name} describes; "

@@ -28,10 +28,10 @@ from integ_gym.eval.diagnosis import (
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject, subjects
-from integ_gym.eval.worker import Progress
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.provenance import package_versions
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.worker import Progress
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""

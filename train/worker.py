@@ -27,13 +27,20 @@ class Progress:
         """Work reported so far."""
         return float(self._done.value)
 
-    def pool(self, workers: int) -> ProcessPoolExecutor:
-        """A pool of fresh processes that report here."""
+    def pool(
+        self, workers: int, prepare: Callable[[int], None] | None = None
+    ) -> ProcessPoolExecutor:
+        """A pool of fresh processes that report here.
+
+        Args:
+            workers: how many.
+            prepare: called once in each process, with its number from 0; importable from a module.
+        """
         return ProcessPoolExecutor(
             max_workers=workers,
             mp_context=self._context,
             initializer=_start_worker,
-            initargs=(os.getpid(), self._done),
+            initargs=(os.getpid(), self._done, self._context.Value("i", 0), prepare),
         )
 
 
@@ -43,7 +50,14 @@ def report_work(amount: float) -> None:
         _report(amount)
 
 
-def _start_worker(parent: int, done: Any) -> None:
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start_worker(
+    parent: int, done: Any, started: Any, prepare: Callable[[int], None] | None
+) -> None:
     global _report
 
     def add(amount: float) -> None:
@@ -53,6 +67,11 @@ def _start_worker(parent: int, done: Any) -> None:
     _report = add
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     _limit_threads()
+    if prepare is not None:
+        with started.get_lock():
+            number = started.value
+            started.value += 1
+        prepare(number)
 
 
 def _end_with(parent: int) -> None:

@@ -1,0 +1,495 @@
+"""The environments as pure functions of JAX arrays: for ``jit``, ``vmap`` and ``scan``.
+
+    import jax
+    from integ_gym.envs import functional
+
+    env = functional.make("IntegPendulum-v0", integrator="rk4", dt=0.05)
+    state = env.initial(jax.random.key(0), lanes=(1024,))
+    state = jax.jit(env.transition)(state, actions, key)
+
+The physics is that of the single and the vector environment. Plant and task parameters, steps,
+horizon and start range are values, not structure: one compiled function serves all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.experimental.functional import FuncEnv
+
+from integ_gym.envs.environment import action_space, observation_space
+from integ_gym.envs.info import booked
+from integ_gym.envs.jax_ops import JaxOps, jax, jnp
+from integ_gym.envs.ops import Component, Components
+from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.timing import Timing
+from integ_gym.envs.transition import EnvState, Outcome, initial_state, transition
+
+DTYPES = ("float32", "float64")
+
+
+class Params(NamedTuple):
+    """What may differ between environments that share one program.
+
+    Every entry is a number, or an array that broadcasts against the lanes; ``substeps`` is one
+    number. Given to a compiled function as an argument, it can take any value; the loop over
+    sub-steps then also keeps XLA from computing a motion anew for everything that depends on it.
+    """
+
+    dt: Component
+    """Integration step, s."""
+    control_period: Component
+    """Time between two decisions, s."""
+    substeps: Component
+    """Integration steps per decision, int32."""
+    horizon: Component
+    """Decisions until truncation, int32."""
+    sensor: Component | None
+    """Integration steps between two samples, int32; None: one sample per decision."""
+    max_speed: Component | None
+    """Clip on every velocity, rad/s or m/s; None: no clip."""
+    observation_noise: Component
+    """Standard deviation of each sensed state component, SI."""
+    start_low: Components
+    """Lower end of the start distribution, in state order, SI."""
+    start_high: Components
+    plant: dict[str, Component]
+    """Numeric plant parameters, SI."""
+    task: dict[str, Component]
+
+
+class FuncState(NamedTuple):
+    """State of one environment, or of a batch of them."""
+
+    env: EnvState
+    outcome: Outcome
+    """What the last transition brought; zeros after a reset."""
+    noise: Components
+    """Noise of the last sample on each state component, SI; empty without sensor noise."""
+
+
+class TimeStep(NamedTuple):
+    """What one step with automatic reset gives."""
+
+    observation: Any
+    """Of the next episode's start where an episode has ended, float32, shape (*lanes, obs)."""
+    reward: Any
+    terminated: Any
+    truncated: Any
+    final_observation: Any
+    """Before the reset, float32, shape (*lanes, obs)."""
+    info: dict[str, Any]
+    """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What decides the program: environments with equal structure can share a compiled one.
+
+    Attributes:
+        env_id: environment.
+        dtype: float type of the physics.
+        choices: arguments that are no numbers, and the presence of those that may be None.
+        delay: action latency as (whole decisions, sub-steps beyond them).
+    """
+
+    env_id: str
+    dtype: str
+    choices: tuple[tuple[str, Any], ...]
+    delay: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _TracedTiming(Timing):
+    """Rates whose delay is known while those in seconds and sub-steps may be traced."""
+
+    known_delay: tuple[int, int] = (0, 0)
+
+    @property
+    def delay(self) -> tuple[int, int]:
+        """Latency as (whole decisions, sub-steps beyond them)."""
+        return self.known_delay
+
+
+class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
+    """An environment as pure functions; see :func:`make`.
+
+    All functions take a single environment or a batch: components of shape ``lanes``, actions of
+    shape (*lanes, 1) for a `Box` and ``lanes`` for a `Discrete` space. A `Discrete` action that is
+    none of the choices cannot raise here and counts as 0; a non-finite one calls the fallback.
+
+    Attributes:
+        setup: plant, task, timing and engine with the constructor's values.
+        structure: what a compiled function depends on.
+        default_params: the constructor's values.
+    """
+
+    def __init__(
+        self,
+        env_id: str,
+        *,
+        dtype: str = "float32",
+        **arguments: Any,
+    ) -> None:
+        if dtype not in DTYPES:
+            raise ValueError(f"`dtype` must be one of {', '.join(DTYPES)}, got {dtype!r}")
+        if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+            raise ValueError(
+                "float64 needs JAX's 64-bit mode; make and use the environment inside "
+                "`with jax.enable_x64(True):`"
+            )
+        self._arguments = arguments
+        self._dtype = dtype
+        self._ops = JaxOps(dtype)
+        self.setup = _checked_setup(env_id, arguments)
+        self.structure = self._structure_of(env_id, self.setup)
+        self.observation_space = observation_space(self.setup)
+        self.action_space = action_space(self.setup)
+        super().__init__()
+
+    def get_default_params(self, **kwargs: Any) -> Params:
+        """The constructor's values, those in ``kwargs`` replaced; see :meth:`params`."""
+        return self.params(**kwargs)
+
+    def params(self, **arguments: Any) -> Params:
+        """Values of other constructor arguments for the same program.
+
+        Args:
+            arguments: replace those that the environment was made with.
+
+        Raises:
+            TypeError: for an unknown argument.
+            ValueError: for an impossible value, or one that needs another program.
+        """
+        setup = _checked_setup(self.structure.env_id, {**self._arguments, **arguments})
+        structure = self._structure_of(self.structure.env_id, setup)
+        if structure != self.structure:
+            raise ValueError(
+                f"these arguments need another program ({structure}) than this environment's "
+                f"({self.structure}); make another environment"
+            )
+        return self._params_of(setup)
+
+    def initial(
+        self, rng: Any, params: Params | None = None, lanes: tuple[int, ...] = ()
+    ) -> FuncState:
+        """A start state.
+
+        Args:
+            rng: JAX key.
+            params: defaults to the environment's own.
+            lanes: shape of a batch of independent starts.
+        """
+        params = self._default(params)
+        start_key, noise_key = jax.random.split(rng)
+        size = len(params.start_low)
+        drawn = jax.random.uniform(start_key, (size, *lanes), self._dtype)
+        return self._first(self.begin(self.start(tuple(drawn), params), params), noise_key, params)
+
+    def initial_from(self, state: Any, rng: Any, params: Params | None = None) -> FuncState:
+        """An episode that starts in a given state.
+
+        Args:
+            state: in Gymnasium's order, SI units, shape (*lanes, n).
+            rng: JAX key, for the sensor noise.
+            params: defaults to the environment's own.
+        """
+        start = tuple(jnp.moveaxis(jnp.asarray(state, self._dtype), -1, 0))
+        params = self._default(params)
+        return self._first(self.begin(start, params), rng, params)
+
+    def setup_of(self, params: Params) -> Setup:
+        """Plant, task, timing and engine with these values."""
+        setup = self.setup
+        plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
+        task = replace(setup.task, **params.task)  # type: ignore[type-var]
+        _fill_caches(plant)
+        _fill_caches(task)
+        system = PlantSystem(plant, params.max_speed)
+        timing = _TracedTiming(
+            dt=params.dt,
+            control_period=params.control_period,
+            substeps=params.substeps,
+            latency=setup.timing.latency,
+            sensor=params.sensor,
+            horizon=params.horizon,
+            known_delay=self.structure.delay,
+        )
+        integrator = setup.settings.integrator
+        engine = type(setup.engine)(system, integrator, params.dt)  # type: ignore[call-arg]
+        return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
+
+    def start(self, drawn: Components, params: Params) -> Components:
+        """A start in state order, SI units, made of numbers from [0, 1), one per component."""
+        limits = zip(drawn, params.start_low, params.start_high, strict=True)
+        return tuple(low + x * (high - low) for x, low, high in limits)
+
+    def begin(self, start: Components, params: Params) -> EnvState:
+        """Episodes that start in ``start``, in state order, components of one shape."""
+        q, v = split_state(start)
+        fresh = initial_state(self._ops, self.setup_of(params), q, v)
+        return self._typed(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
+
+    def advance(
+        self, env: EnvState, control: Component, params: Params
+    ) -> tuple[EnvState, Outcome]:
+        """One control period, without the sensor's noise.
+
+        Args:
+            env: components of one shape.
+            control: torque, force or action index, of that shape.
+            params: values that broadcast against it.
+        """
+        after = transition(self._ops, self.setup_of(params), env, control)
+        return self._typed(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
+
+    def observe(self, env: EnvState, noise: Components, params: Params) -> Components:
+        """The last sensor sample, one float32 component per observation.
+
+        Args:
+            env: episode state.
+            noise: standard noise of the sample, one component per state component, or empty.
+            params: scale of the noise.
+        """
+        q, v = env.sensed_q, env.sensed_v
+        if noise:
+            by_q, by_v = split_state(noise)
+            q = tuple(a + params.observation_noise * b for a, b in zip(q, by_q, strict=True))
+            v = tuple(a + params.observation_noise * b for a, b in zip(v, by_v, strict=True))
+        task = self.setup_of(params).task
+        observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
+        if not noise:
+            return observed
+        limits = zip(observed, task.observation_limits(params.max_speed), strict=True)
+        return tuple(jnp.clip(x, -limit, limit).astype(jnp.float32) for x, limit in limits)
+
+    def transition(
+        self, state: FuncState, action: Any, rng: Any, params: Params | None = None
+    ) -> FuncState:
+        """The state after one control period under ``action``; ``rng`` is for sensor noise."""
+        env, outcome = self.advance(state.env, self._control(action), self._default(params))
+        noise = state.noise
+        if noise:
+            fresh = self._drawn_noise(rng, jnp.shape(outcome.sampled))
+            noise = tuple(
+                jnp.where(outcome.sampled, a, b) for a, b in zip(fresh, noise, strict=True)
+            )
+        return FuncState(env, outcome, noise)
+
+    def observation(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
+        """The last sensor sample, float32, shape (*lanes, obs)."""
+        observed = self.observe(state.env, state.noise, self._default(params))
+        return jnp.moveaxis(jnp.stack(observed), 0, -1)
+
+    def reward(
+        self,
+        state: FuncState,
+        action: Any,
+        next_state: FuncState,
+        rng: Any = None,
+        params: Params | None = None,
+    ) -> Any:
+        """Reward of the transition to ``next_state``."""
+        return next_state.outcome.reward
+
+    def terminal(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
+        """Whether the task or a divergence has ended the episode."""
+        return state.outcome.terminated
+
+    def truncated(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
+        """Whether the time limit has ended the episode."""
+        return state.outcome.truncated
+
+    def state_info(self, state: FuncState, params: Params | None = None) -> dict[str, Any]:
+        """`info` of the environment after the transition that led here.
+
+        The keys of the single environment's; ``solver_status`` is a code: 0 ok, 1 not converged,
+        2 diverged.
+        """
+        setup = self.setup_of(self._default(params))
+        info = booked(setup, state.env, state.outcome)
+        return {**info, "solver_status": state.outcome.status}
+
+    def transition_info(
+        self,
+        state: FuncState,
+        action: Any,
+        next_state: FuncState,
+        params: Params | None = None,
+    ) -> dict[str, Any]:
+        """:meth:`state_info` of ``next_state``."""
+        return self.state_info(next_state, params)
+
+    def step(
+        self, state: FuncState, action: Any, rng: Any, params: Params | None = None
+    ) -> tuple[FuncState, TimeStep]:
+        """One transition; lanes whose episode ends are reset at once (Gymnasium's `SAME_STEP`)."""
+        step_key, reset_key = jax.random.split(rng)
+        after = self.transition(state, action, step_key, params)
+        outcome = after.outcome
+        begun = self.reset_where(outcome.terminated | outcome.truncated, after, reset_key, params)
+        return begun, TimeStep(
+            observation=self.observation(begun, params=params),
+            reward=outcome.reward,
+            terminated=outcome.terminated,
+            truncated=outcome.truncated,
+            final_observation=self.observation(after, params=params),
+            info=self.state_info(after, params),
+        )
+
+    def reset_where(
+        self, ended: Any, state: FuncState, rng: Any, params: Params | None = None
+    ) -> FuncState:
+        """``state`` with new starts in the lanes of ``ended``; drawn only if there is one."""
+
+        def reset() -> FuncState:
+            fresh = self.initial(rng, params, jnp.shape(ended))
+            merged: FuncState = jax.tree.map(lambda a, b: jnp.where(ended, a, b), fresh, state)
+            return merged
+
+        begun: FuncState = jax.lax.cond(jnp.any(ended), reset, lambda: state)
+        return begun
+
+    def _default(self, params: Params | None) -> Params:
+        return self.default_params if params is None else params  # type: ignore[return-value]
+
+    def _structure_of(self, env_id: str, setup: Setup) -> Structure:
+        arguments = setup.arguments()
+        choices = {
+            name: arguments[name]
+            for name in arguments
+            if isinstance(arguments[name], (str, bool)) and name != "start"
+        }
+        present = {
+            "sensor_period": setup.timing.sensor is not None,
+            "max_speed": setup.settings.max_speed is not None,
+            "observation_noise": setup.settings.observation_noise > 0.0,
+        }
+        return Structure(
+            env_id,
+            self._dtype,
+            tuple({**choices, **present}.items()),
+            setup.timing.delay,
+        )
+
+    def _params_of(self, setup: Setup) -> Params:
+        settings, timing = setup.settings, setup.timing
+        number = np.dtype(self._dtype).type
+        low, high = start_range(setup)
+        return Params(
+            dt=number(timing.dt),
+            control_period=number(timing.control_period),
+            substeps=np.int32(timing.substeps),
+            horizon=np.int32(timing.horizon),
+            sensor=None if timing.sensor is None else np.int32(timing.sensor),
+            max_speed=None if settings.max_speed is None else number(settings.max_speed),
+            observation_noise=number(settings.observation_noise),
+            start_low=tuple(number(x) for x in low),
+            start_high=tuple(number(x) for x in high),
+            plant={name: number(x) for name, x in _numbers(setup.plant).items()},
+            task={name: number(x) for name, x in _numbers(setup.task).items()},
+        )
+
+    def _first(self, env: EnvState, rng: Any, params: Params) -> FuncState:
+        """The state at time 0: nothing is booked."""
+        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], params), env)
+        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
+        return FuncState(env, nothing, self._drawn_noise(rng, jnp.shape(env.q[0])))
+
+    def _control(self, action: Any) -> Component:
+        values = jnp.asarray(action, self._dtype)
+        return values if self.setup.task.discrete is not None else values[..., 0]
+
+    def _typed(self, tree: Any, shape: tuple[int, ...]) -> Any:
+        """All entries with one shape: floats in the environment's type, whole numbers int32."""
+
+        def typed(value: Any) -> Any:
+            array = jnp.broadcast_to(jnp.asarray(value), shape)
+            kind = array.dtype.kind
+            return array if kind == "b" else array.astype("int32" if kind in "iu" else self._dtype)
+
+        return jax.tree.map(typed, tree)
+
+    def _drawn_noise(self, rng: Any, shape: tuple[int, ...]) -> Components:
+        """Standard normal noise, one component per state component."""
+        if not self.setup.settings.observation_noise:
+            return ()
+        size = 2 * len(self.setup.plant.coordinates)
+        return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
+
+
+def make(env_id: str, *, dtype: str = "float32", **arguments: Any) -> FunctionalEnv:
+    """The functional form of an environment.
+
+    Args:
+        env_id: a registered id.
+        dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
+        arguments: those of ``gym.make``, but for ``render_mode``.
+
+    Raises:
+        TypeError: for an unknown argument.
+        ValueError: for an impossible value, an engine that is not native, or float64 outside JAX's
+            64-bit mode.
+        ModuleNotFoundError: without JAX, with the command that installs it.
+    """
+    return FunctionalEnv(env_id, dtype=dtype, **arguments)
+
+
+class _Share:
+    """Stands for a generator whose every uniform draw is the same share of its interval."""
+
+    def __init__(self, share: float) -> None:
+        self.share = share
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """The same point of every interval."""
+        point = np.asarray(low) + self.share * (np.asarray(high) - np.asarray(low))
+        return point if size is None else np.broadcast_to(point, size)
+
+
+def start_range(setup: Setup) -> tuple[Components, Components]:
+    """Lowest and highest start, in state order, SI units.
+
+    Starts are drawn uniformly in a box, so its corners are what the task makes of the ends of all
+    its draws.
+    """
+    task, start = setup.task, setup.settings.start
+    corners = (task.draw_start(_Share(share), start, {}) for share in (0.0, 1.0))
+    low, high = corners
+    return low, high
+
+
+def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+    """The setup, if JAX can advance it.
+
+    Raises:
+        TypeError, ValueError: see :func:`make`.
+    """
+    setup = environment_setup(env_id, arguments)
+    if setup.settings.engine != "native":
+        raise ValueError(
+            f"the functional environment has engine 'native' only, got {setup.settings.engine!r}; "
+            "use gym.make or gym.make_vec for other engines"
+        )
+    return setup
+
+
+def _fill_caches(part: Any) -> None:
+    """Compute cached properties now, so that none is first computed, and kept, inside a loop."""
+    for owner in type(part).__mro__:
+        for name, value in vars(owner).items():
+            if isinstance(value, cached_property):
+                getattr(part, name)
+
+
+def _numbers(part: Any) -> dict[str, Component]:
+    """Numeric fields of a plant or task."""
+    values = {f.name: getattr(part, f.name) for f in fields(part)}
+    return {k: x for k, x in values.items() if not isinstance(x, (str, bool))}

@@ -1,0 +1,97 @@
+"""The side-car's content: how a policy came about, whichever trainer made it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.versions import installed_versions
+from integ_gym.train.seeds import first_lane_seed
+
+if TYPE_CHECKING:
+    from integ_gym.train.ppo import PPOConfig
+
+_PACKAGES = ("integ-gym", "gymnasium", "numpy")
+
+LAST_EPISODES = 100
+"""Episodes at the end of training that the card tells about."""
+
+
+def make_card(
+    config: PPOConfig,
+    setups: Sequence[Setup],
+    *,
+    trainer: str,
+    packages: Sequence[str],
+    steps: int,
+    seconds: float,
+    last_episodes: Mapping[str, Any],
+) -> dict[str, Any]:
+    """What the side-car says.
+
+    Args:
+        config: the run.
+        setups: of the training environment: one, or one per member of a mixture.
+        trainer: ``"sb3"`` or ``"fleet"``.
+        packages: that the trainer used, beside integ-gym, gymnasium and numpy.
+        steps: decisions taken.
+        seconds: wall time; for a fleet its chunk's, divided by the policies in it.
+        last_episodes: see :func:`episode_summary`.
+    """
+    setup = setups[0]
+    discretizations = [_discretization(member) for member in setups]
+    mixed = "mixture" in config.env_arguments
+    name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
+    return {
+        "policy_id": f"ppo-{name}-seed{config.seed}",
+        "algorithm": "PPO",
+        "trainer": trainer,
+        "env_id": config.env_id,
+        "discretization": None if mixed else discretizations[0],
+        "mixture": discretizations if mixed else None,
+        "env_arguments": _json_values(setup.arguments()),
+        "units": setup.units(),
+        "seed": config.seed,
+        "config": asdict(config),
+        "derived": {
+            "gamma": config.discount(setup.timing.control_period),
+            "gae_lambda": config.gae_lambda,
+            "rollout": config.rollout,
+            "first_lane_seed": first_lane_seed(config.seed),
+        },
+        "steps": steps,
+        "wall_seconds": round(seconds, 3),
+        "last_episodes": {**last_episodes, "exploring": True},
+        "versions": installed_versions((*_PACKAGES, *packages)),
+        "platform": platform.platform(),
+    }
+
+
+def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dict[str, Any]:
+    """Number, mean return and success rate of some episodes."""
+    return {
+        "episodes": len(returns),
+        "return_mean": float(np.mean(returns)) if len(returns) else None,
+        "success_rate": float(np.mean(successes)) if len(successes) else None,
+    }
+
+
+def _discretization(setup: Setup) -> dict[str, Any]:
+    """Engine, integrator, step and control period in s."""
+    return {
+        "engine": setup.settings.engine,
+        "engine_version": setup.engine.version,
+        "integrator": setup.settings.integrator,
+        "dt": setup.timing.dt,
+        "control_period": setup.timing.control_period,
+    }
+
+
+def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays as lists."""
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}

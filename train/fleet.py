@@ -1,0 +1,490 @@
+"""The fleet trainer: PPO of many policies at once, compiled, on all cores or GPUs.
+
+    configs = [PPOConfig.of("IntegPendulum-v0", seed=seed) for seed in range(10)]
+    train_fleet(configs, [Path("runs") / f"seed{seed}" for seed in range(10)])
+
+The algorithm, its hyperparameters and the files it writes are those of `integ_gym.train.ppo`; the
+random numbers are not, so a seed gives another policy of the same distribution. A policy depends on
+its own configuration alone, up to rounding, whatever else is trained beside it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import math
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from integ_gym.envs import functional
+from integ_gym.envs.extras import require
+from integ_gym.envs.functional import FunctionalEnv, Params, Structure
+from integ_gym.envs.jax_ops import jax
+from integ_gym.evidence.layout import Layout
+from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
+from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, first_entries
+from integ_gym.train.fleet_program import Algorithm, FleetProgram, Knobs, Learner, Trail
+from integ_gym.train.network import initial_stack, state_dict
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.sb3_model import zip_of_weights
+from integ_gym.train.seeds import first_lane_seed
+from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
+from integ_gym.train.worker import Progress, cores, report_work
+
+Array = NDArray[Any]
+
+MOST_POLICIES = {"cpu": 10, "gpu": 512}
+"""Policies of one chunk; more do not fit a core's cache, or a GPU's memory."""
+
+DECISION_BYTES = 400
+"""Memory that one decision of a rollout takes."""
+
+MEMORY = {"cpu": 1 << 30, "gpu": 8 << 30}
+"""Budget of one chunk's rollout, bytes."""
+
+
+_CPU_FLAGS = ("--xla_cpu_multi_thread_eigen=false", "--xla_backend_optimization_level=1")
+"""One thread; and a compiler that takes half the time for code that is as fast here."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What runs of one chunk have in common.
+
+    Attributes:
+        structure: of the environment.
+        sizes: of observation and hidden layers.
+        algorithm: structure of the learner.
+        substeps: integration steps per decision.
+        rollouts: in a whole run.
+    """
+
+    structure: Structure
+    sizes: tuple[int, ...]
+    algorithm: Algorithm
+    substeps: int
+    rollouts: int
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Runs that are trained together.
+
+    Attributes:
+        kind: what they have in common.
+        places: which of the configurations they are.
+    """
+
+    kind: Kind
+    places: tuple[int, ...]
+
+    @property
+    def decisions(self) -> int:
+        """Decisions of all its policies."""
+        return len(self.places) * self.kind.rollouts * self.kind.algorithm.rollout
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What training one policy of a chunk gave.
+
+    Attributes:
+        weights: by stable-baselines3's names.
+        steps: decisions taken.
+        seconds: wall time of the chunk, divided by its policies.
+        last_episodes: the last episodes of training.
+    """
+
+    weights: dict[str, NDArray[np.float32]]
+    steps: int
+    seconds: float
+    last_episodes: dict[str, Any]
+
+
+def train_fleet(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[str | Path],
+    *,
+    evidence: Sequence[TrainingEvidence] | None = None,
+    progress: bool = True,
+    workers: int | None = None,
+    cache_dir: str | Path | None = None,
+    force: bool = False,
+) -> list[TrainedPolicy]:
+    """Train policies and write each as `integ_gym.train.ppo.train` does.
+
+    Args:
+        configs: the runs; they may differ in everything.
+        out_dirs: a folder for each policy.
+        evidence: where the training episodes of each are recorded; None: nowhere.
+        progress: show a bar on stderr.
+        workers: processes; by default one per GPU, or one per core.
+        cache_dir: compiled programs are kept there; by default in the user's cache folder.
+        force: replace policies that are already there.
+
+    Raises:
+        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for arguments that are not possible, before anything is trained.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    _need_extras()
+    if len(configs) != len(out_dirs) or (evidence is not None and len(evidence) != len(configs)):
+        raise ValueError(
+            f"`out_dirs` and `evidence` must have one entry per configuration ({len(configs)}), "
+            f"got {len(out_dirs)} and {'none' if evidence is None else len(evidence)}"
+        )
+    gpus = _gpu_count()
+    workers = workers or gpus or cores()
+    chunks = plan(configs, workers, "gpu" if gpus else "cpu")
+    folders = [claim_folder(out, force) for out in out_dirs]
+    if not chunks:
+        return []
+    prepare = partial(prepare_worker, str(cache_dir or default_cache_dir()), bool(gpus))
+    trained: dict[int, TrainedPolicy] = {}
+    shared = Progress()
+    with (
+        shared.pool(min(workers, len(chunks)), prepare) as pool,
+        _bar(sum(c.decisions for c in chunks), len(configs), progress) as bar,
+    ):
+        try:
+            running = {pool.submit(_run, configs, evidence, chunk): chunk for chunk in chunks}
+            while running:
+                ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+                bar.update(min(bar.total, shared.total()) - bar.n)
+                for future in ended:
+                    _write(configs, folders, running.pop(future), future, trained)
+                    bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [trained[place] for place in range(len(configs))]
+
+
+def plan(configs: Sequence[PPOConfig], workers: int, device: str = "cpu") -> list[Chunk]:
+    """Split runs into chunks that can be compiled as one, enough of them for all workers.
+
+    Raises:
+        TypeError, ValueError: for a run that the fleet cannot train.
+    """
+    groups: dict[Kind, list[int]] = {}
+    for place, config in enumerate(configs):
+        groups.setdefault(_kind(config), []).append(place)
+    chunks = []
+    for kind, places in groups.items():
+        fitting = MEMORY[device] // (DECISION_BYTES * kind.algorithm.rollout)
+        most = max(1, min(MOST_POLICIES[device], fitting))
+        share = round(workers * len(places) / len(configs))
+        count = min(len(places), max(share, math.ceil(len(places) / most)))
+        chunks += [Chunk(kind, tuple(part.tolist())) for part in np.array_split(places, count)]
+    return sorted(chunks, key=lambda chunk: -chunk.decisions)
+
+
+def train_chunk(
+    configs: Sequence[PPOConfig],
+    evidence: Sequence[TrainingEvidence] | None = None,
+    on_steps: Callable[[int], None] | None = None,
+) -> list[Outcome]:
+    """Train runs of one kind together, in this process.
+
+    Args:
+        configs: the runs.
+        evidence: where the training episodes of each are recorded.
+        on_steps: told the decisions of all policies after each rollout.
+
+    Raises:
+        ValueError: if they are of different kinds.
+    """
+    kinds = {_kind(config) for config in configs}
+    if len(kinds) != 1:
+        raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
+    with jax.enable_x64(False):
+        return _Trainer(kinds.pop(), configs, evidence).train(on_steps)
+
+
+def prepare_worker(cache_dir: str, on_gpu: bool, number: int) -> None:
+    """Set up JAX in a worker process: one core or one GPU, and a cache of compiled programs."""
+    if on_gpu:
+        os.environ["CUDA_VISIBLE_DEVICES"] = _visible_gpus()[number]
+    else:
+        os.environ["JAX_PLATFORMS"] = "cpu"
+        os.environ["NPROC"] = "1"
+        os.environ["XLA_FLAGS"] = " ".join((os.environ.get("XLA_FLAGS", ""), *_CPU_FLAGS))
+        jax.config.update("jax_platforms", "cpu")  # type: ignore[no-untyped-call]
+    jax.config.update("jax_compilation_cache_dir", cache_dir)  # type: ignore[no-untyped-call]
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)  # type: ignore[no-untyped-call]
+
+
+def default_cache_dir() -> Path:
+    """Compiled programs of this machine's kind of processor."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    kind = hashlib.sha256(f"{platform.machine()} {flags}".encode()).hexdigest()[:12]
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "integ-gym" / f"jax-{kind}"
+
+
+@dataclass
+class _Returns:
+    """Returns and successes of the last episodes of one policy.
+
+    Attributes:
+        so_far: return of the episode under way in each lane.
+        returns: of finished episodes, oldest first.
+        successes: of the same.
+    """
+
+    so_far: Array
+    returns: list[float] = field(default_factory=list)
+    successes: list[float] = field(default_factory=list)
+
+    def add(self, rewards: Array, ended: Array, success: Array) -> None:
+        """Take in a rollout, arrays of shape (steps, lanes)."""
+        totals = np.cumsum(rewards, axis=0, dtype=np.float64) + self.so_far
+        before = np.zeros_like(self.so_far)
+        for step in np.flatnonzero(ended.any(axis=1)):
+            lanes = np.flatnonzero(ended[step])
+            self.returns += (totals[step, lanes] - before[lanes]).tolist()
+            self.successes += success[step, lanes].astype(float).tolist()
+            before[lanes] = totals[step, lanes]
+        self.so_far = totals[-1] - before
+        del self.returns[:-LAST_EPISODES], self.successes[:-LAST_EPISODES]
+
+
+class _Trainer:
+    """One chunk on its way."""
+
+    def __init__(
+        self, kind: Kind, configs: Sequence[PPOConfig], evidence: Sequence[TrainingEvidence] | None
+    ) -> None:
+        self._kind = kind
+        self._configs = configs
+        envs = [functional.make(c.env_id, **c.env_arguments) for c in configs]
+        self._setups = [env.setup for env in envs]
+        self._params = _joined([env.default_params for env in envs])  # type: ignore[misc]
+        lanes = kind.algorithm.n_envs
+        self._returns = [_Returns(np.zeros(lanes)) for _ in configs]
+        layout = None if evidence is None else _layout(envs[0])
+        self._program = _program(kind, envs[0], layout)
+        self._assemblers = [
+            EpisodeAssembler(told, config.env_id, setup, layout, config.seed, lanes)
+            for told, config, setup in zip(evidence or (), configs, self._setups, strict=False)
+            if layout is not None
+        ]
+
+    def train(self, on_steps: Callable[[int], None] | None) -> list[Outcome]:
+        """All rollouts; the host takes one in while the next is computed."""
+        started = time.perf_counter()
+        knobs = self._knobs()
+        learner = self._begin()
+        decisions = len(self._configs) * self._kind.algorithm.rollout
+        trail: Trail | None = None
+        for _ in range(self._kind.rollouts):
+            learner, next_trail = self._program.iterate(learner, knobs, self._params)
+            if trail is not None:
+                self._take(trail)
+            trail = next_trail
+            if on_steps is not None:
+                on_steps(decisions)
+        if trail is not None:
+            self._take(trail)
+        for assembler in self._assemblers:
+            assembler.commit()
+        seconds = (time.perf_counter() - started) / len(self._configs)
+        stack = jax.tree.map(np.asarray, learner.stack)
+        return [
+            Outcome(
+                state_dict(stack, place),
+                config.rounded_steps,
+                seconds,
+                episode_summary(self._returns[place].returns, self._returns[place].successes),
+            )
+            for place, config in enumerate(self._configs)
+        ]
+
+    def _begin(self) -> Learner:
+        configs = self._configs
+        seeds = [config.seed for config in configs]
+        task = self._setups[0].task
+        noise = None if task.discrete else [config.log_std_init for config in configs]
+        stack = initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
+        lane_seeds = np.array([first_lane_seed(seed) for seed in seeds], dtype=np.uint32)
+        keys = jax.vmap(jax.random.key)(lane_seeds)
+        return self._program.begin(stack, keys, self._params)
+
+    def _knobs(self) -> Knobs:
+        values = []
+        for config, setup in zip(self._configs, self._setups, strict=True):
+            given = vars(config)
+            end = config.learning_rate_end
+            values.append(
+                {
+                    **{name: given[name] for name in Knobs._fields if name in given},
+                    "learning_rate_end": config.learning_rate if end is None else end,
+                    "target_kl": config.target_kl or 0.0,
+                    "gamma": config.discount(setup.timing.control_period),
+                }
+            )
+        return Knobs(
+            *(np.array([value[name] for value in values], np.float32) for name in Knobs._fields)
+        )
+
+    def _take(self, trail: Trail) -> None:
+        """Book a rollout's episodes."""
+        rewards, ended, success, begun = (np.asarray(x) for x in trail[:4])
+        for place, returns in enumerate(self._returns):
+            returns.add(rewards[:, place], ended[:, place], success[:, place])
+        if self._assemblers:
+            rows, first_rows = np.asarray(trail.rows), np.asarray(trail.first_rows)
+            for place, assembler in enumerate(self._assemblers):
+                assembler.add(
+                    rows[:, :, place], first_rows[:, :, place], begun[:, place], ended[:, place]
+                )
+
+
+def _run(
+    configs: Sequence[PPOConfig], evidence: Sequence[TrainingEvidence] | None, chunk: Chunk
+) -> list[Outcome]:
+    """One chunk, in a worker process."""
+    chosen = None if evidence is None else [evidence[place] for place in chunk.places]
+    return train_chunk([configs[place] for place in chunk.places], chosen, report_work)
+
+
+def _write(
+    configs: Sequence[PPOConfig],
+    folders: Sequence[Path],
+    chunk: Chunk,
+    future: Future[list[Outcome]],
+    trained: dict[int, TrainedPolicy],
+) -> None:
+    """Write the policies of a finished chunk."""
+    for place, outcome in zip(chunk.places, future.result(), strict=True):
+        trained[place] = write_outcome(configs[place], outcome, folders[place])
+
+
+def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedPolicy:
+    """Write a trained policy into a folder that exists.
+
+    Raises:
+        ValueError: if its weights are not finite.
+    """
+    env = functional.make(config.env_id, **config.env_arguments)
+    zip_bytes = zip_of_weights(
+        config,
+        env.setup.timing.control_period,
+        env.observation_space,  # type: ignore[arg-type]
+        env.action_space,
+        outcome.weights,
+        outcome.steps,
+    )
+    card = make_card(
+        config,
+        [env.setup],
+        trainer="fleet",
+        packages=("stable-baselines3", "torch", "jax", "jaxlib"),
+        steps=outcome.steps,
+        seconds=outcome.seconds,
+        last_episodes=outcome.last_episodes,
+    )
+    return write_policy(folder, zip_bytes, card, env.action_space)
+
+
+def _kind(config: PPOConfig) -> Kind:
+    """What a run shares with those that it can be trained with.
+
+    Raises:
+        TypeError, ValueError: for a run that the fleet cannot train.
+    """
+    if "mixture" in config.env_arguments:
+        raise ValueError(
+            "the fleet trainer has one discretization per policy, got a `mixture`; train mixtures "
+            "with trainer sb3"
+        )
+    env = functional.make(config.env_id, **config.env_arguments)
+    algorithm = Algorithm(
+        config.n_envs,
+        config.n_steps,
+        config.batch_size,
+        config.n_epochs,
+        config.activation,
+        config.normalize_advantage,
+        config.target_kl is not None,
+    )
+    sizes = (len(env.setup.task.observation_names), *config.net_arch)
+    rollouts = config.rounded_steps // config.rollout
+    return Kind(env.structure, sizes, algorithm, env.setup.timing.substeps, rollouts)
+
+
+_programs: dict[tuple[Structure, Algorithm, bool], FleetProgram] = {}
+"""Compiled programs of this process."""
+
+
+def _program(kind: Kind, env: FunctionalEnv, layout: Layout | None) -> FleetProgram:
+    """The program of a kind; kinds that differ in counts alone share one."""
+    key = (kind.structure, kind.algorithm, layout is not None)
+    if key not in _programs:
+        entries = ((), ()) if layout is None else (layout.names, first_entries(layout))
+        _programs[key] = FleetProgram(env, kind.algorithm, *entries)
+    return _programs[key]
+
+
+def _joined(params: Sequence[Params]) -> Params:
+    """Parameters of several environments as columns, shape (policies, 1)."""
+    joined = jax.tree.map(lambda *values: np.array(values)[:, None], *params)
+    return joined._replace(substeps=params[0].substeps)  # type: ignore[no-any-return]
+
+
+def _layout(env: FunctionalEnv) -> Layout:
+    """What the entries of an evidence row are."""
+    info = jax.eval_shape(lambda key: env.state_info(env.initial(key)), jax.random.key(0))
+    return Layout(env.setup.plant, env.setup.task, info)
+
+
+def _gpu_count() -> int:
+    """GPUs that JAX can use, without starting JAX."""
+    plugins = ("jax_cuda12_plugin", "jax_cuda13_plugin")
+    has_plugin = any(importlib.util.find_spec(name) for name in plugins)
+    return len(_visible_gpus()) if has_plugin else 0
+
+
+def _visible_gpus() -> list[str]:
+    """What `CUDA_VISIBLE_DEVICES` lists, or all NVIDIA GPUs of this machine."""
+    listed = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if listed is not None:
+        return [name for name in listed.split(",") if name]
+    found = list(Path("/proc/driver/nvidia/gpus").glob("*"))
+    return [str(number) for number in range(len(found))]
+
+
+def _bar(total: int, policies: int, shown: bool) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(
+        total=total,
+        desc=f"PPO, {policies} {'policy' if policies == 1 else 'policies'}",
+        unit=" steps",
+        unit_scale=True,
+        disable=not shown,
+        mininterval=0.5 if sys.stderr.isatty() else 15.0,
+        smoothing=0.05,
+    )
+
+
+def _need_extras() -> None:
+    """Check that what writes policies is there too.
+
+    Raises:
+        ModuleNotFoundError: with the command that installs it.
+    """
+    require("train", "fleet")

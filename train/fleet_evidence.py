@@ -1,0 +1,157 @@
+"""Evidence of training episodes, from the rollouts of a fleet."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.versions import installed_versions
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog
+from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import record_table
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class TrainingEvidence:
+    """Where the training episodes of one policy are recorded, and what is said about them.
+
+    Attributes:
+        store: directory of an `EvidenceStore`.
+        batch: name of the batch that holds them.
+        context: what they are for; its float width and packages are set by the trainer.
+    """
+
+    store: Path
+    batch: str
+    context: EpisodeContext
+
+
+def first_entries(layout: Layout) -> tuple[str, ...]:
+    """Entries of a row that are not zero right after a reset."""
+    return ("energy", "goal_since", *layout.state, *layout.sensed)
+
+
+class EpisodeAssembler:
+    """Puts the steps of one policy's rollouts together to whole episodes.
+
+    Args:
+        evidence: where they go.
+        env_id: environment.
+        setup: what it was made of.
+        layout: what the entries of a row are.
+        seed: of the training run.
+        lanes: environments that advance together.
+    """
+
+    def __init__(
+        self,
+        evidence: TrainingEvidence,
+        env_id: str,
+        setup: Setup,
+        layout: Layout,
+        seed: int,
+        lanes: int,
+    ) -> None:
+        packages = {**evidence.context.packages, **installed_versions(["jax"])}
+        self._evidence = evidence
+        self._context = replace(evidence.context, float_width=32, packages=packages)
+        self._env_id = env_id
+        self._setup = setup
+        self._layout = layout
+        self._log = EpisodeLog(layout, self._context)
+        self._seed = seed
+        self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
+        self._opened = np.full(lanes, _now())
+        self._draws = np.zeros(lanes, dtype=np.int64)
+        self._places = [layout.place(name) for name in first_entries(layout)]
+        self._next_index = evidence.context.first_episode
+        self._clock = _now()
+
+    def add(self, rows: Array, first_rows: Array, begun: Array, ended: Array) -> None:
+        """Take in one rollout.
+
+        Args:
+            rows: after each step, shape (entries, steps, lanes).
+            first_rows: before each step, entries as in :func:`first_entries`, else the same shape.
+            begun: whether an episode begins with a step, shape (steps, lanes).
+            ended: whether one ends with it.
+        """
+        now = _now()
+        steps, lanes = begun.shape
+        taken = [np.zeros((len(self._layout), 0))]
+        found: list[tuple[int, int, int]] = []
+        for lane in range(lanes):
+            joined, last_of = self._joined(lane, rows, first_rows, begun, ended)
+            stops = np.flatnonzero(ended[:, lane])
+            ends = last_of[stops] + 1
+            whole = int(ends[-1]) if len(ends) else 0
+            taken.append(joined[:, :whole])
+            self._open[lane] = joined[:, whole:]
+            counts = np.diff(ends, prepend=0)
+            found += [(int(t), lane, int(n)) for t, n in zip(stops, counts, strict=True)]
+        self._log_episodes(np.concatenate(taken, axis=1), found, self._clock, now, steps)
+        self._clock = now
+
+    def commit(self) -> Path | None:
+        """Write the finished episodes; None if there are none."""
+        if not len(self._log):
+            return None
+        table = record_table(self._log, self._env_id, [(self._setup, 0)])
+        return EvidenceStore(self._evidence.store).commit(self._evidence.batch, table)
+
+    def _joined(
+        self, lane: int, rows: Array, first_rows: Array, begun: Array, ended: Array
+    ) -> tuple[Array, Array]:
+        """A lane's rows, with those left over in front and a row for every reset.
+
+        Returns:
+            The rows, and the place of each step's row among them.
+        """
+        left = self._open[lane]
+        starts = np.flatnonzero(begun[:, lane])
+        places = left.shape[1] + np.arange(len(begun)) + np.cumsum(begun[:, lane])
+        joined = np.zeros((len(self._layout), left.shape[1] + len(begun) + len(starts)))
+        joined[:, : left.shape[1]] = left
+        joined[:, places] = rows[:, :, lane]
+        joined[np.ix_(self._places, places[starts] - 1)] = first_rows[:, starts, lane]
+        return joined, places
+
+    def _log_episodes(
+        self, rows: Array, found: list[tuple[int, int, int]], before: int, now: int, steps: int
+    ) -> None:
+        """Hand whole episodes to the log, numbered in the order in which they ended.
+
+        Args:
+            rows: theirs, lane by lane.
+            found: step of the rollout, lane and number of rows of each, lane by lane.
+            before: time at the start of the rollout, µs.
+            now: time at its end, µs.
+            steps: decisions of a lane in it.
+        """
+        order = sorted(range(len(found)), key=lambda i: found[i][:2])
+        index = {place: self._next_index + rank for rank, place in enumerate(order)}
+        self._next_index += len(found)
+        heads = []
+        for place, (step, lane, _) in enumerate(found):
+            ended = before + (now - before) * (step + 1) // steps
+            key = f"fleet-{self._seed}-{lane}/{self._draws[lane]}"
+            heads.append(EpisodeHead(index[place], None, key, int(self._opened[lane]), ended))
+            self._opened[lane] = ended
+            self._draws[lane] += 1
+        if heads:
+            self._log.add(rows, np.array([count for _, _, count in found]), heads)
+
+
+def _now() -> int:
+    """Unix time, µs."""
+    return time.time_ns() // 1000

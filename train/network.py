@@ -1,0 +1,91 @@
+"""Initial weights of actor-critics, drawn as stable-baselines3 (SB3) draws them.
+
+A *stack* holds the networks of several policies, actor and critic beside each other: per layer a
+weight of shape (policies, 2, out, in) and a bias of shape (policies, 2, out), actor first. The last
+layer has as many outputs as the actor needs; the critic's value is the first of its own, the rest
+have weight zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+HIDDEN_GAIN = math.sqrt(2.0)
+ACTOR_GAIN = 0.01
+CRITIC_GAIN = 1.0
+
+
+class Stack(NamedTuple):
+    """Weights of several actor-critics; entries are NumPy or JAX arrays."""
+
+    weights: tuple[Any, ...]
+    biases: tuple[Any, ...]
+    log_std: Any
+    """Log of the exploration noise, shape (policies, action_dim); action_dim 0 for `Discrete`."""
+
+
+def initial_stack(
+    seeds: Sequence[int], sizes: Sequence[int], outputs: int, log_std_init: Sequence[float] | None
+) -> Stack:
+    """Orthogonal weights with SB3's gains, zero biases.
+
+    Args:
+        seeds: one per policy.
+        sizes: of the observation and of the hidden layers.
+        outputs: of the actor: action dimensions, or number of actions.
+        log_std_init: one per policy, or None for a `Discrete` action space.
+    """
+    policies = [_initial_weights(np.random.default_rng(s), sizes, outputs) for s in seeds]
+    weights = tuple(np.stack(layer) for layer in zip(*policies, strict=True))
+    biases = tuple(np.zeros(weight.shape[:-1], dtype=np.float32) for weight in weights)
+    noise = np.zeros((len(seeds), 0 if log_std_init is None else outputs), dtype=np.float32)
+    if log_std_init is not None:
+        noise += np.asarray(log_std_init, dtype=np.float32)[:, None]
+    return Stack(weights, biases, noise)
+
+
+def _initial_weights(rng: np.random.Generator, sizes: Sequence[int], outputs: int) -> list[Array]:
+    """One (2, out, in) array per layer."""
+    hidden = [
+        np.stack([orthogonal(rng, b, a, HIDDEN_GAIN) for _ in range(2)]) for a, b in pairwise(sizes)
+    ]
+    critic = np.zeros((outputs, sizes[-1]), dtype=np.float32)
+    critic[:1] = orthogonal(rng, 1, sizes[-1], CRITIC_GAIN)
+    return [*hidden, np.stack([orthogonal(rng, outputs, sizes[-1], ACTOR_GAIN), critic])]
+
+
+def orthogonal(rng: np.random.Generator, rows: int, columns: int, gain: float) -> Array:
+    """A random matrix with orthonormal rows or columns, times ``gain``, shape (rows, columns).
+
+    Source: Saxe, McClelland and Ganguli (2014), *Exact solutions to the nonlinear dynamics of
+    learning in deep linear neural networks*, arXiv:1312.6120.
+    """
+    q, r = np.linalg.qr(rng.standard_normal((max(rows, columns), min(rows, columns))))
+    q *= np.sign(np.diag(r))
+    return (gain * (q if rows >= columns else q.T)).astype(np.float32)
+
+
+def state_dict(stack: Stack, policy: int) -> dict[str, Array]:
+    """Weights of one policy under the names that SB3's `ActorCriticPolicy` gives them."""
+    named: dict[str, Array] = {}
+    for layer, (weight, bias) in enumerate(zip(stack.weights, stack.biases, strict=True)):
+        last = layer == len(stack.weights) - 1
+        for side, net in enumerate(("policy", "value")):
+            prefix = f"mlp_extractor.{net}_net.{2 * layer}"
+            outputs = weight.shape[2]
+            if last:
+                prefix = "action_net" if side == 0 else "value_net"
+                outputs = outputs if side == 0 else 1
+            named[f"{prefix}.weight"] = np.array(weight[policy, side, :outputs], dtype=np.float32)
+            named[f"{prefix}.bias"] = np.array(bias[policy, side, :outputs], dtype=np.float32)
+    if stack.log_std.shape[1]:
+        named["log_std"] = np.array(stack.log_std[policy], dtype=np.float32)
+    return named
