@@ -56,7 +56,7 @@ class IntegElasticPendulumEnv(IntegEnv):
 
     ## Starting State
 
-    `start="pushed"`: at the resting place, |ẋ| uniform from 1.5 to 3 m/s, ẏ in ±0.3 m/s.
+    `start="pushed"`: at the resting place, ẋ uniform from 1.5 to 3 m/s, ẏ in ±0.3 m/s.
     `reset(options={"push": …})` gives another largest ẋ.
 
     ## Episode End

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.info import booked
 from integ_gym.envs.jax_ops import JaxOps, jax, jnp
 from integ_gym.envs.ops import Component, Components
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.system import PlantSystem
@@ -210,6 +211,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         setup = self.setup
         plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
         task = replace(setup.task, **params.task)  # type: ignore[type-var]
+        vars(plant).update({part: None for part in _OPTIONAL if _lacks(setup.plant, part)})
         _fill_caches(plant)
         _fill_caches(task)
         system = PlantSystem(plant, params.max_speed)
@@ -229,7 +231,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
     def start(self, drawn: Components, params: Params) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
         limits = zip(drawn, params.start_low, params.start_high, strict=True)
-        return tuple(low + x * (high - low) for x, low, high in limits)
+        q, v = split_state(tuple(low + x * (high - low) for x, low, high in limits))
+        return join_state(self.setup_of(params).system.confined(self._ops, q), v)
 
     def begin(self, start: Components, params: Params) -> EnvState:
         """Episodes that start in ``start``, in state order, components of one shape."""
@@ -371,6 +374,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             "sensor_period": setup.timing.sensor is not None,
             "max_speed": setup.settings.max_speed is not None,
             "observation_noise": setup.settings.observation_noise > 0.0,
+            **{part: not _lacks(setup.plant, part) for part in _OPTIONAL},
         }
         return Structure(
             env_id,
@@ -481,6 +485,10 @@ def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     return setup
 
 
+_OPTIONAL = ("stops", "dry_friction")
+"""Parts of a plant that it may lack, which decides the program."""
+
+
 def _fill_caches(part: Any) -> None:
     """Compute cached properties now, so that none is first computed, and kept, inside a loop."""
     for owner in type(part).__mro__:
@@ -492,4 +500,8 @@ def _fill_caches(part: Any) -> None:
 def _numbers(part: Any) -> dict[str, Component]:
     """Numeric fields of a plant or task."""
     values = {f.name: getattr(part, f.name) for f in fields(part)}
-    return {k: x for k, x in values.items() if not isinstance(x, (str, bool))}
+    return {k: x for k, x in values.items() if not isinstance(x, (str, bool, NoneType))}
+
+
+def _lacks(plant: Plant, part: str) -> bool:
+    return getattr(plant, part, None) is None

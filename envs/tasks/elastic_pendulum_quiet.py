@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import copysign, inf, isfinite
+from math import inf, isfinite
 from typing import Any, ClassVar
 
 from integ_gym.envs.ops import Component, Components, Ops
@@ -86,9 +86,9 @@ class ElasticPendulumQuiet:
         return abs(q[0]) < NEAR_PLUMB
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
-        """At the resting place, with |ẋ| from push/2 to push and |ẏ| up to push/10, push 3 m/s."""
+        """At the resting place, with ẋ from push/2 to push and |ẏ| up to push/10, push 3 m/s."""
         push = number(options, "push", 3.0)
         if not (isfinite(push) and push >= 0.0):
             raise ValueError(f"reset option `push` must be finite and 0 or above, got {push}")
-        across, up = (float(x) for x in rng.uniform(-1.0, 1.0, size=2))
-        return 0.0, copysign(0.5 * push * (1.0 + abs(across)), across), 0.0, 0.1 * push * up
+        x_dot, y_dot = rng.uniform(low=[0.5 * push, -0.1 * push], high=[push, 0.1 * push])
+        return 0.0, float(x_dot), 0.0, float(y_dot)
