@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import tempfile
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -20,6 +21,7 @@ from typing import Any
 import gymnasium as gym
 
 import integ_gym  # noqa: F401
+from integ_gym.evidence import EpisodeContext, RecordEvidence
 
 ACTIONS = 256
 LANES = (64, 1024)
@@ -71,6 +73,10 @@ def measure(seconds: float) -> list[dict[str, Any]]:
         base = single_rate(gym.make(stock), seconds)
         rows.append(_row(stock, 1, base, base))
         rows.append(_row(ours, 1, single_rate(gym.make(ours), seconds), base))
+        with tempfile.TemporaryDirectory() as store:
+            context = EpisodeContext("benchmark", "single")
+            recorded = RecordEvidence(gym.make(ours), store, context, commit_on_close=False)
+            rows.append(_row(f"{ours} with evidence", 1, single_rate(recorded, seconds), base))
         for lanes in LANES:
             base = vector_rate(gym.make_vec(stock, num_envs=lanes), seconds)
             rows.append(_row(stock, lanes, base, base))
