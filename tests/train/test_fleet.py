@@ -386,8 +386,8 @@ def test_refusals(tmp_path, capsys):
 
 
 def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr(fleet.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[train,fleet\]"$'):
+    monkeypatch.setattr("integ_gym.envs.extras.find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[fleet,train\]"$'):
         train_fleet([_config()], [tmp_path])
 
 
