@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,21 @@ from tqdm import tqdm
 
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
-from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec, SpecError
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.eval.panel_fleet import check_fleet, train_units
+from integ_gym.eval.run_directory import RunDirectory, key_of
+from integ_gym.eval.spec import PanelSpec, SpecError
+from integ_gym.eval.units import (
+    Unit,
+    is_trained,
+    training_config,
+    training_context,
+    training_key,
+    units_of,
+)
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import train
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
 from integ_gym.train.worker import Progress, cores, report_work
 
@@ -35,43 +42,6 @@ CELL_SECONDS = 0.4
 
 class PanelError(RuntimeError):
     """A unit of work that failed, in one sentence."""
-
-
-@dataclass(frozen=True)
-class Unit:
-    """One training run with its evaluation, or the evaluation of one baseline.
-
-    Attributes:
-        row: name of the panel's row.
-        home: training discretization, or None for a baseline.
-        seed: training seed, or None.
-    """
-
-    row: str
-    home: Discretization | None = None
-    seed: int | None = None
-
-    @property
-    def policy(self) -> str:
-        """Identifier of the policy, usable as a file name."""
-        seed = "" if self.seed is None else f"-seed{self.seed}"
-        return re.sub(r"[^A-Za-z0-9._]+", "-", self.row) + seed
-
-    @property
-    def training(self) -> str:
-        """Name of the training unit."""
-        return f"train-{self.policy}"
-
-    @property
-    def evaluation(self) -> str:
-        """Name of the evaluation unit."""
-        return f"evaluate-{self.policy}"
-
-
-def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
-    """Baselines first, which are quick, then the training runs, seed by seed."""
-    baselines = tuple(Unit(name) for name in spec.baselines)
-    return baselines + tuple(Unit(d.name, d, seed) for seed in spec.seeds for d in spec.train)
 
 
 def check_spec(spec: PanelSpec) -> None:
@@ -92,19 +62,10 @@ def check_spec(spec: PanelSpec) -> None:
                 training_config(spec, unit)
             else:
                 make_baseline(unit.row, nominal_setup(spec))
+        if spec.fleet:
+            check_fleet(spec)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
-
-
-def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
-    """Hyperparameters of one training run."""
-    assert unit.home is not None
-    return PPOConfig.of(
-        spec.env_id,
-        env_arguments=Cell(unit.home, "grid").arguments(spec.environment),
-        seed=unit.seed,
-        **spec.training,
-    )
 
 
 def nominal_setup(spec: PanelSpec) -> Any:
@@ -144,6 +105,8 @@ def run_panel(
 
 def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress: bool) -> None:
     units = units_of(spec)
+    if spec.fleet:
+        train_units(spec, directory, units, workers, progress)
     total = sum(_work(spec, unit) for unit in units)
     shared = Progress()
     with shared.pool(workers) as pool, _bar(spec, total, progress) as bar:
@@ -187,14 +150,15 @@ def _scheduled(
 
 def _run_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     """Train a policy, unless it is a baseline, and evaluate it."""
-    if unit.home is not None:
+    if unit.home is not None and not spec.fleet:
         _train_unit(spec, directory, unit)
     _evaluate_unit(spec, directory, unit)
 
 
 def _work(spec: PanelSpec, unit: Unit) -> float:
     """Expected time of a unit on one core, s."""
-    training = 0.0 if unit.home is None else _training_seconds(spec, unit)
+    trained_here = unit.home is not None and not spec.fleet
+    training = _training_seconds(spec, unit) if trained_here else 0.0
     return training + CELL_SECONDS * len(spec.cells_of(unit.home))
 
 
@@ -205,9 +169,8 @@ def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
 def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     """Train one policy and mark it finished, unless it is."""
     config = training_config(spec, unit)
-    key = key_of(config=asdict(config))
-    policy_file = directory.policies / unit.policy / POLICY_FILE
-    if directory.finished(unit.training, key, policy_file):
+    key = training_key(config)
+    if is_trained(directory, unit, key):
         report_work(_training_seconds(spec, unit))
         return
     directory.discard_remains(unit.training)
@@ -215,7 +178,7 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     shutil.rmtree(final, ignore_errors=True)
     start = time.time()
     store = EvidenceStore(directory.evidence)
-    context = _training_context(spec, unit, config)
+    context = training_context(spec, unit, config)
     recorders: list[RecordVectorEvidence] = []
 
     def recorded(environment: Any) -> RecordVectorEvidence:
@@ -232,20 +195,6 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     )
     recorders[-1].commit(unit.training)
     directory.finish(unit.training, key, start, policy=trained.content_hash)
-
-
-def _training_context(spec: PanelSpec, unit: Unit, config: PPOConfig) -> EpisodeContext:
-    assert unit.home is not None
-    return EpisodeContext(
-        run_id=spec.name,
-        cell=unit.training,
-        phase="training",
-        policy_id=unit.policy,
-        training_discretization=unit.home.arguments(),
-        training_seed=unit.seed,
-        trace_every=config.trace_every,
-        packages=package_versions(),
-    )
 
 
 def _report_training(steps: int) -> None:

@@ -10,10 +10,10 @@ from typing import Any
 from integ_gym.eval.artefact import PanelLayout, build_artefact
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
-from integ_gym.eval.panel import Unit, training_config, units_of
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import RunDirectory, write_json
 from integ_gym.eval.spec import Discretization, PanelSpec
+from integ_gym.eval.units import Unit, training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 
 

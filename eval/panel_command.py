@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from integ_gym.envs.extras import require
 from integ_gym.eval.panel import run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.run_directory import RunDirectory
-from integ_gym.eval.spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
+from integ_gym.eval.spec import BUILT_IN, TRAINERS, PanelSpec, built_in_spec, read_spec
 from integ_gym.evidence.command_line import CommandParser
 from integ_gym.train.worker import cores
 
@@ -20,6 +21,8 @@ EXAMPLES = """\
 examples:
   integ-gym panel --out runs/panel        the built-in quick panel
   integ-gym panel --out runs/panel        again: finishes what was interrupted
+  integ-gym panel --trainer fleet --out runs/fleet
+                                          all policies at once, compiled
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
                                           a panel of your own, see docs/panel.md
 """
@@ -38,6 +41,10 @@ def parser() -> argparse.ArgumentParser:
     add = made.add_argument
     add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
     add("--out", required=True, type=Path, metavar="DIR", help="the panel's directory")
+    add(
+        "--trainer", choices=TRAINERS,
+        help="stable-baselines3, or the compiled fleet trainer; default: the specification's",
+    )  # fmt: skip
     add("--workers", type=int, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
@@ -50,7 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = _spec(arguments.spec)
+    if arguments.trainer:
+        spec = replace(spec, trainer=arguments.trainer)
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
+    words += ["--trainer", arguments.trainer] if arguments.trainer else []
     command = shlex.join([*words, "--out", str(arguments.out)])
     workers = arguments.workers or cores()
     panel: dict[str, Any] = {}

@@ -14,12 +14,15 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.timing import is_multiple
+from integ_gym.envs.versions import package_version
 
 BUILT_IN = ("quick",)
 """Panels that come with the package."""
 
 BASELINES = ("random", "zero", "handmade")
 """Policies without training that every panel holds its rows against."""
+
+TRAINERS = ("sb3", "fleet")
 
 LARGEST_SEED = 2**32 - 1
 
@@ -127,6 +130,8 @@ class PanelSpec:
     """Declared comparisons: (training discretization, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of training discretizations whose policies are compared under refinement."""
+    trainer: str = "sb3"
+    """`sb3` (stable-baselines3) or `fleet` (compiled; all policies at once)."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20
@@ -201,6 +206,7 @@ class PanelSpec:
             "control_period": self.control_period,
             "environment": dict(self.environment),
             "training": dict(self.training),
+            "trainer": self._trainer(),
             "train": [d.arguments() for d in self.train],
             "grid": [d.arguments() for d in self.grid],
             "seeds": list(self.seeds),
@@ -215,6 +221,15 @@ class PanelSpec:
             "episode_seed": self.episode_seed,
             "sources": self._sources(),
         }
+
+    def _trainer(self) -> dict[str, str | None]:
+        """The trainer, with what its results depend on beside the packages of every panel."""
+        return {"name": self.trainer, **({"jax": package_version("jax")} if self.fleet else {})}
+
+    @property
+    def fleet(self) -> bool:
+        """Whether the policies are trained by the fleet trainer."""
+        return self.trainer == "fleet"
 
     def _sources(self) -> dict[str, str]:
         """SHA-256 of the source of every integrator of the user's own."""
@@ -268,7 +283,8 @@ def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
 
 _KEYS = (
     "name", "question", "env_id", "control_period", "seeds", "episodes", "episode_seed",
-    "baselines", "family", "compare", "ladder", "environment", "training", "train", "evaluate",
+    "baselines", "family", "compare", "ladder", "environment", "training", "trainer", "train",
+    "evaluate",
     "perturbations",
 )  # fmt: skip
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
@@ -293,6 +309,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         perturbations=_perturbations(data, period),
         family=tuple(_pair("family", pair) for pair in _list(data, "family")),
         compare=tuple(_pair("compare", pair) for pair in _list(data, "compare")),
+        trainer=_text("trainer", data.get("trainer", PanelSpec.trainer)),
         ladder=_flag(data, "ladder", True),
         episodes=_integer("episodes", data.get("episodes", 20)),
         episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),
@@ -301,6 +318,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
 
 
 def _check(spec: PanelSpec) -> None:
+    _known("trainer", spec.trainer, TRAINERS)
     if spec.episodes < 1 or not spec.seeds or not spec.train:
         raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
     named: dict[str, Sequence[Any]] = {

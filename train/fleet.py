@@ -121,6 +121,7 @@ def train_fleet(
     workers: int | None = None,
     cache_dir: str | Path | None = None,
     force: bool = False,
+    on_trained: Callable[[int, TrainedPolicy], None] = lambda place, trained: None,
 ) -> list[TrainedPolicy]:
     """Train policies and write each as `integ_gym.train.ppo.train` does.
 
@@ -132,6 +133,8 @@ def train_fleet(
         workers: processes; by default one per GPU, or one per core.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
         force: replace policies that are already there.
+        on_trained: told the place of every policy in `configs` once it and its evidence are
+            written.
 
     Raises:
         OSError: if a folder cannot be used, or holds a policy and `force` is not given.
@@ -163,7 +166,10 @@ def train_fleet(
                 ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
                 bar.update(min(bar.total, shared.total()) - bar.n)
                 for future in ended:
-                    _write(configs, folders, running.pop(future), future, trained)
+                    chunk = running.pop(future)
+                    _write(configs, folders, chunk, future, trained)
+                    for place in chunk.places:
+                        on_trained(place, trained[place])
                     bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

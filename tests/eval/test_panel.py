@@ -251,3 +251,26 @@ def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
     content = {"schema_version": 1, "rows": [1], "matrix": [{}], "cells": []}
     (tmp_path / "panel.json").write_text(json.dumps(content))
     assert "is damaged" in _fails(capsys, "report", str(tmp_path))
+
+
+@pytest.mark.slow
+def test_the_fleet_trains_the_same_panel(panel_directory, tmp_path, capsys):
+    """Directory, records and resuming are those of any panel; policies open alike."""
+    spec, out = panel_directory.parent / "small.toml", tmp_path / "out"
+    command = ["panel", str(spec), "--trainer", "fleet", "--out", str(out), "--no-progress"]
+    assert main(command) == 0
+    store = EvidenceStore(out / "evidence")
+    assert store.verify() == []
+    counts = "SELECT phase, count(*) AS n FROM records GROUP BY phase ORDER BY phase"
+    ours = store.query(counts).to_pylist()
+    theirs = EvidenceStore(panel_directory / "evidence").query(counts).to_pylist()
+    assert ours == theirs
+    assert len(list((out / "policies").glob("*/policy.zip"))) == 4
+    assert _panel(out)["spec"]["trainer"]["name"] == "fleet"
+    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    (out / "policies" / "rk4-dt-0.05-seed1" / "policy.zip").unlink()
+    assert main(command) == 0
+    again = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    assert {p.name for p in units if again[p] != units[p]} == {"train-rk4-dt-0.05-seed1.json"}
+    message = _fails(capsys, "panel", str(spec), "--out", str(out))
+    assert "holds another panel" in message

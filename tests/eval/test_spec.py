@@ -10,8 +10,9 @@ import pytest
 from small_panel import TOML
 
 import integ_gym.eval
-from integ_gym.eval.panel import check_spec, units_of
+from integ_gym.eval.panel import check_spec
 from integ_gym.eval.spec import SpecError, built_in_spec, parse_spec, read_spec
+from integ_gym.eval.units import units_of
 
 SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))
 
@@ -120,6 +121,7 @@ def test_units_are_rows_times_seeds():
         ({"evaluate": [{"integrator": "rk4", "dt": "fine"}]}, ["`dt` must be a finite"]),
         ({"evaluate": [{"integrator": "rk4", "dt": float("nan")}]}, ["`dt` must be a finite"]),
         ({"baselines": [1]}, ["`baselines` must be made of names"]),
+        ({"trainer": "sb4"}, ["unknown trainer", "fleet, sb3"]),
         ({"ladder": "false"}, ["`ladder` must be true or false, got 'false'"]),
         ({"perturbations": ["mass"]}, ["every perturbation must be a table", "'mass'"]),
         ({"name": 3}, ["`name` must be made of names"]),

@@ -1,0 +1,90 @@
+"""Units of work of a panel: training runs, and evaluations."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass
+
+from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
+from integ_gym.eval.spec import Cell, Discretization, PanelSpec
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.sidecar import POLICY_FILE
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One training run with its evaluation, or the evaluation of one baseline.
+
+    Attributes:
+        row: name of the panel's row.
+        home: training discretization, or None for a baseline.
+        seed: training seed, or None.
+    """
+
+    row: str
+    home: Discretization | None = None
+    seed: int | None = None
+
+    @property
+    def policy(self) -> str:
+        """Identifier of the policy, usable as a file name."""
+        seed = "" if self.seed is None else f"-seed{self.seed}"
+        return re.sub(r"[^A-Za-z0-9._]+", "-", self.row) + seed
+
+    @property
+    def training(self) -> str:
+        """Name of the training unit."""
+        return f"train-{self.policy}"
+
+    @property
+    def evaluation(self) -> str:
+        """Name of the evaluation unit."""
+        return f"evaluate-{self.policy}"
+
+
+def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
+    """Baselines first, which are quick, then the training runs, seed by seed."""
+    baselines = tuple(Unit(name) for name in spec.baselines)
+    return baselines + tuple(Unit(d.name, d, seed) for seed in spec.seeds for d in spec.train)
+
+
+def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
+    """Hyperparameters of one training run."""
+    assert unit.home is not None
+    return PPOConfig.of(
+        spec.env_id,
+        env_arguments=Cell(unit.home, "grid").arguments(spec.environment),
+        seed=unit.seed,
+        **spec.training,
+    )
+
+
+def training_key(config: PPOConfig) -> str:
+    """Hash of all that a training run depends on."""
+    return key_of(config=asdict(config))
+
+
+def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
+    """Whether the unit's policy and its records are there.
+
+    Raises:
+        RunDirectoryError: if they are of another configuration or version.
+    """
+    policy = directory.policies / unit.policy / POLICY_FILE
+    return directory.finished(unit.training, key, policy) is not None
+
+
+def training_context(spec: PanelSpec, unit: Unit, config: PPOConfig) -> EpisodeContext:
+    """What the training episodes of a unit are for."""
+    assert unit.home is not None
+    return EpisodeContext(
+        run_id=spec.name,
+        cell=unit.training,
+        phase="training",
+        policy_id=unit.policy,
+        training_discretization=unit.home.arguments(),
+        training_seed=unit.seed,
+        trace_every=config.trace_every,
+        packages=package_versions(),
+    )
