@@ -35,7 +35,9 @@ class NotTraceable(TypeError):
 class Symbol:
     """A float, integer or truth value that is known when the traced function runs."""
 
-    __slots__ = ("arguments", "block", "boolean", "depth", "name", "template", "trace", "uses")
+    __slots__ = (
+        "arguments", "block", "boolean", "depth", "name", "raising", "template", "trace", "uses",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -51,6 +53,7 @@ class Symbol:
         self.arguments = arguments
         self.boolean = boolean
         self.name = name
+        self.raising = _can_raise(template, arguments)
         self.uses = 0
         self.depth = 0
 
@@ -89,6 +92,12 @@ class Symbol:
 
     def __pow__(self, other: Any) -> Any:
         return self.trace.note("{0} ** {1}", self, other)
+
+    def __rmod__(self, other: Any) -> Any:
+        return self.trace.note("{0} % {1}", other, self)
+
+    def __rpow__(self, other: Any) -> Any:
+        return self.trace.note("{0} ** {1}", other, self)
 
     def __neg__(self) -> Any:
         return self.trace.note("-{0}", self)
@@ -141,6 +150,7 @@ class Loop:
     inner: Block
     ends: list[Any] = field(default_factory=list)
     condition: Any = None
+    """Made of the first :attr:`Block.split` items of ``inner``."""
     index: Symbol | None = None
     count: int = 0
 
@@ -152,6 +162,7 @@ class Block:
         self.parent = parent
         self.items: list[Symbol | Loop] = []
         self.known: dict[Any, Symbol] = {}
+        self.split = 0
 
     def find(self, key: Any) -> Symbol | None:
         """The symbol of an equal operation, here or further out."""
@@ -181,6 +192,7 @@ class Trace:
 
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Symbol:
         """The symbol of an operation; the one at hand where an equal one was noted."""
+        arguments = tuple(_plain(argument) for argument in arguments)
         key = (template, *(_identity(argument) for argument in arguments))
         symbol = self.block.find(key)
         if symbol is None:
@@ -217,6 +229,7 @@ class Trace:
                 ]
                 index = self.variable() if condition is None else None
                 goes_on = None if condition is None else condition(_rebuilt(carry, held))
+                self.block.split = len(self.block.items)
                 ends = _leaves(body(index, _rebuilt(carry, held)))
             finally:
                 inner, self.block = self.block, outer
@@ -343,6 +356,8 @@ class _Writer:
 
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
+        self._cut = 0
+        """Lines of the block written last that belong to its first :attr:`Block.split` items."""
 
     def block(self, block: Block, wanted: Sequence[Symbol]) -> list[str]:
         """The statements that compute the ``wanted`` symbols."""
@@ -353,8 +368,13 @@ class _Writer:
         for symbol in wanted:
             symbol.uses += 1 if symbol.block is block else 2
         lines: list[str] = []
+        self._cut = 0
+        first = {id(item) for item in block.items[: block.split]}
+        cut = 0
         for item in live:
             lines += self._loop(item) if isinstance(item, Loop) else self._operation(item)
+            cut = len(lines) if id(item) in first else cut
+        self._cut = cut
         return lines
 
     def display(self, value: Any) -> str:
@@ -367,7 +387,7 @@ class _Writer:
 
     def _operation(self, symbol: Symbol) -> list[str]:
         symbol.depth = 1 + max((a.depth for a in symbol.arguments if _inlined(a)), default=0)
-        if symbol.uses == 1 and symbol.depth <= _DEEPEST:
+        if symbol.uses == 1 and symbol.depth <= _DEEPEST and not symbol.raising:
             return []
         expression = self._expression(symbol)
         symbol.name = self._trace.new_name()
@@ -381,7 +401,7 @@ class _Writer:
         wanted = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
         inside = self.block(loop.inner, wanted)
         if loop.condition is not None:
-            cut = self._condition_end(loop, inside)
+            cut = self._cut
             stop = f"if not ({self._operand(loop.condition, bare=True)}): break"
             inside = [*inside[:cut], stop, *inside[cut:]]
         targets = ", ".join(variable.name for variable in loop.variables)
@@ -393,18 +413,12 @@ class _Writer:
             opening = f"for {loop.index.name} in range({loop.count}):"
         return [*head, opening, *(f"    {line}" for line in inside or ["pass"])]
 
-    def _condition_end(self, loop: Loop, inside: Sequence[str]) -> int:
-        """Line after the last one that the condition needs."""
-        names = _named_within(loop.condition)
-        places = [k for k, line in enumerate(inside) if line.split(" = ")[0].strip() in names]
-        return max(places, default=-1) + 1
-
     def _expression(self, symbol: Symbol) -> str:
         return symbol.template.format(*(self._operand(a) for a in symbol.arguments))
 
     def _operand(self, value: Any, bare: bool = False) -> str:
         if not isinstance(value, Symbol):
-            text = repr(value)
+            text = repr(_plain(value))
             return f"({text})" if text.startswith("-") else text
         if value.name:
             return value.name
@@ -414,15 +428,6 @@ class _Writer:
 
 def _inlined(value: Any) -> bool:
     return isinstance(value, Symbol) and not value.name
-
-
-def _named_within(value: Any) -> set[str]:
-    """Names that the source of a value holds."""
-    if not isinstance(value, Symbol):
-        return set()
-    if value.name:
-        return {value.name}
-    return set().union(*(_named_within(argument) for argument in value.arguments))
 
 
 def _needed(item: Symbol | Loop) -> list[Symbol]:
@@ -438,15 +443,18 @@ def _needed(item: Symbol | Loop) -> list[Symbol]:
 
 
 def _live_items(block: Block, wanted: Sequence[Symbol]) -> list[Symbol | Loop]:
-    """Items of a block that the wanted symbols need, loops cut down to the variables needed."""
+    """Items of a block that the wanted symbols need, loops cut down to the variables needed.
+
+    What can raise is kept in any case, and given a name: the scalar world evaluates everything.
+    """
     live: set[int] = {id(symbol) for symbol in wanted}
     kept: list[Symbol | Loop] = []
     for item in reversed(block.items):
         if isinstance(item, Loop):
-            if _trim(item, live):
+            if _raising_within(item.inner) or _trim(item, live):
                 kept.append(item)
                 live |= {id(s) for s in (*_needed(item), *_outer_needs(item))}
-        elif id(item) in live:
+        elif item.raising or id(item) in live:
             kept.append(item)
             live |= {id(symbol) for symbol in _needed(item)}
     return kept[::-1]
@@ -475,8 +483,42 @@ def _outer_needs(loop: Loop) -> list[Symbol]:
     """Symbols from outside that the inside of a loop uses."""
     wanted = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
     found: dict[int, Symbol] = {}
-    _reach(loop.inner, wanted, found)
+    _reach(loop.inner, [*wanted, *_raising_within(loop.inner)], found)
     return list(found.values())
+
+
+def _raising_within(block: Block) -> list[Symbol]:
+    """Operations in a block, and in its loops, that can raise."""
+    found: list[Symbol] = []
+    for item in block.items:
+        if isinstance(item, Loop):
+            found += _raising_within(item.inner)
+        elif item.raising:
+            found.append(item)
+    return found
+
+
+def _can_raise(template: str, arguments: tuple[Any, ...]) -> bool:
+    """Whether an operation can raise an ``ArithmeticError`` in the scalar world."""
+    if template == "{0} ** {1}":
+        return True
+    if template not in ("{0} / {1}", "{0} % {1}"):
+        return False
+    return isinstance(arguments[1], Symbol) or arguments[1] == 0
+
+
+def _plain(value: Any) -> Any:
+    """A symbol, or a constant of Python's own type.
+
+    Raises:
+        NotTraceable: for a constant that is none of a number, a truth value and a text.
+    """
+    if isinstance(value, Symbol) or type(value) in (bool, int, float, str):
+        return value
+    own = value.item() if getattr(value, "shape", None) == () else value
+    if type(own) not in (bool, int, float, str):
+        raise NotTraceable(f"a constant of type {type(value).__name__} is not traced")
+    return own
 
 
 def _reached(block: Block, wanted: Sequence[Any]) -> set[int]:
@@ -504,7 +546,7 @@ def _reach(block: Block, wanted: Sequence[Symbol], found: dict[int, Symbol]) -> 
             loop = loops[id(symbol)]
             waiting += [s for s in loop.starts if isinstance(s, Symbol)]
             inner = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
-            _reach(loop.inner, inner, found)
+            _reach(loop.inner, [*inner, *_raising_within(loop.inner)], found)
 
 
 def _identity(value: Any) -> Any:

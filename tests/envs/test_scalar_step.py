@@ -159,3 +159,73 @@ def test_constants_and_unused_work_leave_no_trace():
 def test_asking_for_a_value_is_refused():
     with pytest.raises(NotTraceable):
         compiled(lambda ops, x: 1.0 if x > 0.0 else 2.0, False)
+
+
+def _same_outcome(function, *values):
+    """What the traced function gives or raises is what the plain one does."""
+    made = compiled(function, *(False for _ in values))
+    try:
+        expected = repr(function(SCALAR, *values))
+    except ArithmeticError as error:
+        with pytest.raises(type(error)):
+            made(*values)
+        return
+    assert repr(made(*values)) == expected
+
+
+@pytest.mark.parametrize("x", [0.0, 2.0])
+def test_what_raises_in_a_branch_not_taken_raises(x):
+    _same_outcome(lambda ops, x: ops.where(x == 0.0, 0.0, 1.0 / x), x)
+    _same_outcome(lambda ops, x: ops.where(x == 0.0, 0.0, 3.0 % x), x)
+    _same_outcome(lambda ops, x: (x, 1.0 / x)[0], x)
+    _same_outcome(lambda ops, x: (x > 0.0) & (1.0 / x > 0.0), x)
+    _same_outcome(lambda ops, x: ops.where(x > 1e3, (1e200 + x) ** 2, x), x)
+
+
+@pytest.mark.parametrize("x", [0.0, 3.0])
+def test_what_raises_in_a_loop_that_nobody_needs_raises(x):
+    def function(ops, x):
+        ops.repeat(2, lambda k, c: (c[0] + 1.0 / (x + k),), (0.0,))
+        return x
+
+    _same_outcome(function, x)
+
+
+@pytest.mark.parametrize("limit", [3.0, 9.0])
+def test_a_condition_may_hold_a_loop(limit):
+    def function(ops, limit):
+        def unfinished(carry):
+            doubled = ops.while_loop(
+                lambda c: c[1] < 2.0, lambda c: (2.0 * c[0], c[1] + 1.0), (carry[0], 0.0)
+            )
+            return doubled[0] < 4.0 * limit
+
+        return ops.while_loop(unfinished, lambda c: (c[0] + 1.0, c[1] + limit), (1.0, 0.0))
+
+    assert compiled(function, False)(limit) == function(SCALAR, limit)
+
+
+class Tableau:
+    """Explicit Euler with its weight in an array."""
+
+    weights = np.array([1.0])
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        acceleration, rates = system.rates(ops, q, v, control)
+        h = self.weights[0] * dt
+        return Step(along(q, h, v), along(v, h, acceleration), along(losses, h, rates))
+
+
+def test_constants_of_numpy_are_traced_as_numbers():
+    own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Tableau")
+    euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
+    assert traced_step(own.unwrapped.setup) is not None
+    own.reset(seed=0)
+    euler.reset(seed=0)
+    for _ in range(WARM_UP + 5):
+        assert own.step([0.5])[0].tolist() == euler.step([0.5])[0].tolist()
+
+
+def test_other_constants_are_not_traced():
+    with pytest.raises(NotTraceable, match="ndarray"):
+        compiled(lambda ops, x: ops.where(x > 0.0, np.ones(2), x), False)
