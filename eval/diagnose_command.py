@@ -56,7 +56,10 @@ def parser() -> argparse.ArgumentParser:
         help="integration steps, s; one is halved twice; the largest is the control period",
     )  # fmt: skip
     add("--example", choices=("drift",), help="a worked example instead")
-    add("--out", required=True, type=Path, metavar="DIR", help="where results go")
+    add(
+        "--out", type=Path, metavar="DIR",
+        help="where results go; for --example by default runs/NAME",
+    )  # fmt: skip
     add("--workers", type=int, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
@@ -64,7 +67,12 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    given = parser().parse_args(argv)
+    made = parser()
+    given = made.parse_args(argv)
+    if given.out is None:
+        if not given.example:
+            made.error("the following arguments are required: --out")
+        given.out = Path("runs") / given.example
     require("train", "report", "evidence")
     with _importable_here():
         if given.example:

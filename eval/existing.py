@@ -222,10 +222,15 @@ def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
     if difference.mean() > 2.0 * error:
         return []
+    better = "no better than" if difference.mean() <= 0 else "not shown to be better than"
+    remedy = (
+        "trained with VecNormalize? pass --obs-stats FILE.json"
+        if existing.seed is None
+        else "was it trained for long enough?"
+    )
     return [
-        f"on its home discretization ({home.name}) the policy's return {own.mean():.1f} is no "
-        f"better than random's {chance.mean():.1f}; trained with VecNormalize? pass --obs-stats "
-        "FILE.json"
+        f"on its home discretization ({home.name}) the policy's return {own.mean():.1f} over "
+        f"{len(own)} episodes is {better} random's {chance.mean():.1f}; {remedy}"
     ]
 
 

@@ -21,7 +21,8 @@ _PROGRAM = "integ-gym evidence"
 
 _EXAMPLES = """\
 examples:
-  integ-gym evidence query runs/panel "SELECT cell, avg(success::INT) FROM records GROUP BY cell"
+  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
+                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
   integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence show runs/panel 3f9a

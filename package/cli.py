@@ -31,7 +31,8 @@ examples:
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
   integ-gym diagnose --out runs/diagnose
-  integ-gym evidence query runs/panel "SELECT cell, avg(success::INT) FROM records GROUP BY cell"
+  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
+                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
 """
 
 

@@ -32,6 +32,6 @@ def promised(
     if order is None:
         return f"order not declared; measured dt^{slope:.2f}", None
     if subject.steps[-1] * subject.frequency > SMALL:
-        return "falls with dt", errors[-1] < max(errors[0], rounding)
+        return "falls with dt", errors[-1] < max(min(errors[:-1]), rounding)
     holds = slope > order - SLACK or errors[-1] < rounding
     return f"falls as dt^{order} or faster; measured dt^{slope:.2f}", bool(holds)

@@ -80,6 +80,10 @@ class Request:
         return subjects(self.env_id, self.plant, self.steps), names
 
 
+class DiagnosisError(ValueError):
+    """A plant or integrator that cannot be diagnosed, in one sentence."""
+
+
 @dataclass(frozen=True)
 class _Job:
     """One section on one plant: what a worker does at a time."""
@@ -142,15 +146,33 @@ def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[D
     if min(workers, len(jobs)) < 2:
         done = []
         for job in jobs:
-            done.append(job.run())
+            done.append(_outcome(job, job.run))
             on_job()
         return done
     with Progress().pool(workers) as pool:
         futures = [pool.submit(job.run) for job in jobs]
+        running = dict(zip(futures, jobs, strict=True))
         for future in as_completed(futures):
-            future.result()
+            _outcome(running[future], future.result)
             on_job()
     return [future.result() for future in futures]
+
+
+def _outcome(job: _Job, result: Callable[[], Diagnosis]) -> Diagnosis:
+    """What a job found.
+
+    Raises:
+        DiagnosisError: naming the plant and the integrators, if one of them failed.
+    """
+    try:
+        return result()
+    except Exception as error:
+        what = " ".join(str(error).split())
+        raise DiagnosisError(
+            f"{job.section} of {job.subject.name} with {', '.join(job.integrators)} failed: "
+            f"{type(error).__name__}: {what}; docs/adding.md says what a plant and an integrator "
+            "must be"
+        ) from error
 
 
 def _result(

@@ -11,6 +11,7 @@ from own_plants import CentralSpring
 
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.eval.numerics import advance, declared, energies, energy_growth
 
 CART_POLE = CartPole()
@@ -102,3 +103,11 @@ def test_rk4_drains_the_pendulum_linearly():
 @pytest.mark.parametrize("integrator", ["stormer_verlet", "implicit_midpoint"])
 def test_reversible_methods_bound_the_energy_of_the_cart_pole(integrator):
     assert energy_growth(energies(integrator, CART_POLE, HANGING, 0.02, 5000)).kind == "bounded"
+
+
+@pytest.mark.parametrize("integrator", [n for n in APPROXIMATE if declared(n).symplectic])
+def test_energy_is_bounded_on_the_elastic_pendulum(integrator):
+    start = (0.3, 0.0, -0.05, 0.0)
+    assert energy_growth(energies(integrator, ElasticPendulum(), start, 0.005, 4000)).kind == (
+        "bounded"
+    )

@@ -24,9 +24,11 @@ from checks import (
     elliptic_pendulum,
     registered_plants,
 )
+from own_plants import PolarElasticPendulum
 
 from integ_gym.envs.integrators import INTEGRATORS, _newton
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.eval.numerics import (
     advance,
     linear_map,
@@ -251,3 +253,20 @@ def test_solver_at_its_cap(integrator, monkeypatch):
 @pytest.mark.parametrize("integrator", APPROXIMATE)
 def test_ledger(integrator, plant):
     check_ledger(integrator, plant)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "low", "high"),
+    [
+        ("symplectic_euler", 0.5, 2.0),
+        ("stormer_verlet", 0.05, 0.2),
+        ("implicit_midpoint", 1e-3, 3e-3),
+        ("reference", 0.0, 1e-10),
+    ],
+)
+def test_polar_coordinates_spoil_canonicity(integrator, low, high):
+    """The elastic pendulum passes in Cartesian coordinates and fails in polar ones."""
+    polar = symplecticity_defect(integrator, PolarElasticPendulum(), (1.2, 0.5, 0.8, 2.0), 0.05)
+    assert low <= polar <= high
+    cartesian = symplecticity_defect(integrator, ElasticPendulum(), (0.3, 0.5, 0.1, 2.0), 0.02)
+    assert cartesian < 1e-10
