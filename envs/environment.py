@@ -239,7 +239,12 @@ def checked_state(setup: Setup, state: Any) -> Components:
         ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
     """
     names = state_names(setup.plant)
-    values = np.asarray(state, dtype=np.float64)
+    try:
+        values = np.asarray(state, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r}"
+        ) from None
     if values.shape != (len(names),):
         raise ValueError(
             f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "

@@ -220,8 +220,8 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
     if rates[low] == rates[high]:
         return (
-            f"{row} succeeds in {rates[low]:.0%} of episodes on the reference and on each of "
-            f"{len(rates) - 1} other discretizations."
+            f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
+            "discretizations, the reference among them."
         )
     return (
         f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "

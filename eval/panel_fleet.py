@@ -75,7 +75,7 @@ def train_units(
         evidence=evidence,
         progress=progress,
         workers=workers,
-        on_trained=partial(_mark, spec, directory, waiting),
+        on_trained=partial(_mark, spec, directory, waiting, time.time()),
     )
 
 
@@ -83,13 +83,15 @@ def _mark(
     spec: PanelSpec,
     directory: RunDirectory,
     units: Sequence[Unit],
+    start: float,
     place: int,
     trained: TrainedPolicy,
 ) -> None:
+    """Note a policy as finished, with its share of the time since ``start``."""
     unit = units[place]
-    start = time.time() - float(trained.card["wall_seconds"])
     key = training_key(training_config(spec, unit))
-    directory.finish(unit.training, key, start, policy=trained.content_hash)
+    share = float(trained.card["wall_seconds"])
+    directory.finish(unit.training, key, start, share, policy=trained.content_hash)
 
 
 def _trained(units: Sequence[Unit]) -> list[Unit]:

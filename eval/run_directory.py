@@ -143,33 +143,39 @@ class RunDirectory:
             )
         return held if all(file.exists() for file in (self._records(unit), *files)) else None
 
-    def finish(self, unit: str, key: str, start: float, **facts: Any) -> None:
+    def finish(
+        self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any
+    ) -> None:
         """Mark a unit as finished; its files must be in place.
 
         Args:
             unit: name.
             key: of its inputs; see :func:`key_of`.
             start: Unix time when work on it began, s.
+            seconds: its share of that time, s; by default all.
             facts: what else to note.
         """
-        times = {"start": round(start, 3), "end": round(time.time(), 3)}
+        end = time.time()
+        share = end - start if seconds is None else seconds
+        times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
         write_json(self._units / f"{unit}.json", {"key": key, **times, **facts})
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that was spent on finished units, added up, s."""
-        return sum(end - start for start, end in self._spans(units))
+        return sum(float(marker["seconds"]) for marker in self._markers(units))
 
     def wall_seconds(self, units: Iterable[str]) -> float:
         """Time during which some unit was worked on, over all runs, s."""
         total, reached = 0.0, -math.inf
-        for start, end in sorted(self._spans(units)):
+        markers = self._markers(units)
+        for start, end in sorted((float(m["start"]), float(m["end"])) for m in markers):
             total += max(0.0, end - max(start, reached))
             reached = max(reached, end)
         return total
 
-    def _spans(self, units: Iterable[str]) -> list[tuple[float, float]]:
-        markers = [self.marker(unit) for unit in units]
-        return [(float(m["start"]), float(m["end"])) for m in markers if m is not None]
+    def _markers(self, units: Iterable[str]) -> list[Mapping[str, Any]]:
+        found = [self.marker(unit) for unit in units]
+        return [marker for marker in found if marker is not None]
 
     def discard_remains(self, unit: str) -> None:
         """Remove the records of a unit that was not finished."""

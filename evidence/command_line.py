@@ -6,6 +6,13 @@ import argparse
 from typing import Any, NoReturn
 
 
+def sentence(error: Exception) -> str:
+    """What an error says, on one line; what the operating system refuses, with a remedy."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"cannot use {error.filename}: {error.strerror}; give another path"
+    return " ".join(str(error).split())
+
+
 class CommandParser(argparse.ArgumentParser):
     """Shows its epilog as it stands, and says in one line what is wrong."""
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
+from integ_gym.evidence.command_line import sentence
+
 INTERRUPTED = 130
 
 
@@ -21,14 +23,8 @@ def report_errors(command: str, run: Callable[[], int]) -> int:
     except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
         if not _is_meant_for_users(error):
             raise
-        print(f"integ-gym {command}: {_sentence(error)}", file=sys.stderr)
+        print(f"integ-gym {command}: {sentence(error)}", file=sys.stderr)
         return 2
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"cannot use {error.filename}: {error.strerror}; give another path"
-    return " ".join(str(error).split())
 
 
 def _is_meant_for_users(error: Exception) -> bool:

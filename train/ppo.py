@@ -40,7 +40,7 @@ from integ_gym.envs.parameters import (
 from integ_gym.envs.registration import ENVIRONMENTS, register_environments
 from integ_gym.envs.settings import Settings, Setup
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
-from integ_gym.evidence.command_line import CommandParser
+from integ_gym.evidence.command_line import CommandParser, sentence
 from integ_gym.train.card import episode_summary, make_card
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.sb3_model import model_arguments, reproducible, saved
@@ -401,7 +401,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         make_training_envs(config).close()
         claim_folder(out, force)
     except (ValueError, TypeError, OSError, ModuleNotFoundError) as error:
-        print(f"{command.prog}: error: {error}", file=sys.stderr)
+        print(f"{command.prog}: error: {sentence(error)}", file=sys.stderr)
         return 2
     try:
         if trainer == "fleet":
@@ -412,7 +412,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{command.prog}: interrupted; no policy was written", file=sys.stderr)
         return 130
     except (TrainingError, ValueError, ModuleNotFoundError) as error:
-        print(f"{command.prog}: error: {error}", file=sys.stderr)
+        print(f"{command.prog}: error: {sentence(error)}", file=sys.stderr)
         return 2
     card = trained.card
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
@@ -481,7 +481,7 @@ def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
         group.add_argument(flag, action=argparse.BooleanOptionalAction, **described)
         return
     if of.type == "tuple[int, ...]":
-        described["nargs"] = "*"
+        described["nargs"] = "+"
     group.add_argument(flag, type=_READERS[str(of.type)], metavar=_metavar(of), **described)
 
 

@@ -349,7 +349,7 @@ class NeverConverging:
         return Step(q, v, losses, 9, 0.5, False)
 
 
-@pytest.mark.parametrize("state", [(1.0,), (nan, 0.0), (0.0, 2e3), (inf, 0.0), (0, 0, 0)])
+@pytest.mark.parametrize("state", [(1.0,), (nan, 0.0), (0.0, 2e3), (inf, 0.0), (0, 0, 0), "a"])
 def test_impossible_start_states_are_refused(state):
     env = gym.make("IntegPendulum-v0")
     with pytest.raises(ValueError, match=r"state.* must be"):
