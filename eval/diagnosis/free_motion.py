@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.eval.diagnosis.bench import Array, Commands
 from integ_gym.eval.diagnosis.order import promised
@@ -32,15 +33,33 @@ def diagnose_free_motion(diagnosis: Diagnosis) -> None:
     for subject, integrator in diagnosis.pairs():
         duration = subject.rounded_duration(PERIODS * subject.period)
         steps = steps_for(subject, integrator)
-        changes = [_changes(diagnosis, subject, integrator, dt, duration) for dt in steps]
+        motions = [_release(diagnosis, subject, integrator, dt, duration) for dt in steps]
+        changes = [change for change, _ in motions]
         _first_period(diagnosis, subject, integrator, changes, steps)
         _long_run(diagnosis, subject, integrator, changes, steps)
+        _solver(diagnosis, subject, integrator, tuple(most for _, most in motions), steps)
 
 
-def _changes(
+def _solver(
+    diagnosis: Diagnosis,
+    subject: Subject,
+    integrator: str,
+    iterations: tuple[float, ...],
+    steps: tuple[float, ...],
+) -> None:
+    """How hard the integrator's solver worked, if it has one."""
+    cap = getattr(INTEGRATORS.load(integrator), "solver_cap", None)
+    if cap is not None:
+        diagnosis.add(
+            SECTION, subject, integrator, "most solver iterations in a step", iterations, "",
+            f"below the cap of {cap}", max(iterations) < cap, steps=steps,
+        )  # fmt: skip
+
+
+def _release(
     diagnosis: Diagnosis, subject: Subject, integrator: str, dt: float, duration: float
-) -> Array:
-    """Relative energy change at every control instant, shape (instants,)."""
+) -> tuple[Array, float]:
+    """Relative energy change at every control instant, shape (instants,), and most iterations."""
     rollout = diagnosis.bench.open_loop(
         f"free_motion/{integrator}/dt={dt:g}", subject, integrator, dt,
         Commands("zero", np.zeros(1)), subject.start[None], duration=duration,
@@ -57,7 +76,7 @@ def _changes(
             velocity=rollout.state[:, 0, shown + 1].tolist(),
         )  # fmt: skip
     change: Array = energy / energy[0] - 1.0
-    return change
+    return change, float(np.nanmax(rollout.info["solver_iterations"]))
 
 
 def _shown_coordinate(subject: Subject) -> int:

@@ -25,6 +25,7 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.transition import initial_state, transition
+from integ_gym.eval.numerics import ledger
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),
@@ -424,3 +425,21 @@ def test_energy_that_a_rebound_leaves(integrator, left, made_up):
         residual += info["energy_residual"]
     assert info["energy"] == pytest.approx(left, abs=1e-3)
     assert residual == pytest.approx(made_up, abs=1e-3)
+
+
+@pytest.mark.parametrize("integrator", [n for n in ALL if n != "reference"])
+def test_the_ledger_closes_in_driven_damped_contact(integrator):
+    """Random controls against the stops: all that is booked converges to the exact motion's."""
+    plant = CartPole(
+        damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
+    )
+    controls = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
+    start = (0.0, 3.0, pi - 0.3, 0.0)
+    truth = ledger("reference", plant, start, controls, 0.05, 1)
+    found = [ledger(integrator, plant, start, controls, 0.05, n) for n in (8, 32, 128)]
+    assert truth.losses_j > 1.0
+    assert truth.total_residual_j < 1e-8
+    for quantity in ("total_residual_j", "losses_j", "work_j"):
+        errors = [abs(getattr(f, quantity) - getattr(truth, quantity)) for f in found]
+        assert errors[2] < errors[0] / 6.0
+        assert errors[2] < errors[1] / 2.0 or errors[2] < 1e-4
