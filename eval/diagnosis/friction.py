@@ -26,7 +26,7 @@ def diagnose_friction(diagnosis: Diagnosis) -> None:
     """Release every plant into dry friction that stops it after some swings."""
     for subject, integrator in diagnosis.pairs():
         names = list(subject.parameters("friction"))
-        if not names:
+        if not names or not hasattr(subject.plant, "friction_speed"):
             continue
         unit_rate = decay_rate(subject.varied(**dict.fromkeys(names, 1.0)), subject.rest)
         plant: Any = subject.plant

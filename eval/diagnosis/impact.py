@@ -79,7 +79,8 @@ def impact_of(subject: Subject) -> Impact | None:
     """The impact of a plant on its stop; None for a plant without stops."""
     plant: Any = subject.plant
     limits = subject.parameters("limit")
-    if not hasattr(plant, "stopped") or len(limits) != 1:
+    described = all(hasattr(plant, n) for n in ("stopped", "stop_stiffness", "stop_damping"))
+    if not described or len(limits) != 1:
         return None
     arguments = {limits[0]: LIMIT}
     if hasattr(plant, "gravity"):

@@ -82,6 +82,10 @@ class Subject:
         return math.ceil(seconds / self.control_period - 1e-9) * self.control_period
 
 
+_FINEST = 1e-4
+"""hω below which a step is refused."""
+
+
 def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> list[Subject]:
     """The plants to diagnose: of an environment, one by name, or all.
 
@@ -102,9 +106,27 @@ def _about(plant: str) -> tuple[str, ...]:
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
     plant = _checked(name, PLANTS.load(name))()
-    rest = rest_state(plant)
-    frequency = fastest_rate(plant, rest)
+    try:
+        rest = rest_state(plant)
+        frequency = fastest_rate(plant, rest)
+    except ValueError:
+        raise
+    except Exception as error:  # whatever the equations of a user's plant do
+        raise ValueError(
+            f"the plant {name!r} cannot be evaluated: {type(error).__name__}: {error}; write its "
+            "equations with the `ops` that it is given, for floats and arrays alike"
+        ) from error
+    if not frequency > 0.0:
+        raise ValueError(
+            f"the plant {name!r} has no restoring force at rest; a diagnosis needs a plant that "
+            "oscillates about a stable equilibrium"
+        )
     ladder = _ladder(steps or [_usual_step(environments, frequency)])
+    if ladder[-1] * frequency < _FINEST:
+        raise ValueError(
+            f"--dt {ladder[-1]:g} s is finer than {_FINEST / frequency:.2g} s, where the "
+            f"oscillation of {name} takes too many steps; give a larger one"
+        )
     return Subject(name, plant, environments, ladder, rest, frequency)
 
 
@@ -119,6 +141,12 @@ def _checked(name: str, plant: type[Any]) -> type[Any]:
     if missing or not is_dataclass(plant):
         lacks = f"lacks {', '.join(missing)}" if missing else "is no dataclass"
         raise ValueError(f"the plant {name!r} {lacks}; docs/adding.md has a complete example")
+    bare = [f.name for f in fields(plant) if "check" not in f.metadata]
+    if bare:
+        raise ValueError(
+            f"`{bare[0]}` of the plant {name!r} has no unit and range; declare it with "
+            "integ_gym.envs.parameters.parameter, as docs/adding.md shows"
+        )
     return plant
 
 

@@ -6,6 +6,8 @@ import contextlib
 import io
 import json
 import math
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval import drift_example
 from integ_gym.eval.diagnosis.bench import Bench, Commands
 from integ_gym.eval.diagnosis.impact import impact_of
@@ -219,3 +222,44 @@ def test_drift_example(tmp_path, capsys, monkeypatch):
     for number in ("−0.7968 %", "+3.585·10⁴ %", "−0.07413 %", "−3.435 %"):
         assert number in printed
     assert (tmp_path / "drift.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("plant", "fragment"),
+    [
+        ("own_plants:CentralSpring", "`mass` of the plant 'own_plants:CentralSpring' has no unit"),
+        (f"{__name__}:Loose", "has no restoring force"),
+        (f"{__name__}:Scalar", "write its equations with the `ops`"),
+    ],
+)
+def test_a_plant_that_cannot_be_diagnosed_is_refused_in_one_line(
+    plant, fragment, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "envs")
+    assert main(["diagnose", "--plant", plant, "--out", str(tmp_path / "o")]) == 2
+    error = capsys.readouterr().err
+    assert fragment in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_step_that_would_take_too_many_is_refused(tmp_path, capsys):
+    command = ["diagnose", "--plant", "pendulum", "--dt", "1e-7", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    assert "give a larger one" in capsys.readouterr().err
+
+
+@dataclass(frozen=True)
+class Loose(Pendulum):
+    """A pendulum that nothing pulls back."""
+
+    def acceleration(self, ops, q, v, force):
+        return (force[0] / self.inertia - 0.0 * q[0],)
+
+
+@dataclass(frozen=True)
+class Scalar(Pendulum):
+    """A pendulum whose equations take floats alone."""
+
+    def acceleration(self, ops, q, v, force):
+        return (self.gravity_torque / self.inertia * math.sin(q[0]),)
