@@ -13,11 +13,11 @@ from typing import Any
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.registration import environment_setup
-from integ_gym.envs.settings import Setup
 from integ_gym.envs.vector import DISCRETIZATION
 from integ_gym.eval.artefact import build_artefact
-from integ_gym.eval.evaluation import Conditions, Subject, evaluate, outcomes_in
+from integ_gym.eval.evaluation import Subject, evaluate, outcomes_in
 from integ_gym.eval.matrix import Matrix, Row
+from integ_gym.eval.panel import conditions_of, nominal_setup
 from integ_gym.eval.panel_artefact import (
     cost_of,
     evaluation_records,
@@ -201,7 +201,7 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
 
 def _can_be_made(baseline: str, spec: PanelSpec) -> bool:
     try:
-        make_baseline(baseline, _nominal(spec))
+        make_baseline(baseline, nominal_setup(spec))
     except ValueError:
         return False
     return True
@@ -214,8 +214,8 @@ def work(spec: PanelSpec, home: Discretization) -> int:
 
 def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
     """Doubt where the policy is no better than random on its own discretization."""
-    home, conditions = Cell(existing.home, "grid"), _conditions(spec)
-    random = make_baseline("random", _nominal(spec))
+    home, conditions = Cell(existing.home, "grid"), conditions_of(spec)
+    random = make_baseline("random", nominal_setup(spec))
     own = outcomes_in(home, existing.policy, conditions).returns
     chance = outcomes_in(home, random, conditions).returns
     difference = own - chance
@@ -261,7 +261,7 @@ def evaluate_existing(
     row = existing.policy.policy_id
     directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
     subjects = {row: Subject(existing.policy, existing.home)}
-    subjects |= {name: Subject(make_baseline(name, _nominal(spec))) for name in spec.baselines}
+    subjects |= {name: Subject(make_baseline(name, nominal_setup(spec))) for name in spec.baselines}
     with directory.opened():
         warnings = doubts(existing, spec)
         for doubt in warnings:
@@ -277,15 +277,6 @@ def evaluate_existing(
             entry.update(whereabouts(entry, layout, directory.path))
         write_outputs(panel, directory.path)
     return panel
-
-
-def _nominal(spec: PanelSpec) -> Setup:
-    """The undisturbed reference, from whose parameters baselines are designed."""
-    return environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
-
-
-def _conditions(spec: PanelSpec) -> Conditions:
-    return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
 
 
 def _keep(files: Mapping[str, Path], folder: Path) -> None:
@@ -366,7 +357,7 @@ def _evaluate_once(
     directory.discard_remains(unit)
     start = time.time()
     store = EvidenceStore(directory.evidence)
-    evaluate(subject, cells, _conditions(spec), store, unit, on_cell)
+    evaluate(subject, cells, conditions_of(spec), store, unit, on_cell)
     directory.finish(unit, key, start, policy=subject.policy.content_hash)
 
 

@@ -68,6 +68,11 @@ def check_spec(spec: PanelSpec) -> None:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
+def conditions_of(spec: PanelSpec) -> Conditions:
+    """What all cells of a panel's evaluation share."""
+    return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
+
+
 def nominal_setup(spec: PanelSpec) -> Any:
     """The unperturbed reference environment, from whose parameters baselines are designed."""
     truth = spec.columns()[-1]
@@ -210,9 +215,7 @@ def _evaluate_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None
         report_work(CELL_SECONDS * len(cells))
         return
     directory.discard_remains(unit.evaluation)
-    conditions = Conditions(
-        spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed
-    )
+    conditions = conditions_of(spec)
     start = time.time()
     evaluate(
         subject,

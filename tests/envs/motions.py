@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.system import PlantSystem
+from integ_gym.envs.plants.interface import join_state
+from integ_gym.eval import numerics
 
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {
@@ -31,10 +30,4 @@ STARTS = {
 
 def energies(plant: Any, integrator: str, dt: float, steps: int, q: Any, v: Any) -> np.ndarray:
     """Energy after each step of a free motion, shape (steps + 1,), J."""
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
-    trace = [plant.energy(SCALAR, q, v)]
-    for _ in range(steps):
-        motion = engine.advance(SCALAR, q, v, ((0.0, 1),), None)
-        q, v = motion.q, motion.v
-        trace.append(plant.energy(SCALAR, q, v))
-    return np.array(trace)
+    return numerics.energies(integrator, plant, join_state(q, v), dt, steps)
