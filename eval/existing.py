@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,17 +14,17 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.vector import DISCRETIZATION
 from integ_gym.eval.artefact import build_artefact
-from integ_gym.eval.evaluation import Subject, evaluate, outcomes_in
+from integ_gym.eval.evaluation import Subject, conditions_of, outcomes_in
+from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
 from integ_gym.eval.matrix import Matrix, Row
-from integ_gym.eval.panel import conditions_of, nominal_setup
+from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.panel_artefact import (
     cost_of,
     evaluation_records,
     make_layout,
-    whereabouts,
     write_outputs,
 )
-from integ_gym.eval.run_directory import RunDirectory, key_of
+from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import (
     BASELINES,
     Cell,
@@ -35,7 +34,6 @@ from integ_gym.eval.spec import (
     standard_perturbations,
 )
 from integ_gym.evidence.atomic import replace_file
-from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
@@ -208,7 +206,7 @@ def _can_be_made(baseline: str, spec: PanelSpec) -> bool:
 
 
 def work(spec: PanelSpec, home: Discretization) -> int:
-    """Cells that :func:`evaluate_existing` runs, baselines included."""
+    """Cells that :func:`evaluate_existing` runs, added up over the policy and the baselines."""
     return len(spec.cells_of(home)) + len(spec.baselines) * len(spec.cells_of(None))
 
 
@@ -216,8 +214,7 @@ def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
     """Doubt where the policy is no better than random on its own discretization."""
     home, conditions = Cell(existing.home, "grid"), conditions_of(spec)
     random = make_baseline("random", nominal_setup(spec))
-    own = outcomes_in(home, existing.policy, conditions).returns
-    chance = outcomes_in(home, random, conditions).returns
+    own, chance = outcomes_in(home, [existing.policy, random], conditions).returns
     difference = own - chance
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
     if difference.mean() > 2.0 * error:
@@ -239,7 +236,7 @@ def evaluate_existing(
     spec: PanelSpec,
     out: Path,
     command: str,
-    on_cell: Callable[[], None] = lambda: None,
+    on_cell: Callable[[int], None] = lambda policies: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> dict[str, Any]:
     """Evaluate a policy and the baselines, and write the usual directory.
@@ -249,7 +246,7 @@ def evaluate_existing(
         spec: what :func:`plan` made.
         out: directory.
         command: how to run this again, for the page.
-        on_cell: called after every cell.
+        on_cell: told after every cell how many policies were in it.
         on_doubt: called first, with each sentence that casts doubt on the result.
 
     Returns:
@@ -260,22 +257,25 @@ def evaluate_existing(
     """
     row = existing.policy.policy_id
     directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
-    subjects = {row: Subject(existing.policy, existing.home)}
-    subjects |= {name: Subject(make_baseline(name, nominal_setup(spec))) for name in spec.baselines}
+    baselines = [make_baseline(name, nominal_setup(spec)) for name in spec.baselines]
+    subjects = [
+        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
+        *(Subject(baseline, spec.cells_of(None)) for baseline in baselines),
+    ]
     with directory.opened():
         warnings = doubts(existing, spec)
         for doubt in warnings:
             on_doubt(doubt)
         _keep(existing.files, directory.policies / row)
-        for name, subject in subjects.items():
-            _evaluate_once(name, subject, spec, directory, on_cell)
+        waiting = not_evaluated(spec, directory, subjects)
+        on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
+        for batch in batches_of(spec, waiting, workers=1):
+            evaluate_batch(spec, directory, batch, on_cell)
         layout = make_layout(spec, _rows(existing, spec), {row: existing.home})
         matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
         panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
         panel["warnings"] = warnings
-        for entry in panel["matrix"]:
-            entry.update(whereabouts(entry, layout, directory.path))
-        write_outputs(panel, directory.path)
+        write_outputs(panel, layout, directory)
     return panel
 
 
@@ -340,31 +340,6 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     )
 
 
-def _evaluate_once(
-    name: str,
-    subject: Subject,
-    spec: PanelSpec,
-    directory: RunDirectory,
-    on_cell: Callable[[], None],
-) -> None:
-    unit = _unit(name)
-    key = key_of(spec=spec.to_json(), policy=subject.policy.content_hash)
-    cells = spec.cells_of(subject.home)
-    if directory.finished(unit, key):
-        for _ in cells:
-            on_cell()
-        return
-    directory.discard_remains(unit)
-    start = time.time()
-    store = EvidenceStore(directory.evidence)
-    evaluate(subject, cells, conditions_of(spec), store, unit, on_cell)
-    directory.finish(unit, key, start, policy=subject.policy.content_hash)
-
-
-def _unit(name: str) -> str:
-    return f"evaluate-{name}"
-
-
 def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     row = existing.policy.policy_id
     return (
@@ -377,7 +352,6 @@ def _facts(
     existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
 ) -> dict[str, Any]:
     row = existing.policy.policy_id
-    units = [_unit(name) for name in (row, *spec.baselines)]
     return {
         "name": spec.name,
         "question": spec.question,
@@ -398,5 +372,5 @@ def _facts(
                 for name in spec.baselines
             },
         },
-        "cost": cost_of(directory, [], units, workers=1),
+        "cost": cost_of(directory, [], workers=1),
     }

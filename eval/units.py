@@ -37,11 +37,6 @@ class Unit:
         """Name of the training unit."""
         return f"train-{self.policy}"
 
-    @property
-    def evaluation(self) -> str:
-        """Name of the evaluation unit."""
-        return f"evaluate-{self.policy}"
-
 
 def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
     """Baselines first, which are quick, then the training runs, seed by seed."""

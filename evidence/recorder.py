@@ -52,7 +52,7 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         check_unchanged(env, IntegEnv, ("observation_space", "action_space"))
         self._inner = cast(Any, env.unwrapped)
-        self._recording = Recording(env, [(self._inner.setup, 0)], store, context)
+        self._recording = Recording(env, [(self._inner.setup, 0)], store, [context])
         self._commit_on_close = commit_on_close
         self._next_index = context.first_episode
         self._seed: int | None = None

@@ -68,7 +68,7 @@ class EpisodeAssembler:
         self._env_id = env_id
         self._setup = setup
         self._layout = layout
-        self._log = EpisodeLog(layout, self._context)
+        self._log = EpisodeLog(layout, [self._context])
         self._seed = seed
         self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
         self._opened = np.full(lanes, _now())
