@@ -12,8 +12,8 @@ from typing import Any
 
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.mixture import DISCRETIZATION
 from integ_gym.envs.registration import environment_setup
-from integ_gym.envs.vector import DISCRETIZATION
 from integ_gym.eval.artefact import build_artefact
 from integ_gym.eval.evaluation import Subject, evaluate, outcomes_in
 from integ_gym.eval.matrix import Matrix, Row

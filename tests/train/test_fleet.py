@@ -147,7 +147,7 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     trainer = fleet._Trainer(fleet._kind(config), [config], None)
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
-    _, _, steps = jax.jit(program._collect)(learner, learner.keys, params)
+    _, steps = jax.jit(program._collect)(learner, learner.keys, params)
     _, outcome, observed, observed_after = program._again(steps, params)
     batch = program._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
     ended = np.asarray(steps.terminated | steps.truncated)[:, 0]
