@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Settings
-from integ_gym.eval.spec import Cell, Discretization
+from integ_gym.eval.cells import Cell, Discretization, Home
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.labels import Replays
 from integ_gym.evidence.store import EvidenceStore
@@ -32,12 +32,12 @@ class Subject:
 
     Attributes:
         policy: what acts.
-        home: discretization it was trained on, or None.
+        home: discretization or mixture that it was trained on, or None.
         seed: training seed, or None.
     """
 
     policy: Policy
-    home: Discretization | None = None
+    home: Home | None = None
     seed: int | None = None
 
 
@@ -182,7 +182,7 @@ def _replays(
     succeeded: Mapping[tuple[Any, ...], Array],
 ) -> dict[int, Replays]:
     """What the cells run so far say about each episode of this one."""
-    at_home = succeeded.get(_key(cell, subject.home))
+    at_home = _at_home(subject, cell, succeeded)
     undisturbed = _undisturbed(cell, conditions, succeeded)
     return {
         k: Replays(
@@ -194,10 +194,20 @@ def _replays(
     }
 
 
+def _at_home(
+    subject: Subject, cell: Cell, succeeded: Mapping[tuple[Any, ...], Array]
+) -> Array | None:
+    """Whether each episode succeeded in one of the training discretizations, once all are run."""
+    homes = subject.home.shares if subject.home else ()
+    runs = [succeeded.get(_key(cell, home)) for home in homes]
+    known = [run for run in runs if run is not None]
+    return np.any(known, axis=0) if known and len(known) == len(runs) else None
+
+
 def _home(subject: Subject, cell: Cell, at_home: Array | None, k: int) -> Any:
     if subject.home is None:
         return "no home"
-    if cell.discretization == subject.home:
+    if cell.discretization in subject.home.shares:
         return "is home"
     return None if at_home is None else bool(at_home[k])
 

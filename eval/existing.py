@@ -15,6 +15,7 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.mixture import DISCRETIZATION
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.cells import Cell, Discretization, dividing_step
 from integ_gym.eval.evaluation import Subject, evaluate, outcomes_in
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel import conditions_of, nominal_setup
@@ -22,18 +23,12 @@ from integ_gym.eval.panel_artefact import (
     cost_of,
     evaluation_records,
     make_layout,
+    shares_of,
     whereabouts,
     write_outputs,
 )
 from integ_gym.eval.run_directory import RunDirectory, key_of
-from integ_gym.eval.spec import (
-    BASELINES,
-    Cell,
-    Discretization,
-    PanelSpec,
-    dividing_step,
-    standard_perturbations,
-)
+from integ_gym.eval.spec import BASELINES, PanelSpec, standard_perturbations
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
@@ -368,7 +363,7 @@ def _unit(name: str) -> str:
 def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     row = existing.policy.policy_id
     return (
-        Row(row, "given", (row,), existing.home.name),
+        Row(row, "given", (row,), shares_of(existing.home)),
         *(Row(name, "baseline", (name,)) for name in spec.baselines),
     )
 
