@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
-from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.cells import Cell, Discretization
 from integ_gym.eval.matrix import Matrix, Row
+from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.remedy import remedies
 from integ_gym.eval.run_directory import package_versions
 from integ_gym.eval.statistics import rate_interval
 from integ_gym.eval.verdict import (
-    LEARNED,
-    Comparison,
     Judgement,
     PolicyCell,
     compare_policies,
@@ -24,40 +24,6 @@ from integ_gym.eval.verdict import (
 SCHEMA_VERSION = 1
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""
-
-
-@dataclass(frozen=True)
-class PanelLayout:
-    """Rows and cells of a panel, and what was declared about them.
-
-    Attributes:
-        rows: all rows.
-        homes: training discretization or mixture by row name.
-        cells: all cells by name.
-        cells_of: names of the cells that a row was evaluated in.
-        reference: name of the reference cell.
-        family: declared comparisons (row, cell).
-        compare: declared pairs of rows.
-    """
-
-    rows: tuple[Row, ...]
-    homes: Mapping[str, Home]
-    cells: Mapping[str, Cell]
-    cells_of: Mapping[str, tuple[str, ...]]
-    reference: str
-    family: Sequence[tuple[str, str]] = ()
-    compare: Sequence[tuple[str, str]] = ()
-
-    def native(self, cell: str) -> str | None:
-        """The row that was trained in a cell alone, if there is one."""
-        if self.cells[cell].perturbation is not None:
-            return None
-        wanted = self.cells[cell].discretization
-        return next((row for row, home in self.homes.items() if home == wanted), None)
-
-    def reference_of(self, cell: str) -> str | None:
-        """The reference cell, where it has the same plant and control period."""
-        return self.reference if self.cells[cell].kind in ("grid", "reference") else None
 
 
 def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -96,24 +62,14 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]
             for j, (row, cell) in zip(judgements, layout.family, strict=True)
         ],
         "policy_comparisons": [_compare(layout, matrix, a, b) for a, b in layout.compare],
+        "remedies": remedies(layout, matrix),
         "failures": _spread(failures),
         "failures_total": len(failures),
     }
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
-    comparisons = []
-    for row, cell in layout.family:
-        native, home = layout.native(cell), matrix.home_rates(row)
-        assert home is not None
-        comparisons.append(
-            Comparison(
-                name=f"{row} → {cell}",
-                home=home,
-                native=None if native in (None, row) else matrix.rates(str(native), cell),
-                transferred=matrix.rates(row, cell),
-            )
-        )
+    comparisons = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
     return judge_family(comparisons) if comparisons else ()
 
 
@@ -150,7 +106,7 @@ def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]
         "seeds": len(row.policies),
         "policies": [facts["policies"][policy] for policy in row.policies],
         "home_success": None if rates is None else asdict(rate_interval(rates)),
-        "learned": None if rates is None else bool(rates.mean() >= LEARNED),
+        "learned": matrix.learned(row.name),
         "training_steps": facts.get("training_steps") if row.kind == "trained" else None,
     }
 

@@ -19,7 +19,7 @@ from integ_gym.eval.statistics import (
     rate_interval,
     unpaired_difference,
 )
-from integ_gym.eval.verdict import reference_class
+from integ_gym.eval.verdict import LEARNED, reference_class
 
 Array = npt.NDArray[Any]
 
@@ -107,7 +107,13 @@ class Matrix:
         if not shares or not all(self.has(row, cell) for cell in shares):
             return None
         parts = [share * self.rates(row, cell) for cell, share in shares.items()]
-        return np.sum(parts, axis=0)  # type: ignore[no-any-return]
+        mean: Array = np.clip(np.sum(parts, axis=0), 0.0, 1.0)
+        return mean
+
+    def learned(self, row: str) -> bool | None:
+        """Whether a row succeeds at home; None without a home."""
+        home = self.home_rates(row)
+        return None if home is None else bool(home.mean() >= LEARNED)
 
     def entry(
         self, row: str, cell: str, native: str | None, reference: str | None

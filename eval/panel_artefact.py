@@ -7,13 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import PanelLayout, build_artefact
+from integ_gym.eval.artefact import build_artefact
 from integ_gym.eval.cells import Home
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
+from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import RunDirectory, write_json
 from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.training_cost import training_costs
 from integ_gym.eval.units import Unit, training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 
@@ -31,6 +33,10 @@ def write_artefact(
         "protocol_gaps": spec.gaps(),
         "command": command,
         "training_steps": _training_steps(spec),
+        "training_costs": training_costs(
+            EvidenceStore(directory.evidence),
+            {row.name: row.policies for row in layout.rows if row.kind == "trained"},
+        ),
         "policies": {unit.policy: _policy(unit, directory) for unit in units_of(spec)},
         "cost": _cost(spec, directory, workers),
         "directory": str(directory.path),

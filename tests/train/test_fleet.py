@@ -325,8 +325,6 @@ def test_plan_groups_what_compiles_together():
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], 2)) == 2
     assert plan([], 2) == []
-    with pytest.raises(ValueError, match="mixture"):
-        plan([_config(env_arguments={"mixture": [{"dt": 0.05}]})], 1)
 
 
 WORK = """
