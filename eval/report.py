@@ -180,7 +180,7 @@ def _template() -> Any:
 
     environment.filters.update(
         soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href,
-        whole=_whole, success_of=success_of, line_words=line_words,
+        success_of=success_of, line_words=line_words,
     )  # fmt: skip
     source = resources.files("integ_gym.eval").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
@@ -223,11 +223,6 @@ def _context(panel: Panel) -> dict[str, Any]:
 def _href(path: str) -> str:
     """A link to a file of the panel, always relative to the report."""
     return "./" + quote(path.replace("\\", "/").lstrip("/"), safe="/=")
-
-
-def _whole(value: float | None, otherwise: str) -> str:
-    """A count, its thousands set apart."""
-    return otherwise if value is None else f"{round(value):,}"
 
 
 def _folder(panel: Panel) -> str:

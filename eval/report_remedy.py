@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from integ_gym.eval.report_data import (
+    NONE,
     Cell,
     Entry,
     Estimate,
@@ -89,6 +90,19 @@ class Cost:
     window: int
     rate: float
     truth: Estimate | None
+
+    @property
+    def median(self) -> str:
+        """The median in words."""
+        return "not reached" if self.steps is None else f"{round(self.steps):,}"
+
+    @property
+    def interval(self) -> str:
+        """The interval in words."""
+        if self.low is None:
+            return NONE
+        end = "or more" if self.high is None else f"to {round(self.high):,}"
+        return f"{round(self.low):,} {end}"
 
 
 @dataclass(frozen=True)

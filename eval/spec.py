@@ -338,14 +338,15 @@ def _check_unique(label: str, values: Sequence[Any]) -> None:
 
 
 def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
-    """A comparison is decided at a quarter of each home's step and on the reference."""
+    """A comparison is decided at a quarter of each home's step and on the reference.
+
+    Of the steps that a mixture has of one integrator, the coarsest counts.
+    """
     if pair[0] == pair[1]:
         raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
-    compared = dict.fromkeys(d for home in spec.train if home.name in pair for d in home.shares)
-    for home in compared:
-        if home == spec.reference:
-            continue
-        own = (home.engine, home.integrator)
+    homes = {d for home in spec.train if home.name in pair for d in home.shares}
+    by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
+    for own, home in {(d.engine, d.integrator): d for d in by_step}.items():
         finest = min(d.dt for d in spec.grid if (d.engine, d.integrator) == own)
         if finest * 4.0 > home.dt * (1.0 + 1e-9):
             raise SpecError(
