@@ -70,11 +70,11 @@ class FunctionalMixture(FunctionalEnv):
     only in expectation. Within its part, every lane draws a member, which means a step ``dt``, by
     the shares at every reset.
 
-    Which lanes make up a part never changes. That is as if the lanes that are reset together dealt
-    their integrators out among themselves anew: lanes differ in nothing but their number. It is a
-    stratified draw: where episodes end early, integrators with short episodes have more episodes
-    than their share, where independent draws (those of ``gym.make_vec``) would give them fewer
-    decisions.
+    Which lanes make up a part never changes. Dealing the integrators out anew among the lanes that
+    are reset together would give episodes of the same distribution, as lanes differ in nothing but
+    their number. It is a stratified draw: where episodes end early, integrators with short episodes
+    have more episodes than their share, where independent draws (those of ``gym.make_vec``) would
+    give them fewer decisions.
 
     Args:
         env_id: a registered id.

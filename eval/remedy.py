@@ -26,7 +26,7 @@ def remedies(layout: PanelLayout, matrix: Matrix) -> list[dict[str, Any]]:
         for row in layout.rows
         if row.kind == "trained" and row.home is not None and matrix.learned(row.name)
     ]
-    mixtures = [row.name for row in layout.rows if len(row.shares) > 1]
+    mixtures = [row.name for row in layout.rows if row.kind == "trained" and len(row.shares) > 1]
     return [_remedy(layout, matrix, mixture, singles) for mixture in mixtures]
 
 
@@ -36,7 +36,7 @@ def _remedy(
     cells = [_cell(layout, matrix, mixture, singles, cell) for cell in layout.columns()]
     truth = {row: float(matrix.rates(row, layout.reference).mean()) for row in (mixture, *singles)}
     summary = (
-        [_losses(mixture, cells), *_on_truth(mixture, truth)]
+        [*_losses(mixture, cells), *_on_truth(mixture, truth)]
         if matrix.learned(mixture)
         else [f"Policies trained on {mixture} did not learn, so they are no remedy here."]
     )
@@ -78,25 +78,25 @@ def _lost(
     }
 
 
-def _losses(mixture: str, cells: Sequence[Json]) -> str:
+def _losses(mixture: str, cells: Sequence[Json]) -> list[str]:
     """How many discretizations cost single-discretization policies success, and the mixture."""
     solved = [cell for cell in cells if cell["solved"]]
     harmful = [cell for cell in solved if cell["lost"]]
     if not harmful:
-        return (
+        return [
             f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} "
-            "anywhere, so there is nothing to remedy."
-        )
+            f"anywhere, so there is nothing for {mixture} to remedy."
+        ]
     kept = [cell for cell in harmful if cell["gap"]["estimate"] <= FAIL_MARGIN]
     own = sum(cell["member"] for cell in kept)
     lost = [cell["cell"] for cell in harmful if cell not in kept]
-    trained = f", {own} of which it was trained in" if own else ""
-    rest = f"; it loses more in {', '.join(lost)}" if lost else ""
-    return (
+    trained = f", {own} of which they were trained in" if own else ""
+    rest = f"; they lose more in {', '.join(lost)}" if lost else ""
+    return [
         f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, policies "
-        f"trained on another single one lose more than {FAIL_MARGIN} of success; {mixture} loses "
-        f"no more than that in {len(kept)} of these{trained}{rest}."
-    )
+        f"trained on another single one lose more than {FAIL_MARGIN} of success; those trained on "
+        f"{mixture} lose no more than that in {len(kept)} of these{trained}{rest}."
+    ]
 
 
 def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
@@ -104,6 +104,6 @@ def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
     if not singles:
         return []
     return [
-        f"On the reference {mixture} succeeds in {truth[mixture]:.0%} of the episodes, policies of "
+        f"On the reference they succeed in {truth[mixture]:.0%} of the episodes, policies of "
         f"single discretizations in {min(singles):.0%} to {max(singles):.0%}."
     ]

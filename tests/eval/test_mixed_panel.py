@@ -223,3 +223,38 @@ def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     again = {path: path.stat().st_mtime_ns for path in units}
     assert {p.stem for p in units if again[p] != units[p]} == {"train-both-seed1"}
     assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
+
+
+def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
+    policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
+    grid = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"]
+    assert main([*command, *grid]) == 0
+    panel = _panel(tmp_path / "out")
+    row = panel["rows"][0]
+    assert (row["kind"], row["home"], row["shares"]) == ("given", None, SHARES)
+    columns = [c["name"] for c in panel["cells"] if c["kind"] in ("grid", "reference")]
+    assert set(columns) == {*MEMBERS, "reference dt=0.05"}
+    labels = {label for entry in panel["matrix"] for label in entry["labels"]}
+    assert "unattributed" not in labels
+    assert panel["remedies"] == []
+    capsys.readouterr()
+    assert main([*command[:-1], str(tmp_path / "no"), "--env-arg", "mixture=[]", *grid]) == 2
+    assert "`mixture` is what the evaluation varies" in capsys.readouterr().err
+
+
+def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, capsys):
+    source = finished[0] / "policies" / "both-seed0"
+    for name in ("policy.zip", "policy.json"):
+        (tmp_path / name).write_bytes((source / name).read_bytes())
+    card = json.loads((tmp_path / "policy.json").read_text())
+    command = ["evaluate", str(tmp_path / "policy.zip"), "--env", "IntegPendulum-v0"]
+    for members, fragment in (
+        ([{"integrator": "secret_module:Heun", "dt": 0.05}], "pass --own-code"),
+        (["rk4"], "every member of `mixture`"),
+        (3, "must be a list"),
+    ):
+        card["config"]["env_arguments"]["mixture"] = members
+        (tmp_path / "policy.json").write_text(json.dumps(card))
+        assert main([*command, "--out", str(tmp_path / "out")]) == 2
+        assert fragment in capsys.readouterr().err

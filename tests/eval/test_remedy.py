@@ -100,9 +100,10 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
     assert lost["difference"]["low"] < 0.5 < lost["difference"]["high"] <= 1.0
     assert found["summary"] == (
         "In 4 of the 4 discretizations that somebody solves, policies trained on another single "
-        "one lose more than 0.2 of success; both loses no more than that in 2 of these, 1 of which "
-        f"it was trained in; it loses more in {B.name}, {D.name}. On the reference both succeeds "
-        "in 100% of the episodes, policies of single discretizations in 25% to 100%."
+        "one lose more than 0.2 of success; those trained on both lose no more than that in 2 of "
+        f"these, 1 of which they were trained in; they lose more in {B.name}, {D.name}. On the "
+        "reference they succeed in 100% of the episodes, policies of single discretizations in "
+        "25% to 100%."
     )
 
 
@@ -115,7 +116,7 @@ def test_a_mixture_that_did_not_learn_is_no_remedy():
 def test_where_nobody_loses_there_is_nothing_to_remedy():
     perfect = {key: float(key[0] != C.name) for key in SUCCESS}
     (found,) = remedies(*_panel(perfect))
-    assert "nothing to remedy" in found["summary"]
+    assert "nothing for both to remedy" in found["summary"]
     assert all(not cell["lost"] for cell in found["cells"])
 
 
