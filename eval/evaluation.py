@@ -11,8 +11,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.eval.cells import Cell, Home
 from integ_gym.eval.replays import Successes
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec
+from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
@@ -32,13 +33,13 @@ class Subject:
     Attributes:
         policy: what acts.
         cells: what it is evaluated in.
-        home: discretization it was trained on, or None.
+        home: discretization or mixture that it was trained on, or None.
         seed: training seed, or None.
     """
 
     policy: Policy
     cells: tuple[Cell, ...]
-    home: Discretization | None = None
+    home: Home | None = None
     seed: int | None = None
 
 

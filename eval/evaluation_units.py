@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from integ_gym.envs.registration import environment_setup
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import Subject, conditions_of, evaluate
 from integ_gym.eval.run_directory import RunDirectory, key_of
-from integ_gym.eval.spec import Cell, PanelSpec
+from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.layout import Layout
 from integ_gym.evidence.store import EvidenceStore
 

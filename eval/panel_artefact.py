@@ -7,13 +7,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import PanelLayout, build_artefact
+from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.cells import Home
 from integ_gym.eval.evaluation_units import Evaluated, evaluated
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
+from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import RunDirectory, write_json
-from integ_gym.eval.spec import Discretization, PanelSpec
+from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.training_cost import training_costs
 from integ_gym.eval.units import Unit, training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 
@@ -32,6 +35,10 @@ def write_artefact(
         "protocol_gaps": spec.gaps(),
         "command": command,
         "training_steps": _training_steps(spec),
+        "training_costs": training_costs(
+            EvidenceStore(directory.evidence),
+            {row.name: row.policies for row in layout.rows if row.kind == "trained"},
+        ),
         "policies": {unit.policy: _policy(unit, held) for unit in units_of(spec)},
         "cost": cost_of(directory, [unit.training for unit in units_of(spec)], workers),
         "directory": str(directory.path),
@@ -64,28 +71,31 @@ def layout_of(spec: PanelSpec) -> PanelLayout:
     groups: dict[str, list[Unit]] = {}
     for unit in units_of(spec):
         groups.setdefault(unit.row, []).append(unit)
-    order = [d.name for d in spec.train] + list(spec.baselines)
+    homes = {home.name: home for home in spec.train}
     rows = tuple(
         Row(
             name=name,
             kind="baseline" if name in spec.baselines else "trained",
             policies=tuple(unit.policy for unit in groups[name]),
-            home=None if name in spec.baselines else name,
+            shares=shares_of(homes.get(name)),
         )
-        for name in order
+        for name in (*homes, *spec.baselines)
     )
-    return make_layout(spec, rows, {d.name: d for d in spec.train})
+    return make_layout(spec, rows, homes)
 
 
-def make_layout(
-    spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Discretization]
-) -> PanelLayout:
+def shares_of(home: Home | None) -> dict[str, float]:
+    """Share of each cell, by name, that a policy was trained in."""
+    return {} if home is None else {d.name: share for d, share in home.shares.items()}
+
+
+def make_layout(spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Home]) -> PanelLayout:
     """Rows with the cells that each is evaluated in.
 
     Args:
         spec: the panel.
         rows: its rows.
-        homes: training discretization by row name.
+        homes: training discretization or mixture by row name.
     """
     own_cells = {row.name: spec.cells_of(homes.get(row.name)) for row in rows}
     cells = {cell.name: cell for cell in spec.columns()}

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.settings import Settings
-from integ_gym.eval.spec import Cell, Discretization
-from integ_gym.evidence.labels import Home, Replays
+from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.evidence.labels import Home as HomeReplay
+from integ_gym.evidence.labels import Replays
 
 Flags = npt.NDArray[np.bool_]
 Key = tuple[Discretization, str | None]
@@ -27,14 +28,14 @@ class Successes:
     """Which episodes succeeded, policy by policy and cell by cell.
 
     Args:
-        homes: training discretization of every policy, or None.
+        homes: training discretization or mixture of every policy, or None.
         cells: cells that every policy is evaluated in.
         environment: constructor arguments common to all cells.
     """
 
     def __init__(
         self,
-        homes: Sequence[Discretization | None],
+        homes: Sequence[Home | None],
         cells: Sequence[Sequence[Cell]],
         environment: Mapping[str, Any],
     ) -> None:
@@ -66,16 +67,19 @@ class Successes:
 
     def _needed(self, cell: Cell, place: int) -> set[Key]:
         home = self._homes[place]
-        at_home = set() if home is None else {(home, _disturbance(cell))}
+        at_home = set() if home is None else {(d, _disturbance(cell)) for d in home.shares}
         return {*at_home, (cell.discretization, None)} - {_key(cell)}
 
-    def _said_at_home(self, cell: Cell, place: int) -> Flags | Home:
+    def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
+        """Whether each episode succeeded in one of the training discretizations, all being run."""
         home = self._homes[place]
         if home is None:
             return "no home"
-        if cell.discretization == home:
+        if cell.discretization in home.shares:
             return "is home"
-        return self._known.get((place, (home, _disturbance(cell))))
+        runs = [self._known.get((place, (d, _disturbance(cell)))) for d in home.shares]
+        known = [run for run in runs if run is not None]
+        return np.any(known, axis=0) if len(known) == len(runs) else None
 
     def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
         """The unperturbed cell answers for noise and delays that a perturbation alone brings in."""
@@ -101,5 +105,5 @@ def _disturbance(cell: Cell) -> str | None:
     return cell.perturbation.name if cell.perturbation else None
 
 
-def _episode(said: Flags | Home, episode: int) -> Any:
+def _episode(said: Flags | HomeReplay, episode: int) -> Any:
     return bool(said[episode]) if isinstance(said, np.ndarray) else said

@@ -146,7 +146,7 @@ def check_unchanged(env: Any, kind: type, spaces: tuple[str, ...]) -> None:
             )
 
 
-def all_setups(setups: list[Setup], lanes: int) -> list[SetupOfLane]:
+def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:
     """Setups with lanes, setup by setup; one lane is enough where all lanes are alike."""
     varied = any(isinstance(x, np.ndarray) for setup in setups for x in setup.arguments().values())
     return [(setup, lane) for setup in setups for lane in range(lanes if varied else 1)]

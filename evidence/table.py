@@ -141,6 +141,7 @@ def _labels(
             discretization=in_words(description),
             observation_noise=description["observation_noise"],
             staleness=stale[i],
+            homes=len(contexts[head.context].homes),
             solver_status=STATUS_NAMES[episodes.summary["status_code"][i]],
             **{name: values[i] for name, values in columns.items()},
         )

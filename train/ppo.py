@@ -25,6 +25,7 @@ import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.extras import load
+from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.parameters import (
     boolean,
     check_values,
@@ -232,12 +233,12 @@ def train(
     _need_extra(tensorboard)
     folder = claim_folder(out_dir, force)
     vector_env = make_training_envs(config)
-    setups: list[Setup] = vector_env.unwrapped.setups  # type: ignore[attr-defined]
+    mixture: Mixture = vector_env.unwrapped.mixture  # type: ignore[attr-defined]
     if wrap is not None:
         vector_env = wrap(vector_env)
     try:
         with reproducible():
-            model = _make_model(config, vector_env, setups[0])
+            model = _make_model(config, vector_env, mixture.setups[0])
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
             with _Progress(config.rounded_steps, progress, on_steps) as bar:
@@ -249,7 +250,7 @@ def train(
         vector_env.close()
     card = make_card(
         config,
-        setups,
+        mixture,
         trainer="sb3",
         packages=("stable-baselines3", "torch"),
         steps=int(model.num_timesteps),

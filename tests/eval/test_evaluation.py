@@ -8,11 +8,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from integ_gym.eval.cells import Cell, Discretization, Perturbation
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
 from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.replays import Successes
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec, Perturbation, built_in_spec
+from integ_gym.eval.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import BASELINES, make_baseline
@@ -58,7 +59,7 @@ def _network(seed, spec, policy_id):
 
 def _subjects(spec):
     trained = [
-        Subject(_network(seed, spec, f"{home.integrator}-{seed}"), spec.cells_of(home), home, seed)
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
         for home in spec.train
         for seed in spec.seeds
     ]
@@ -150,7 +151,7 @@ def test_batches_hold_everyone_once_and_keep_every_worker_busy():
     spec = built_in_spec()
     setup = nominal_setup(spec)
     subjects = [
-        Subject(_network(seed, spec, f"{home.integrator}-{seed}"), spec.cells_of(home), home, seed)
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
         for seed in spec.seeds
         for home in spec.train
     ]
