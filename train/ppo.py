@@ -100,7 +100,8 @@ class PPOConfig:
         default_factory=dict,
         metadata={
             "unit": "",
-            "meaning": "constructor arguments; those left out take the environment's defaults",
+            "meaning": "constructor arguments, `mixture` among them; those left out take the "
+            "environment's defaults",
             "check": named_values,
         },
     )
@@ -383,6 +384,8 @@ examples:
   integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
   integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
   integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
+  integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
+      'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
 """
 
 _OWN_FLAGS = ("env_id", "env_arguments")

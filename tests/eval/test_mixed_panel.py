@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,6 +64,16 @@ def test_a_mixture_is_one_row_evaluated_at_its_members_first():
     assert stated["mixture"] == "both"
     assert [(m["integrator"], m["dt"], m["weight"]) for m in stated["members"]] == [
         ("explicit_euler", 0.05, 2.0), ("rk4", 0.05, 1.0), ("rk4", 0.025, 1.0),
+    ]  # fmt: skip
+
+
+def test_the_example_of_the_documentation_is_valid():
+    page = Path(__file__).parents[2] / "docs" / "panel.md"
+    (example,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    spec = parse_spec(tomllib.loads(example), "docs/panel.md")
+    check_spec(replace(spec, trainer="fleet"))
+    assert [home.name for home in spec.train] == [
+        "explicit_euler dt=0.05", "reference dt=0.05", "mixed",
     ]  # fmt: skip
 
 
