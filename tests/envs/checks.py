@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from motions import ALL
 from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
@@ -31,7 +32,6 @@ from integ_gym.eval.numerics import (
     volume_defect,
 )
 
-ALL = INTEGRATORS.names()
 APPROXIMATE = tuple(name for name in ALL if name != "reference")
 NEWTON = ("implicit_euler", "implicit_midpoint", "stormer_verlet")
 
