@@ -16,7 +16,7 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.system import PlantSystem
-from integ_gym.envs.tracing import compiled
+from integ_gym.envs.tracing import SCALARS, compiled
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("cart_pole", (0.0, 0.1), (0.1, 0.2), 0.02),
@@ -48,7 +48,7 @@ def _period(system: PlantSystem, integrator: str, period: float) -> Callable[...
         return tuple(motion.q), tuple(motion.v), motion.iterations
 
     numbers = (False,) * n
-    return compiled(advance, numbers, numbers)
+    return compiled(SCALARS, advance, numbers, numbers)
 
 
 def _seconds(function: Callable[..., Any], q: Components, v: Components) -> float:

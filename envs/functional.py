@@ -17,6 +17,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import repeat
 from types import NoneType
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ from integ_gym.envs.ops import Component, Components
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
+from integ_gym.envs.starts import GivenNumbers
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.timing import Timing
 from integ_gym.envs.transition import EnvState, Outcome, initial_state, transition
@@ -510,18 +512,6 @@ def make(
     return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
 
 
-class _Share:
-    """Stands for a generator whose every uniform draw is the same share of its interval."""
-
-    def __init__(self, share: float) -> None:
-        self.share = share
-
-    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
-        """The same point of every interval."""
-        point = np.asarray(low) + self.share * (np.asarray(high) - np.asarray(low))
-        return point if size is None else np.broadcast_to(point, size)
-
-
 def start_range(setup: Setup) -> tuple[Components, Components]:
     """Lowest and highest start, in state order, SI units.
 
@@ -529,7 +519,7 @@ def start_range(setup: Setup) -> tuple[Components, Components]:
     its draws.
     """
     task, start = setup.task, setup.settings.start
-    corners = (task.draw_start(_Share(share), start, {}) for share in (0.0, 1.0))
+    corners = (task.draw_start(GivenNumbers(repeat(x)), start, {}) for x in (0.0, 1.0))
     low, high = corners
     return low, high
 

@@ -7,6 +7,7 @@ from typing import Any
 from integ_gym.envs.ops import Component, Ops
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import (
+    AWAY,
     DIVERGED,
     NOT_CONVERGED,
     OK,
@@ -33,12 +34,16 @@ def reset_info(state: EnvState) -> dict[str, Any]:
         "sensor_time": 0.0,
         "penetration": 0.0,
         "contact_force": 0.0,
-        "goal_since": float(state.goal_since),
+        "goal_since": state.goal_since,
         "success": False,
         "solver_iterations": 0,
         "solver_residual": 0.0,
         "solver_status": STATUS_NAMES[OK],
     }
+
+
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
+"""What is told about a reset, but for what depends on the start."""
 
 
 def step_info(ops: Ops, setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:

@@ -28,6 +28,7 @@ class JaxOps:
 
     sin = staticmethod(jnp.sin)
     cos = staticmethod(jnp.cos)
+    floor = staticmethod(jnp.floor)
     sqrt = staticmethod(jnp.sqrt)
     tanh = staticmethod(jnp.tanh)
     where: ClassVar[Any] = staticmethod(jnp.where)
@@ -39,6 +40,11 @@ class JaxOps:
     def __init__(self, dtype: str = "float64") -> None:
         self.epsilon = float(np.finfo(dtype).eps)
         self.dtype = dtype
+
+    @staticmethod
+    def usually(condition: Component, /) -> Component:
+        """The condition itself."""
+        return condition
 
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry

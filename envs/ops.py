@@ -34,6 +34,9 @@ class Ops(Protocol):
 
     def cos(self, x: Component, /) -> Component: ...
 
+    def floor(self, x: Component, /) -> Component:
+        """The largest whole number that is not above ``x``, as a component."""
+
     def sqrt(self, x: Component, /) -> Component: ...
 
     def tanh(self, x: Component, /) -> Component: ...
@@ -51,6 +54,12 @@ class Ops(Protocol):
 
     def any(self, condition: Component, /) -> Component:
         """Whether ``condition`` holds in at least one lane."""
+
+    def usually(self, condition: Component, /) -> Component:
+        """``condition``, of which it is known that it holds in every lane but for rare cases.
+
+        Code that is written for the usual case takes it for True, and hands the others back.
+        """
 
     def while_loop(
         self,
@@ -102,6 +111,14 @@ class ScalarOps:
             return math.cos(x)
         except ValueError:
             return math.nan
+
+    @staticmethod
+    def floor(x: float, /) -> float:
+        return x // 1.0
+
+    @staticmethod
+    def usually(condition: bool, /) -> bool:
+        return condition
 
     @staticmethod
     def sqrt(x: float, /) -> float:

@@ -113,6 +113,7 @@ def transition(
     """
     orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
     motion = _advance(ops, setup, state, orders)
+    motion = motion._replace(finite=ops.usually(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
 
@@ -130,7 +131,8 @@ def _with_fallback(
     ops: Ops, setup: Setup, state: EnvState, command: Command
 ) -> tuple[Component, Component]:
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
-    return ops.where(command.valid, command.control, held), _negated(command.valid)
+    valid = ops.usually(command.valid)
+    return ops.where(valid, command.control, held), _negated(valid)
 
 
 def _segments(

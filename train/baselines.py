@@ -291,7 +291,7 @@ class _Region:
         engine = NativeEngine(PlantSystem(controller.plant), "rk4", period / substeps)
         upright = np.ones(angle.shape, dtype=bool)
         for _ in range(math.ceil(_CATCH_TIME / period)):
-            torque = controller.regulate(wrapped(angle), speed)
+            torque = controller.regulate(wrapped(ARRAY, angle), speed)
             motion = engine.advance(ARRAY, (angle,), (speed,), ((torque, substeps),), None)
             (angle,), (speed,) = motion.q, motion.v
             upright &= np.abs(angle) < 0.5 * math.pi
