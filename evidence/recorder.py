@@ -101,6 +101,15 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         self._hand_over()
         return self._recording.commit(name, replays)
 
+    def take(self, replays: ReplayLookup | None = None) -> Any:
+        """The finished episodes as a table, to be committed with others; None if there are none.
+
+        Args:
+            replays: what replays said, for all episodes or by episode index.
+        """
+        self._hand_over()
+        return self._recording.take(replays)
+
     def summaries(self) -> dict[str, npt.NDArray[Any]]:
         """Summaries of the finished episodes that are not committed yet, by field name."""
         self._hand_over()

@@ -8,6 +8,7 @@ from integ_gym.eval.numerics.closed_loop import critical_step
 from integ_gym.eval.numerics.convergence import Convergence, convergence
 from integ_gym.eval.numerics.energy import EnergyGrowth, energies, energy_growth
 from integ_gym.eval.numerics.identity import Declared, Identity, classify, declared
+from integ_gym.eval.numerics.independent import IndependentMotion, independent_motion
 from integ_gym.eval.numerics.ledger import Ledger, ledger
 from integ_gym.eval.numerics.linear import LinearMap, linear_map, stability_limit
 from integ_gym.eval.numerics.phase_space import (
@@ -24,6 +25,7 @@ __all__ = [
     "Declared",
     "EnergyGrowth",
     "Identity",
+    "IndependentMotion",
     "Ledger",
     "LinearMap",
     "advance",
@@ -35,6 +37,7 @@ __all__ = [
     "energies",
     "energy_growth",
     "fastest_rate",
+    "independent_motion",
     "ledger",
     "linear_map",
     "probe_state",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.eval.numerics.stepping import State, advance
+from integ_gym.eval.numerics.stepping import Advance, State, advance
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""
@@ -24,8 +25,7 @@ class Convergence:
     Attributes:
         steps_s: steps from coarse to fine, s.
         errors: Euclidean norm of the error in (q, v / frequency), per step.
-        order: slope of log error over log step between the two finest steps whose errors are above
-            rounding, or None where there are no two: the method is exact to rounding.
+        order: as :func:`slope` measures it.
     """
 
     steps_s: tuple[float, ...]
@@ -42,6 +42,7 @@ def convergence(
     frequency: float = 1.0,
     control: float = 0.0,
     halvings: Sequence[int] = HALVINGS,
+    follow: Advance = advance,
 ) -> Convergence:
     """Measure the order on the motion from a state under a constant control.
 
@@ -55,15 +56,16 @@ def convergence(
         frequency: ω in the norm (q, v / ω), rad/s.
         control: held throughout, in the plant's unit.
         halvings: exponents k of the steps duration / 2**k.
+        follow: what takes the steps.
     """
     if truth is None:
-        truth = advance("reference", plant, state, duration_s, 1, control)
+        truth = follow("reference", plant, state, duration_s, 1, control)
     exact = np.asarray(truth, dtype=np.float64)
     weights = np.tile([1.0, 1.0 / frequency], len(exact) // 2)
     steps = tuple(duration_s / 2**k for k in halvings)
     errors = tuple(
         float(
-            np.linalg.norm(weights * (advance(integrator, plant, state, h, 2**k, control) - exact))
+            np.linalg.norm(weights * (follow(integrator, plant, state, h, 2**k, control) - exact))
         )
         for k, h in zip(halvings, steps, strict=True)
     )
@@ -72,8 +74,20 @@ def convergence(
 
 
 def slope(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
-    """d log error / d log step between the two finest steps whose errors are above ``floor``."""
-    usable = [(h, e) for h, e in zip(steps, errors, strict=True) if e > floor]
+    """d log error / d log step between the two finest steps whose errors are above ``floor``.
+
+    Args:
+        steps: from coarse to fine, s.
+        errors: one per step; not finite where the motion diverged.
+        floor: errors up to this are rounding.
+
+    Returns:
+        None where there are no two such steps: the method is exact to rounding; NaN where it
+        diverges at the finest step.
+    """
+    if not math.isfinite(errors[-1]):
+        return math.nan
+    usable = [(h, e) for h, e in zip(steps, errors, strict=True) if floor < e < math.inf]
     if len(usable) < 2:
         return None
     (coarse, large), (fine, small) = usable[-2:]

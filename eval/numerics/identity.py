@@ -11,8 +11,8 @@ from integ_gym.eval.numerics.convergence import convergence
 from integ_gym.eval.numerics.linear import stability_limit
 from integ_gym.eval.numerics.phase_space import symplecticity_defect
 from integ_gym.eval.numerics.probe import fastest_rate, probe_state
-from integ_gym.eval.numerics.reversibility import reversibility_defect
-from integ_gym.eval.numerics.stepping import State
+from integ_gym.eval.numerics.reversibility import reversibility_errors
+from integ_gym.eval.numerics.stepping import Advance, State, advance
 
 ORDER_TOLERANCE = 0.05
 """A measured order this far from the declared one contradicts it."""
@@ -47,14 +47,15 @@ class Identity:
     """What an integrator was measured to be on a plant.
 
     Attributes:
-        order: of convergence; None: exact to rounding.
+        order: of convergence; None: exact to rounding; NaN: it diverges.
         symplectic: whether one step preserves the canonical form in (q, M(q) v). A method that is
             exact to rounding does, whatever its construction.
         reversible: whether going forward, turning round and coming back returns to the start.
         stable_up_to: largest hω on the harmonic oscillator; 0: never stable, ``inf``: always.
         symplecticity_defect: max |JᵀΩJ − Ω|.
-        reversibility_defect: max |state − start|.
+        reversibility_errors: |state − start| in state order and SI units.
         dt: step of the last two, s.
+        order_steps: steps over which the order was measured, s.
     """
 
     order: float | None
@@ -62,8 +63,9 @@ class Identity:
     reversible: bool
     stable_up_to: float
     symplecticity_defect: float
-    reversibility_defect: float
+    reversibility_errors: tuple[float, ...]
     dt: float
+    order_steps: tuple[float, ...]
 
     def contradictions(self, declared: Declared) -> tuple[str, ...]:
         """Names of the declared properties that the measurement contradicts.
@@ -73,7 +75,7 @@ class Identity:
         if self.order is None:
             return ()
         found = []
-        if declared.order is not None and abs(self.order - declared.order) > ORDER_TOLERANCE:
+        if declared.order is not None and not abs(self.order - declared.order) <= ORDER_TOLERANCE:
             found.append("order")
         if declared.symplectic not in (None, self.symplectic):
             found.append("symplectic")
@@ -96,13 +98,19 @@ def declared(integrator: str) -> Declared:
     return Declared(*(getattr(owner, name, None) for name in names))
 
 
-def classify(integrator: str, plant: Plant | None = None, state: State | None = None) -> Identity:
+def classify(
+    integrator: str,
+    plant: Plant | None = None,
+    state: State | None = None,
+    follow: Advance = advance,
+) -> Identity:
     """Measure order, symplecticity, reversibility and linear stability.
 
     Args:
         integrator: a registered name or ``"module:Class"``.
         plant: with numbers as parameters; None: Gymnasium's pendulum.
         state: where it is examined, shape (n,), in state order; None: away from rest.
+        follow: what takes the steps of order and reversibility.
 
     Raises:
         ValueError: for an unknown integrator.
@@ -116,13 +124,15 @@ def classify(integrator: str, plant: Plant | None = None, state: State | None = 
     rate = fastest_rate(plant, start)
     dt = STEP / rate
     canonical = symplecticity_defect(integrator, plant, start, dt)
-    there_and_back = reversibility_defect(integrator, plant, start, dt, STEPS * dt)
+    errors = reversibility_errors(integrator, plant, start, dt, STEPS * dt, follow=follow)
+    measured = convergence(integrator, plant, start, SPAN / rate, frequency=rate, follow=follow)
     return Identity(
-        order=convergence(integrator, plant, start, SPAN / rate, frequency=rate).order,
+        order=measured.order,
         symplectic=canonical < SYMPLECTIC,
-        reversible=there_and_back < REVERSIBLE,
+        reversible=bool(errors.max() < REVERSIBLE),
         stable_up_to=stability_limit(integrator),
         symplecticity_defect=canonical,
-        reversibility_defect=there_and_back,
+        reversibility_errors=tuple(errors.tolist()),
         dt=dt,
+        order_steps=measured.steps_s,
     )

@@ -19,12 +19,40 @@ def probe_state(plant: Plant) -> Array:
 
 
 def fastest_rate(plant: Plant, state: State | None = None) -> float:
-    """Largest |eigenvalue| of the plant's linearization at a state, without control, rad/s.
+    """The largest of :func:`linear_rates`, rad/s."""
+    return float(linear_rates(plant, state)[-1])
+
+
+def linear_rates(plant: Plant, state: State | None = None) -> Array:
+    """|eigenvalues| of the plant's linearization at a state, without control, rad/s, ascending.
 
     Args:
         plant: with numbers as parameters.
         state: shape (n,); None: :func:`probe_state`.
     """
+    found: Array = np.sort(np.abs(np.linalg.eigvals(_linearized(plant, state))))
+    return found
+
+
+def fastest_mode(plant: Plant, state: State) -> Array:
+    """Shape of the fastest small motion about a rest state, without control.
+
+    Args:
+        plant: with numbers as parameters.
+        state: shape (n,), in state order.
+
+    Returns:
+        Displacements of the coordinates, the largest 1, shape (n / 2,).
+    """
+    rates, shapes = np.linalg.eig(_linearized(plant, state))
+    shape = shapes[0::2, np.argmax(np.abs(rates))]
+    largest = shape[np.argmax(np.abs(shape))]
+    mode: Array = (shape / largest).real
+    return mode
+
+
+def _linearized(plant: Plant, state: State | None) -> Array:
+    """∂(v, a)/∂(q, v) in state order, shape (n, n)."""
     system = PlantSystem(plant)
 
     def rates(points: Array) -> Array:
@@ -34,4 +62,4 @@ def fastest_rate(plant: Plant, state: State | None = None) -> float:
         return np.stack([np.broadcast_to(x, v[0].shape) for x in columns], -1)
 
     point = probe_state(plant) if state is None else np.asarray(state, dtype=np.float64)
-    return float(np.abs(np.linalg.eigvals(jacobian(rates, point))).max())
+    return jacobian(rates, point)

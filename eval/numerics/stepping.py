@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,14 @@ from integ_gym.envs.system import PlantSystem
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array
 """(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
+
+
+class Advance(Protocol):
+    """Whatever steps a plant as :func:`advance` does, such as one that keeps records."""
+
+    def __call__(
+        self, integrator: str, plant: Plant, state: State, dt: float, steps: int, control: float
+    ) -> Array: ...
 
 
 def advance(
