@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import declared, energy_growth
+from integ_gym.envs.numerics.energy import BOUNDED
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.eval.diagnosis.expectation import Expectation, below, said, undeclared
 from integ_gym.eval.diagnosis.order import EXACT, order_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import declared, energy_growth
-from integ_gym.eval.numerics.energy import BOUNDED
 
 SECTION = "free motion"
 
