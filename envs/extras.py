@@ -9,6 +9,7 @@ from typing import Any
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
+    "mujoco": ("mujoco",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
     "train": (

@@ -9,6 +9,7 @@ from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import (
     DIVERGED,
     NOT_CONVERGED,
+    NOT_REPORTED,
     OK,
     STATUS_NAMES,
     EnvState,
@@ -74,4 +75,5 @@ def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
 
 def _status_name(ops: Ops, status: Component) -> Any:
     bad = ops.where(status == NOT_CONVERGED, STATUS_NAMES[NOT_CONVERGED], STATUS_NAMES[DIVERGED])
-    return ops.where(status == OK, STATUS_NAMES[OK], bad)
+    fine = ops.where(status == OK, STATUS_NAMES[OK], STATUS_NAMES[NOT_REPORTED])
+    return ops.where(status <= OK, fine, bad)

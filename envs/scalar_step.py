@@ -31,10 +31,9 @@ def traced_step(setup: Setup) -> ScalarStep | None:
     arithmetic; the plain step says what follows then.
 
     Returns:
-        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``,
-        or an engine that is no pure function.
+        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
     """
-    return _traced(_Key(setup)) if setup.engine.batched else None
+    return _traced(_Key(setup))
 
 
 def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component) -> tuple[Any, ...]:
@@ -51,12 +50,16 @@ def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component) -> 
 
 
 class _Key:
-    """A setup that equals others made of the same classes and arguments."""
+    """A setup that equals others made of the same classes and arguments.
+
+    One with an engine that keeps a simulator's data of its own equals itself alone.
+    """
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
-        self._parts = (*(type(part) for part in parts), repr(setup.arguments()))
+        own = None if setup.engine.batched else id(setup.engine)
+        self._parts = (*(type(part) for part in parts), repr(setup.arguments()), own)
 
     def __hash__(self) -> int:
         return hash(self._parts)

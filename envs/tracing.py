@@ -179,6 +179,7 @@ class Trace:
 
     def __init__(self) -> None:
         self.block = Block(None)
+        self.functions: dict[str, Callable[..., Any]] = {}
         self._names = 0
 
     def new_name(self) -> str:
@@ -199,6 +200,16 @@ class Trace:
             symbol = Symbol(self, template, arguments, boolean)
             self.block.known[key] = symbol
             self.block.items.append(symbol)
+        return symbol
+
+    def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
+        """The symbol of a call that is made as it stands, every time."""
+        name = f"f{len(self.functions)}"
+        self.functions[name] = function
+        places = ", ".join(f"{{{k}}}" for k in range(len(arguments)))
+        symbol = Symbol(self, f"{name}({places})", tuple(arguments))
+        symbol.raising = True
+        self.block.items.append(symbol)
         return symbol
 
     def both(self, word: str, a: Any, b: Any, *, absorbing: bool) -> Any:
@@ -302,6 +313,15 @@ class SymbolicOps:
             return body(0, carry)
         return self._trace.loop(carry, body, None, count)
 
+    def foreign(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], truths: tuple[bool, ...]
+    ) -> tuple[Any, ...]:
+        """One call that is made as it stands, and its results."""
+        called = self._trace.call(function, arguments)
+        return tuple(
+            self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)
+        )
+
     def _call(self, name: str, x: Any, boolean: bool = False) -> Any:
         if isinstance(x, Symbol):
             return self._trace.note(f"{name}({{0}})", x, boolean=boolean)
@@ -344,7 +364,7 @@ def compiled(function: Callable[..., Any], *patterns: Any) -> Callable[..., Any]
     lines += writer.block(trace.block, _symbols(result))
     lines.append(f"return {writer.display(result)}")
     source = f"def traced({', '.join(names)}):\n" + "".join(f"    {line}\n" for line in lines)
-    space = dict(_GLOBALS)
+    space = {**_GLOBALS, **trace.functions}
     exec(compile(source, f"<traced {getattr(function, '__name__', '')}>", "exec"), space)
     made: Callable[..., Any] = space["traced"]
     made.__doc__ = source

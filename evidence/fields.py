@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.envs.transition import DIVERGED, NOT_CONVERGED, NOT_REPORTED, OK, STATUS_NAMES
 
 SCHEMA_VERSION = 1
 
@@ -26,7 +26,7 @@ LABELS = (
     "unattributed",
 )
 
-STATUS_CODES = {name: code for code, name in enumerate(STATUS_NAMES)}
+STATUS_CODES = {STATUS_NAMES[code]: code for code in (NOT_REPORTED, OK, NOT_CONVERGED, DIVERGED)}
 """Solver status to its code in the trace; a larger code is worse."""
 
 

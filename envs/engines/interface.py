@@ -48,7 +48,9 @@ class Engine(Protocol):
     """
 
     batched: ClassVar[bool]
-    """Whether components may be arrays."""
+    """Whether all is made of our own arithmetic, so that components may be of any kind."""
+    reports: ClassVar[bool]
+    """Whether it tells its solver's iterations, residual and convergence."""
     version: str
 
     def advance(
@@ -63,3 +65,6 @@ class Engine(Protocol):
 
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""
+
+    def describe(self) -> dict[str, Any]:
+        """What the engine is, beyond its name, version and integrator, as plain data."""

@@ -18,7 +18,9 @@ class Plant(Protocol):
       differences;
     - ``stops``, a :class:`integ_gym.envs.contact.Stops` or None, on the coordinate whose index the
       class attribute ``stopped`` is;
-    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None.
+    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None;
+    - ``mechanism``, a :class:`integ_gym.envs.mechanism.Mechanism`: without it, engines that move
+      rigid bodies refuse the plant.
 
     Stops and friction are forces that :class:`integ_gym.envs.system.PlantSystem` adds to the
     control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
