@@ -10,7 +10,6 @@ import numpy as np
 
 from integ_gym.envs.engines._stepped import SteppedEngine, within_bounds
 from integ_gym.envs.engines.interface import Motion, Segments
-from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.system import PlantSystem
