@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import declared
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.eval.diagnosis.bench import Array, Commands
 from integ_gym.eval.diagnosis.order import promised
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis, steps_for
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import declared
 
 SECTION = "free motion"
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from integ_gym.envs.numerics import classify, declared, linear_map, stability_limit
+from integ_gym.envs.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
 from integ_gym.eval.diagnosis.finding import Finding, shown
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import classify, declared, linear_map, stability_limit
-from integ_gym.eval.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
 
 SECTION = "integrator"
 

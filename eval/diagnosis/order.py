@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from integ_gym.envs.numerics import declared
 from integ_gym.eval.diagnosis.finding import halving_order
 from integ_gym.eval.diagnosis.subject import Subject
-from integ_gym.eval.numerics import declared
 
 SMALL = 0.1
 """hω of the finest step up to which the order shows; coarser ladders need only fall."""
 
 SLACK = 0.35
 """How far below the order the slope may be: the steps of a ladder are not yet small.
-:mod:`integ_gym.eval.numerics.convergence` measures the order itself."""
+:mod:`integ_gym.envs.numerics.convergence` measures the order itself."""
 
 
 def promised(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.numerics import declared
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.system import PlantSystem
@@ -18,7 +19,6 @@ from integ_gym.eval.diagnosis.ledger import ledger_line
 from integ_gym.eval.diagnosis.order import promised
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
-from integ_gym.eval.numerics import declared
 
 SECTION = "timestep refinement"
 

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from integ_gym.envs.numerics.stepping import advance_lanes
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.eval.diagnosis.bench import Array
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics.stepping import advance_lanes
 
 SECTION = "stiffness"
 

@@ -79,6 +79,8 @@ def test_plants_and_integrators_import_no_arithmetic(path):
     assert not imported & {"numpy", "jax", "math", "cmath", "scipy"}
 
 
-@pytest.mark.parametrize("path", sorted((*INTEGRATORS.glob("[!_]*.py"), *MAPS.glob("[!_]*.py"))), ids=_id)
+@pytest.mark.parametrize(
+    "path", sorted((*INTEGRATORS.glob("[!_]*.py"), *MAPS.glob("[!_]*.py"))), ids=_id
+)
 def test_an_integrator_is_one_short_file(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) < 100

@@ -9,9 +9,7 @@ import pytest
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     Declared,
     advance,
     classify,
@@ -26,7 +24,9 @@ from integ_gym.eval.numerics import (
     stability_limit,
     volume_defect,
 )
-from integ_gym.eval.numerics.stepping import jacobian
+from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
 
 NAMES = INTEGRATORS.names()
 CONTRADICTED_ON_THE_CART_POLE = {

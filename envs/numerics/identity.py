@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics.convergence import convergence
+from integ_gym.envs.numerics.linear import stability_limit
+from integ_gym.envs.numerics.phase_space import symplecticity_defect
+from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.reversibility import reversibility_defect
+from integ_gym.envs.numerics.stepping import State
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.numerics.convergence import convergence
-from integ_gym.eval.numerics.linear import stability_limit
-from integ_gym.eval.numerics.phase_space import symplecticity_defect
-from integ_gym.eval.numerics.probe import fastest_rate, probe_state
-from integ_gym.eval.numerics.reversibility import reversibility_defect
-from integ_gym.eval.numerics.stepping import State
 
 ORDER_TOLERANCE = 0.05
 """A measured order this far from the declared one contradicts it."""

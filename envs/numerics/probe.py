@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics.stepping import Array, State, jacobian
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics.stepping import Array, State, jacobian
 
 
 def probe_state(plant: Plant) -> Array:

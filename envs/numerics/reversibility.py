@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from integ_gym.envs.numerics.stepping import State, advance
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.eval.numerics.stepping import State, advance
 
 
 def reversibility_defect(

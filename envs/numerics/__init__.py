@@ -4,20 +4,20 @@ Each takes an integrator by name or as ``"module:Class"``, a plant with numbers 
 state in the order of ``env.unwrapped.state``.
 """
 
-from integ_gym.eval.numerics.closed_loop import critical_step
-from integ_gym.eval.numerics.convergence import Convergence, convergence
-from integ_gym.eval.numerics.energy import EnergyGrowth, energies, energy_growth
-from integ_gym.eval.numerics.identity import Declared, Identity, classify, declared
-from integ_gym.eval.numerics.ledger import Ledger, ledger
-from integ_gym.eval.numerics.linear import LinearMap, linear_map, stability_limit
-from integ_gym.eval.numerics.phase_space import (
+from integ_gym.envs.numerics.closed_loop import critical_step
+from integ_gym.envs.numerics.convergence import Convergence, convergence
+from integ_gym.envs.numerics.energy import EnergyGrowth, energies, energy_growth
+from integ_gym.envs.numerics.identity import Declared, Identity, classify, declared
+from integ_gym.envs.numerics.ledger import Ledger, ledger
+from integ_gym.envs.numerics.linear import LinearMap, linear_map, stability_limit
+from integ_gym.envs.numerics.phase_space import (
     canonical_jacobian,
     symplecticity_defect,
     volume_defect,
 )
-from integ_gym.eval.numerics.probe import fastest_rate, probe_state
-from integ_gym.eval.numerics.reversibility import reversibility_defect
-from integ_gym.eval.numerics.stepping import advance
+from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.reversibility import reversibility_defect
+from integ_gym.envs.numerics.stepping import advance
 
 __all__ = [
     "Convergence",

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from integ_gym.envs.numerics.stepping import State, advance
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.eval.numerics.stepping import State, advance
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.numerics.stepping import Array, State
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, split_state
 from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics.stepping import Array, State
 
 Kind = Literal["bounded", "linear", "exponential"]
 

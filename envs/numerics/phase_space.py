@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics.stepping import Array, State, advance_lanes, jacobian
 from integ_gym.envs.plants.interface import Plant, split_state
-from integ_gym.eval.numerics.stepping import Array, State, advance_lanes, jacobian
 
 
 def canonical_jacobian(
