@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,9 @@ def record_table(
     """
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
-    columns = _scalar_columns(log.context, episodes, env_id, setups, replays)
+    width = min(log.context.float_width, setups[0][0].engine.width)
+    context = replace(log.context, float_width=width)
+    columns = _scalar_columns(context, episodes, env_id, setups, replays)
     arrays = [
         _trace_array(log.layout, episodes, field)
         if field.at
@@ -191,7 +194,7 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
 
 
 def _absent(numbers: Array, ends: Array) -> Array:
-    """True at the last row of every episode, from which no step follows."""
-    mask = np.zeros(len(numbers), dtype=bool)
+    """True where there is no value: NaN, and the last row of an episode, which no step follows."""
+    mask = np.isnan(numbers)
     mask[ends[1:][np.diff(ends) > 0] - 1] = True
     return mask

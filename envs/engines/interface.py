@@ -49,6 +49,8 @@ class Engine(Protocol):
 
     batched: ClassVar[bool]
     """Whether all is made of our own arithmetic, so that components may be of any kind."""
+    width: ClassVar[int]
+    """Bits of the floats that it computes with outside JAX."""
     reports: ClassVar[bool]
     """Whether it tells its solver's iterations, residual and convergence."""
     version: str

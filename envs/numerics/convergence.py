@@ -42,6 +42,7 @@ def convergence(
     frequency: float = 1.0,
     control: float = 0.0,
     halvings: Sequence[int] = HALVINGS,
+    rounding: float = ROUNDING,
 ) -> Convergence:
     """Measure the order on the motion from a state under a constant control.
 
@@ -55,6 +56,7 @@ def convergence(
         frequency: ω in the norm (q, v / ω), rad/s.
         control: held throughout, in the plant's unit.
         halvings: exponents k of the steps duration / 2**k.
+        rounding: share of the state's size below which an error measures the arithmetic.
     """
     if truth is None:
         truth = advance("reference", plant, state, duration_s, 1, control)
@@ -67,7 +69,7 @@ def convergence(
         )
         for k, h in zip(halvings, steps, strict=True)
     )
-    floor = ROUNDING * (1.0 + float(np.linalg.norm(weights * exact)))
+    floor = rounding * (1.0 + float(np.linalg.norm(weights * exact)))
     return Convergence(steps, errors, slope(steps, errors, floor))
 
 

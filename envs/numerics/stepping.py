@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.ops import SCALAR, Component
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
@@ -19,13 +19,25 @@ State = Sequence[float] | Array
 """(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
 
 
+def engine_of(integrator: str, system: PlantSystem, dt: Component) -> Any:
+    """What advances a plant by an integrator, or by one of an engine's, ``"mujoco/Euler"``.
+
+    Raises:
+        ValueError: for an unknown engine or integrator.
+    """
+    engine, slash, own = integrator.partition("/")
+    if not slash:
+        engine, own = "native", integrator
+    return ENGINES.load(engine)(system, own, dt)
+
+
 def advance(
     integrator: str, plant: Plant, state: State, dt: float, steps: int = 1, control: float = 0.0
 ) -> Array:
     """State after some steps; NaN where the arithmetic fails.
 
     Args:
-        integrator: a registered name or ``"module:Class"``.
+        integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
         plant: with numbers as parameters.
         state: shape (n,).
         dt: step, s.
@@ -36,7 +48,7 @@ def advance(
         ValueError: for an unknown integrator.
     """
     q, v = split_state(tuple(float(x) for x in state))
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
+    engine = engine_of(integrator, PlantSystem(plant), dt)
     try:
         motion = engine.advance(SCALAR, q, v, ((control, steps),), None)
     except ArithmeticError:
@@ -52,7 +64,7 @@ def advance_lanes(
     ``dt`` and ``control`` may be one for all or of shape (lanes,).
     """
     q, v = split_state(tuple(np.asarray(states, dtype=np.float64).T))
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
+    engine = engine_of(integrator, PlantSystem(plant), dt)
     with np.errstate(all="ignore"):
         motion = engine.advance(ARRAY, q, v, ((control, 1),), None)
     return np.stack([np.broadcast_to(x, q[0].shape) for x in join_state(motion.q, motion.v)], -1)

@@ -82,5 +82,5 @@ def test_plants_and_integrators_import_no_arithmetic(path):
 @pytest.mark.parametrize(
     "path", sorted((*INTEGRATORS.glob("[!_]*.py"), *MAPS.glob("[!_]*.py"))), ids=_id
 )
-def test_an_integrator_is_one_short_file(path):
+def test_an_integrator_or_map_is_one_short_file(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) < 100
