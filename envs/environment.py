@@ -106,7 +106,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self.render_mode == "human":
             self.render()
         observation = self.setup.task.observe(SCALAR, q, v)
-        return self._observed(observation), reset_info(self._state)
+        return self._observed(observation), reset_info(self.setup, self._state)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance one control period; see the environment's docstring for ``info``.

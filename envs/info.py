@@ -17,7 +17,12 @@ from integ_gym.envs.transition import (
 )
 
 
-def reset_info(state: EnvState) -> dict[str, Any]:
+def quiet_status(setup: Setup) -> str:
+    """Solver status where no step has been taken."""
+    return STATUS_NAMES[OK if setup.engine.reports else NOT_REPORTED]
+
+
+def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     return {
         "time": 0.0,
@@ -38,7 +43,7 @@ def reset_info(state: EnvState) -> dict[str, Any]:
         "success": False,
         "solver_iterations": 0,
         "solver_residual": 0.0,
-        "solver_status": STATUS_NAMES[OK],
+        "solver_status": quiet_status(setup),
     }
 
 

@@ -22,6 +22,7 @@ from integ_gym.envs.environment import (
     make_setup,
     observation_space,
 )
+from integ_gym.envs.info import quiet_status
 from integ_gym.envs.ops import Component
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
@@ -378,7 +379,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
                 "energy": state.energy.copy(),
                 "goal_since": state.goal_since.copy(),
                 "solver_iterations": np.zeros(self.num_envs, dtype=np.int64),
-                "solver_status": np.full(self.num_envs, STATUS_NAMES[0], dtype=object),
+                "solver_status": np.full(self.num_envs, quiet_status(self.setup), dtype=object),
             }
         )
 
