@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 import pytest
 
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import EXTRAS
+from integ_gym.envs.extras import missing_modules
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
@@ -38,7 +37,7 @@ STOPPED = [case for case in FIRST if ENGINES.load(case[0]).own_stops]
 
 def needs(engine: str) -> None:
     """Skip where the engine is not installed, visibly."""
-    missing = [m for m in EXTRAS.get(engine, ()) if find_spec(m) is None]
+    missing = missing_modules(engine)
     if missing:
         pytest.skip(f'{", ".join(missing)} not installed: pip install "integ-gym[{engine}]"')
 
