@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -20,15 +21,15 @@ EXAMPLES = """\
 examples:
   integ-gym engines
   integ-gym engines --engine mujoco drake --plant cart_pole
-  integ-gym engines --json > engines.json
+  integ-gym engines --json
 """
 
 EXACT = "exact"
 """Order of an integrator whose errors are rounding alone."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
     made = CommandParser(
         prog="integ-gym engines",
         description="Measure, from outside, which one-step map every integrator of every installed "
@@ -42,7 +43,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--plant", choices=("pendulum", "cart_pole"), default="cart_pole", help="default: cart_pole"
     )
     made.add_argument("--json", action="store_true", help="print everything measured, as JSON")
-    given = made.parse_args(argv)
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
     names = _chosen(given.engine)
     installed = [name for name in names if not missing_modules(name)]
     measured = []
