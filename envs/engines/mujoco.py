@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -9,9 +10,13 @@ import numpy as np
 
 from integ_gym.envs.engines._foreign import Run
 from integ_gym.envs.engines._mjcf import mjcf
-from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
+from integ_gym.envs.engines._rigid import PROBES, Array, RigidBodyEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.ops import Components
+
+
+FASTEST_CHANGE = 1e8
+"""Acceleration that a force may cause, m/s² or rad/s²; beyond it MuJoCo would write a log file."""
 
 
 class MujocoEngine(RigidBodyEngine):
@@ -65,9 +70,13 @@ class MujocoEngine(RigidBodyEngine):
         places = tuple(range(n))
         position, velocity, applied = self._data.qpos, self._data.qvel, self._data.qfrc_applied
         model, data, step = self._model, self._data, self._mujoco.mj_step
+        strongest = FASTEST_CHANGE * self._lightest()
+        lost = (math.nan,) * (2 * n)
 
         def run(*values: float) -> tuple[float, ...]:
             for i in places:
+                if not -strongest < values[2 * n + i] < strongest:
+                    return lost
                 position[i] = values[i]
                 velocity[i] = values[n + i]
                 applied[i] = values[2 * n + i]
@@ -78,6 +87,11 @@ class MujocoEngine(RigidBodyEngine):
             return (*position.tolist(), *velocity.tolist())
 
         return run
+
+    def _lightest(self) -> float:
+        """Smallest eigenvalue of the mass matrix."""
+        matrices = [self.inertia(probe[-self._model.nv :]) for probe in PROBES]
+        return float(np.linalg.eigvalsh(matrices).min())
 
     def _forward(self, q: Components) -> Any:
         """Data at rest in ``q``."""

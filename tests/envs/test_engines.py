@@ -205,8 +205,10 @@ def test_stops_of_an_engine_that_has_none_are_refused(engine):
 
 
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
-def test_a_divergence_ends_the_episode(engine, integrator):
+def test_a_divergence_ends_the_episode(engine, integrator, tmp_path, monkeypatch):
+    """Without a word on the terminal, and without a file left behind."""
     needs(engine)
+    monkeypatch.chdir(tmp_path)
     env = gym.make(
         "IntegPendulum-v0", engine=engine, integrator=integrator, dt=0.05, max_torque=1e6,
         length=0.01,
@@ -217,6 +219,7 @@ def test_a_divergence_ends_the_episode(engine, integrator):
     assert info["solver_status"] == "diverged"
     assert np.isfinite(observation).all()
     assert np.isfinite(reward)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
