@@ -9,7 +9,7 @@ from typing import Any
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
-    "mujoco": ("mujoco",),
+    "mujoco": ("mujoco", "imageio"),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
     "train": (

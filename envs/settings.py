@@ -71,6 +71,11 @@ class Setup:
     system: PlantSystem
     engine: Engine
 
+    @property
+    def fingerprinted(self) -> str:
+        """The plant on which the engine's fingerprint is taken."""
+        return self.task.plant
+
     def arguments(self) -> dict[str, Any]:
         """All constructor arguments with their values, defaults included."""
         parts = (self.settings, self.plant, self.task)

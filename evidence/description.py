@@ -57,7 +57,7 @@ def _engine(setup: Setup) -> dict[str, Any]:
     settings = setup.settings
     if settings.engine == "native":
         return setup.engine.describe()
-    measured = fingerprint(settings.engine, settings.integrator, setup.task.plant)
+    measured = fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
     return {**setup.engine.describe(), "fingerprint": measured.to_json()}
 
 

@@ -14,7 +14,6 @@ from integ_gym.envs.engines._rigid import PROBES, Array, RigidBodyEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.ops import Components
 
-
 FASTEST_CHANGE = 1e8
 """Acceleration that a force may cause, m/s² or rad/s²; beyond it MuJoCo would write a log file."""
 
@@ -71,7 +70,7 @@ class MujocoEngine(RigidBodyEngine):
         position, velocity, applied = self._data.qpos, self._data.qvel, self._data.qfrc_applied
         model, data, step = self._model, self._data, self._mujoco.mj_step
         strongest = FASTEST_CHANGE * self._lightest()
-        lost = (math.nan,) * (2 * n)
+        lost: tuple[float, ...] = (math.nan,) * (2 * int(n))
 
         def run(*values: float) -> tuple[float, ...]:
             for i in places:
@@ -84,7 +83,8 @@ class MujocoEngine(RigidBodyEngine):
                 step(model, data)
             else:
                 step(model, data, nstep=count)
-            return (*position.tolist(), *velocity.tolist())
+            end: tuple[float, ...] = (*position.tolist(), *velocity.tolist())
+            return end
 
         return run
 
