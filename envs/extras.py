@@ -10,6 +10,7 @@ EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "mujoco": ("mujoco", "imageio"),
+    "pinocchio": ("pinocchio",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
     "train": (

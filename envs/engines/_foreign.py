@@ -49,7 +49,7 @@ class ForeignEngine(SteppedEngine):
             raise ValueError(
                 unknown_name(f"integrator of engine {self.name!r}", integrator, self.maps)
             )
-        _refuse_arrays(self.name, system)
+        refuse_arrays(self.name, system)
         self.integrator = integrator
         self.version = package_version(self.package) or "unknown"
         self._runs: dict[int, Run] = {}
@@ -131,7 +131,12 @@ class ForeignEngine(SteppedEngine):
         return guarded
 
 
-def _refuse_arrays(engine: str, system: PlantSystem) -> None:
+def refuse_arrays(engine: str, system: PlantSystem) -> None:
+    """Check that the plant's parameters are numbers.
+
+    Raises:
+        ValueError: for one given as an array.
+    """
     for name, value in vars(system.plant).items():
         if isinstance(value, np.ndarray):
             raise ValueError(

@@ -10,21 +10,16 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.engines._agreement import TOLERANCE, check_agreement
 from integ_gym.envs.engines._foreign import ForeignEngine
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.mechanism import Mechanism
-from integ_gym.envs.ops import SCALAR, Component, Components, Ops
+from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
-
-TOLERANCE = {64: 1e-9, 32: 1e-5}
-"""Largest relative error of a mass matrix or gravity force, by the width of the engine's floats."""
-
-PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
-"""Configurations at which an engine is compared with the plant."""
 
 
 class RigidBodyEngine(ForeignEngine):
@@ -44,7 +39,7 @@ class RigidBodyEngine(ForeignEngine):
         self._map = one_step_map(self.map)
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
-        self._check()
+        check_agreement(self, system.plant)
 
     @abstractmethod
     def build(self) -> None:
@@ -99,30 +94,6 @@ class RigidBodyEngine(ForeignEngine):
         impulse = sum(a * b for a, b in zip(row, changes, strict=True))
         felt = abs(impulse) > TOLERANCE[self.width] * 10.0 * (1.0 + abs(free[0]))
         return ops.where(felt, impulse / self.dt, 0.0)
-
-    def _check(self) -> None:
-        """Compare mass matrix and gravity force with the plant's.
-
-        Raises:
-            ValueError: if they differ.
-        """
-        plant, tolerance = self.system.plant, TOLERANCE[self.width]
-        for probe in PROBES:
-            q = probe[-len(plant.coordinates) :]
-            expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
-            still = (0.0,) * len(q)
-            weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
-            for what, got, wanted in (
-                ("mass matrix", self.inertia(q), expected),
-                ("gravity force", self.gravity(q), weight),
-            ):
-                scale = max(float(np.abs(wanted).max()), 1e-30)
-                if not np.allclose(got, wanted, rtol=0.0, atol=tolerance * scale):
-                    raise ValueError(
-                        f"engine {self.name!r} {self.version} has another {what} than the plant at "
-                        f"q = {q}: {np.asarray(got).tolist()} for {wanted.tolist()}; this version "
-                        "of the engine cannot be compared"
-                    )
 
 
 @dataclass(frozen=True)
