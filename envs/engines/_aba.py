@@ -38,9 +38,10 @@ class ArticulatedBodies:
             body = pin.Inertia(link.mass, centre, link.inertia * np.eye(3))
             self._model.appendBodyToJoint(joint, body, pin.SE3.Identity())
         self._data = self._model.createData()
-        self._damping = [link.damping for link in mechanism.links]
-        n = len(mechanism.links)
-        self._q, self._v, self._force = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._damping = np.array([link.damping for link in mechanism.links])
+        self._damped = bool(self._damping.any())
+        self._values = np.zeros(3 * len(mechanism.links))
+        self._q, self._v, self._force = np.split(self._values, 3)
 
     def accelerations(
         self, ops: Ops, q: Components, v: Components, force: Components
@@ -75,14 +76,11 @@ class ArticulatedBodies:
         self._load(values)
         data = self._data
         self._pin.computeABADerivatives(self._model, data, self._q, self._v, self._force)
-        by_v = data.ddq_dv - data.Minv * self._damping
-        return (*data.ddq_dq.ravel().tolist(), *by_v.ravel().tolist())
+        by_v = data.ddq_dv - data.Minv * self._damping if self._damped else data.ddq_dv
+        return tuple([x for row in (*data.ddq_dq.tolist(), *by_v.tolist()) for x in row])
 
     def _load(self, values: tuple[float, ...]) -> None:
         """Put coordinates, velocities and forces, less damping, where Pinocchio reads them."""
-        q, v, force = self._q, self._v, self._force
-        n = len(q)
-        for i, damping in enumerate(self._damping):
-            q[i] = values[i]
-            v[i] = speed = values[n + i]
-            force[i] = values[2 * n + i] - damping * speed
+        self._values[:] = values
+        if self._damped:
+            self._force -= self._damping * self._v
