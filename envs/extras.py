@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from typing import Any
 
 EXTRAS = {
+    "casadi": ("casadi",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "mujoco": ("mujoco", "imageio"),

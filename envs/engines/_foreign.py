@@ -3,70 +3,29 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable
+from math import nan
+from typing import Any
 
-import numpy as np
-
-from integ_gym.envs.engines._stepped import SteppedEngine, within_bounds
+from integ_gym.envs.engines._mapped import MappedEngine
+from integ_gym.envs.engines._stepped import within_bounds
 from integ_gym.envs.engines.interface import Motion, Segments
 from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.system import PlantSystem
-from integ_gym.envs.versions import package_version
 
-Run = Callable[..., tuple[float, ...]]
+Run = Callable[..., tuple[Any, ...]]
 """(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""
 
 ASTRAY = 1e9
 """An engine is not asked to go on from a state with a component beyond this, or not finite."""
 
 
-class ForeignEngine(SteppedEngine):
-    """Advances a plant whose parameters are numbers; lanes of a vector environment one by one.
-
-    Args:
-        system: plant with its stops, friction and speed limit.
-        integrator: one of the engine's own; see :attr:`maps`.
-        dt: integration step, s.
-
-    Raises:
-        ValueError: for an integrator that the engine lacks, with those it has, and for plant
-            parameters given as arrays.
-    """
-
-    batched: ClassVar[bool] = False
-    package: ClassVar[str]
-    """Distribution whose version is recorded."""
-    maps: ClassVar[Mapping[str, str]]
-    """Integrator, as the engine calls it, to the one-step map that it applies."""
-    reports: ClassVar[bool] = False
-    """Whether it tells its solver's iterations, residual and convergence."""
+class ForeignEngine(MappedEngine):
+    """Advances a plant by an engine that is called with floats; lanes one by one."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
-        super().__init__(system, dt)
-        if integrator not in self.maps:
-            raise ValueError(
-                unknown_name(f"integrator of engine {self.name!r}", integrator, self.maps)
-            )
-        refuse_arrays(self.name, system)
-        self.integrator = integrator
-        self.version = package_version(self.package) or "unknown"
+        super().__init__(system, integrator, dt)
         self._runs: dict[int, Run] = {}
-
-    @property
-    def map(self) -> str:
-        """Name of the one-step map that the integrator applies."""
-        return self.maps[self.integrator]
-
-    def describe(self) -> dict[str, Any]:
-        """Float width, the map that is applied, and the parameters of the engine's own stops."""
-        stops = None if self.system.engine_stops is None else self.stop_parameters()
-        return {**super().describe(), "map": self.map, "stops": stops}
-
-    def stop_parameters(self) -> dict[str, Any]:
-        """Parameters of the engine's own joint stops, in its own names."""
-        return {}
 
     @abstractmethod
     def run(self, count: int) -> Run:
@@ -114,32 +73,19 @@ class ForeignEngine(SteppedEngine):
     def _run(self, count: int) -> Run:
         if count not in self._runs:
             made = self.run(count)
-            self._runs[count] = made if self.straight else self._guarded(made)
+            lost = (nan,) * (2 * len(self.system.plant.coordinates))
+            report = (0, 0.0, False) if self.reports else ()
+            self._runs[count] = made if self.straight else guarded(made, (*lost, *report))
         return self._runs[count]
 
-    def _guarded(self, run: Run) -> Run:
-        """``run``, but NaN from a state that is astray."""
-        lost = (np.nan,) * (2 * len(self.system.plant.coordinates))
-        lost_with_report = (*lost, 0, 0.0, False) if self.reports else lost
 
-        def guarded(*values: float) -> tuple[float, ...]:
-            for x in values:
-                if not -ASTRAY < x < ASTRAY:
-                    return lost_with_report
-            return run(*values)
+def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
+    """``run``, but ``lost`` from arguments that are astray."""
 
-        return guarded
+    def safe(*values: float) -> tuple[Any, ...]:
+        for x in values:
+            if not -ASTRAY < x < ASTRAY:
+                return lost
+        return run(*values)
 
-
-def refuse_arrays(engine: str, system: PlantSystem) -> None:
-    """Check that the plant's parameters are numbers.
-
-    Raises:
-        ValueError: for one given as an array.
-    """
-    for name, value in vars(system.plant).items():
-        if isinstance(value, np.ndarray):
-            raise ValueError(
-                f"engine {engine!r} takes one value of `{name}` for all environments, got an "
-                "array; give a number, or use engine 'native'"
-            )
+    return safe

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from integ_gym.envs.engines._aba import Array, ArticulatedBodies
 from integ_gym.envs.engines._agreement import check_agreement
-from integ_gym.envs.engines._foreign import refuse_arrays
+from integ_gym.envs.engines._mapped import refuse_arrays
 from integ_gym.envs.engines._rigid import mechanism_of
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
