@@ -6,6 +6,7 @@ equations ``dae``, a dictionary as `casadi.integrator` takes it with state x, co
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import nan
 from typing import Any
 
@@ -33,12 +34,12 @@ _ONE_ELEMENT = {"number_of_finite_elements": 1}
 def runge_kutta(dae: dict[str, Any], dt: float) -> Run:
     """The explicit method `rk`: there is nothing to report."""
     x, u, end = _arrays(dae)
-    _, call = _bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=x, p=u, xf=end)
+    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=x, p=u, xf=end)
 
     def run(*values: float) -> tuple[Any, ...]:
         x[:] = values[:-1]
         u[0] = values[-1]
-        call()
+        step.call()
         return (*end.tolist(), 0, 0.0, True)
 
     return run
@@ -68,18 +69,16 @@ def collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run:
     integrator = _integrator("collocation", dae, dt, options)
     x, u, end = _arrays(dae)
     h, guess, stages, defect = np.array([dt]), *(np.zeros((order, len(x))) for _ in range(3))
-    newton, solve = _bound(
-        integrator.get_function("step"), h=h, x0=x, v00=guess, p=u, xf=end, v0=stages
-    )
-    _, test = _bound(integrator.get_function("implicit_step"), h=h, x0=x, v0=stages, p=u, vf=defect)
+    newton = _Bound(integrator.get_function("step"), h=h, x0=x, v00=guess, p=u, xf=end, v0=stages)
+    test = _Bound(integrator.get_function("implicit_step"), h=h, x0=x, v0=stages, p=u, vf=defect)
 
     def run(*values: float) -> tuple[Any, ...]:
         x[:] = values[:-1]
         u[0] = values[-1]
         guess[:] = x
-        solve()
-        test()
-        told = newton.stats()
+        newton.call()
+        test.call()
+        told = newton.told()
         residual = float((abs(defect) / (1.0 + abs(stages))).max())
         solved = told["success"] or residual <= TOLERANCE
         return (*end.tolist(), told["iter_count"], residual, solved)
@@ -100,17 +99,17 @@ def adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
         "show_eval_warnings": False,
     }
     x, u, end = _arrays(dae)
-    integrator, call = _bound(_integrator(plugin, dae, dt, options), x0=x, p=u, xf=end)
+    step = _Bound(_integrator(plugin, dae, dt, options), x0=x, p=u, xf=end)
     lost = (*[nan] * len(x), INNER_CAP, 0.0, False)
 
     def run(*values: float) -> tuple[Any, ...]:
         x[:] = values[:-1]
         u[0] = values[-1]
         try:
-            call()
+            step.call()
         except RuntimeError:
             return lost
-        return (*end.tolist(), integrator.stats()["nsteps"], 0.0, True)
+        return (*end.tolist(), step.told()["nsteps"], 0.0, True)
 
     return run
 
@@ -125,17 +124,24 @@ def _arrays(dae: dict[str, Any]) -> tuple[Array, Array, Array]:
     return np.zeros(size), np.zeros(1), np.zeros(size)
 
 
-def _bound(function: Any, **arrays: Array) -> tuple[Any, Any]:
-    """A function that reads and writes these arrays when called; what is not named is zero.
+class _Bound:
+    """A CasADi function that reads and writes these arrays when called.
 
-    Returns:
-        what tells the statistics of the last call, and the call.
+    Args:
+        function: whose inputs and outputs are columns.
+        arrays: by name of the input or output; an input that is not named is zero.
     """
-    buffer, call = function.buffer()
-    inputs = function.name_in()
-    for name, array in arrays.items():
-        if name in inputs:
-            buffer.set_arg(inputs.index(name), memoryview(array))  # type: ignore[arg-type]
-        else:
-            buffer.set_res(function.index_out(name), memoryview(array))  # type: ignore[arg-type]
-    return buffer, call
+
+    def __init__(self, function: Any, **arrays: Array) -> None:
+        self._arrays = arrays
+        self._buffer, self.call = function.buffer()
+        inputs = function.name_in()
+        for name, array in arrays.items():
+            if name in inputs:
+                self._buffer.set_arg(function.index_in(name), array.data)
+            else:
+                self._buffer.set_res(function.index_out(name), array.data)
+
+    def told(self) -> Mapping[str, Any]:
+        """Statistics of the last call."""
+        return self._buffer.stats()  # type: ignore[no-any-return]

@@ -79,8 +79,9 @@ class ImplicitRungeKutta:
         equation = _StageEquation(ops, system, q, v, control, dt, rows)
         end = solve(ops, equation, v * len(rows), system.steep)
         accelerations, powers = zip(*equation.rates(end.v), strict=True)
+        speeds = [_along(v, dt, row, accelerations) for row in rows]
         return Step(
-            _along(q, dt, weights, equation.speeds(end.v)),
+            _along(q, dt, weights, speeds),
             _along(v, dt, weights, accelerations),
             _along(losses, dt, weights, powers),
             end.iterations,
