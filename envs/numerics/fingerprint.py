@@ -8,7 +8,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from integ_gym.envs.maps import map_names
 from integ_gym.envs.numerics.convergence import ROUNDING, convergence
 from integ_gym.envs.numerics.matching import OneStep, cases_of, match
 from integ_gym.envs.numerics.phase_space import volume_defect
@@ -19,8 +21,13 @@ from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.system import PlantSystem
 
+Array = npt.NDArray[np.float64]
+
 STEP = 0.02
 """Step at which an engine is examined, s."""
+
+MATCHING_STEP = 0.1
+"""Step at which it is compared with the known maps, s: long enough to tell the best ones apart."""
 
 DAMPING = 0.3
 """Damping of every joint in the damped cases, N m s/rad or N s/m."""
@@ -45,14 +52,15 @@ class Fingerprint:
         integrator: as the engine calls it.
         plant: the plant that was moved, with its default parameters.
         width: bits of the engine's floats.
-        dt: step, s.
-        map: the known map that is nearest over all cases.
+        dt: step of all but the comparison with the known maps, s.
+        matching_dt: step of that comparison, s.
+        map: the known map that is nearest over all cases; the first of those that are equal.
         equal_maps: all maps that it cannot be told from on this plant.
         defects: largest error of one step against that map, relative to 1 + |value|, without and
             with control and damping.
         runner_up: the second nearest map, and its defect over all cases.
         volume_defect: det ∂(q₁, p₁)/∂(q₀, p₀) - 1 without damping.
-        order: of convergence; None: exact to the engine's rounding.
+        order: of convergence; None: exact to the engine's rounding, or to what it is asked for.
         frequency_shift: relative change of the frequency of small oscillations.
         energy_rate: relative change of the energy of small oscillations, 1/s.
     """
@@ -63,6 +71,7 @@ class Fingerprint:
     plant: str
     width: int
     dt: float
+    matching_dt: float
     map: str
     equal_maps: tuple[str, ...]
     defects: dict[str, float]
@@ -104,18 +113,21 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
         "damped": (damped, False),
         "damped_controlled": (damped, True),
     }
+    names = (*map_names(), "reference")
     matches = {
-        name: match(_one_step(method, moved), moved, STEP, cases_of(moved, controlled))
+        name: match(
+            _one_step(method, moved), moved, MATCHING_STEP, cases_of(moved, controlled), names
+        )
         for name, (moved, controlled) in groups.items()
     }
     overall = {
         name: max(m.defects[name] for m in matches.values()) for name in matches["free"].defects
     }
-    ranked = sorted(overall, key=lambda name: overall[name])
+    same = IDENTICAL[made.width]
+    ranked = sorted(overall, key=lambda name: max(overall[name], same))
+    equal = tuple(n for n in ranked if overall[n] <= same)
     shift, rate = _small_oscillations(method, free)
     start = probe_state(free)
-    frequency = fastest_rate(free, start)
-    rounding = ROUNDING if made.width == 64 else SINGLE_ROUNDING
     return Fingerprint(
         engine=engine,
         version=made.version,
@@ -123,27 +135,34 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
         plant=plant,
         width=made.width,
         dt=STEP,
+        matching_dt=MATCHING_STEP,
         map=ranked[0],
-        equal_maps=tuple(n for n in ranked if overall[n] <= IDENTICAL[made.width]),
+        equal_maps=equal,
         defects={name: m.defects[ranked[0]] for name, m in matches.items()},
         runner_up=(ranked[1], overall[ranked[1]]),
         volume_defect=volume_defect(method, free, start, STEP),
-        order=convergence(
-            method, free, start, SPAN / frequency, frequency=frequency, rounding=rounding
-        ).order,
+        order=None if "reference" in equal else _order(method, free, start, made.width),
         frequency_shift=shift,
         energy_rate=rate,
     )
 
 
 def _one_step(method: str, plant: Plant) -> OneStep:
-    engine = engine_of(method, PlantSystem(plant), STEP)
+    engine = engine_of(method, PlantSystem(plant), MATCHING_STEP)
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
         return motion.q, motion.v
 
     return step
+
+
+def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
+    """Order of convergence from a state; None where errors are rounding alone."""
+    frequency = fastest_rate(plant, start)
+    rounding = ROUNDING if width == 64 else SINGLE_ROUNDING
+    span = SPAN / frequency
+    return convergence(method, plant, start, span, frequency=frequency, rounding=rounding).order
 
 
 def _small_oscillations(method: str, plant: Plant) -> tuple[float, float]:
