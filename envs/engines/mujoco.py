@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.envs.engines._agreement import PROBES
 from integ_gym.envs.engines._foreign import Run
 from integ_gym.envs.engines._mjcf import mjcf
-from integ_gym.envs.engines._rigid import PROBES, Array, RigidBodyEngine
+from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.ops import Components
 

@@ -150,11 +150,11 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
 def _one_step(method: str, plant: Plant) -> OneStep:
     engine = engine_of(method, PlantSystem(plant), MATCHING_STEP)
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
         return motion.q, motion.v
 
-    return step
+    return advanced
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
