@@ -7,6 +7,8 @@ equations ``dae``, a dictionary as `casadi.integrator` takes it with state x, co
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import redirect_stderr
+from io import StringIO
 from math import nan
 from typing import Any
 
@@ -89,7 +91,8 @@ def collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run:
 def adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
     """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; the residual is not told and is 0.
 
-    Where it gives up there is no state: components are NaN.
+    Where it gives up there is no state: components are NaN. `idas` then writes to `sys.stderr`,
+    whatever `disable_internal_warnings` says, so that this is turned away during the call.
     """
     options = {
         "abstol": TOLERANCE,
@@ -106,7 +109,8 @@ def adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
         x[:] = values[:-1]
         u[0] = values[-1]
         try:
-            step.call()
+            with redirect_stderr(StringIO()):
+                step.call()
         except RuntimeError:
             return lost
         return (*end.tolist(), step.told()["nsteps"], 0.0, True)

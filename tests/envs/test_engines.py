@@ -26,6 +26,8 @@ from integ_gym.envs.maps import MAPS, map_names, one_step_map
 from integ_gym.envs.mechanism import Mechanism
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.scalar_step import plain_step, traced_step
+from integ_gym.envs.transition import EnvState, initial_state
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
 
@@ -179,6 +181,29 @@ def test_stops_of_the_engines_own_leave_the_ledger_open(engine, integrator):
     assert all(abs(info["energy_residual"]) < 1e-2 for info in free)
     assert env.unwrapped.state[0] < 2.4 + 0.02
     assert env.unwrapped.setup.engine.describe()["stops"]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+def test_steps_are_traced_to_the_same_bits(engine, integrator):
+    setup = setup_of(engine, integrator, "IntegPendulum-v0", control_period=0.06, damping=0.2)
+    plain, traced = plain_step(setup), traced_step(setup)
+    assert traced is not None
+    state = initial_state(SCALAR, setup, (0.5,), (3.0,))
+    for action in (2.0, -1.0, 0.5):
+        expected = plain(state, action)
+        assert repr(traced(state, action)) == repr(expected)
+        state = EnvState._make(expected[0])
+
+
+@pytest.mark.parametrize("engine", [e for e in FOREIGN if not ENGINES.load(e).batched])
+def test_plant_parameters_that_differ_between_lanes_are_refused(engine):
+    needs(engine)
+    integrator = next(iter(ENGINES.load(engine).maps))
+    with pytest.raises(ValueError, match=f"engine '{engine}' takes one value of `mass`"):
+        gym.make_vec(
+            "IntegPendulum-v0", num_envs=2, engine=engine, integrator=integrator,
+            mass=np.array([1.0, 2.0]),
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
