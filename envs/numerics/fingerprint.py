@@ -26,8 +26,9 @@ Array = npt.NDArray[np.float64]
 STEP = 0.02
 """Step at which an engine is examined, s."""
 
-MATCHING_STEP = 0.1
-"""Step at which it is compared with the known maps, s: long enough to tell the best ones apart."""
+STRIDE = 0.25
+"""Step times fastest rate at which it is compared with the known maps: the best of them differ by
+more than rounding there, and all implicit ones can be solved for."""
 
 DAMPING = 0.3
 """Damping of every joint in the damped cases, N m s/rad or N s/m."""
@@ -113,10 +114,11 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
         "damped": (damped, False),
         "damped_controlled": (damped, True),
     }
-    names = (*map_names(), "reference")
+    start = probe_state(free)
+    names, stride = (*map_names(), "reference"), STRIDE / fastest_rate(free, start)
     matches = {
         name: match(
-            _one_step(method, moved), moved, MATCHING_STEP, cases_of(moved, controlled), names
+            _one_step(method, moved, stride), moved, stride, cases_of(moved, controlled), names
         )
         for name, (moved, controlled) in groups.items()
     }
@@ -127,7 +129,6 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     ranked = sorted(overall, key=lambda name: max(overall[name], same))
     equal = tuple(n for n in ranked if overall[n] <= same)
     shift, rate = _small_oscillations(method, free)
-    start = probe_state(free)
     return Fingerprint(
         engine=engine,
         version=made.version,
@@ -135,7 +136,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
         plant=plant,
         width=made.width,
         dt=STEP,
-        matching_dt=MATCHING_STEP,
+        matching_dt=stride,
         map=ranked[0],
         equal_maps=equal,
         defects={name: m.defects[ranked[0]] for name, m in matches.items()},
@@ -147,8 +148,8 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     )
 
 
-def _one_step(method: str, plant: Plant) -> OneStep:
-    engine = engine_of(method, PlantSystem(plant), MATCHING_STEP)
+def _one_step(method: str, plant: Plant, dt: float) -> OneStep:
+    engine = engine_of(method, PlantSystem(plant), dt)
 
     def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((control, 1),), None)

@@ -14,6 +14,7 @@ from own_plants import CentralSpring
 from integ_gym.envs.engines import ENGINES, _casadi_steps
 from integ_gym.envs.extras import load
 from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.numerics.fingerprint import fingerprint
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.system import PlantSystem
 
@@ -233,3 +234,16 @@ def test_the_solver_is_described(integrator):
     cap = 5000 if integrator in ADAPTIVE else 50
     expected = (None, None) if integrator == "rk" else (1e-12, cap)
     assert (told["solver_tolerance"], told["solver_cap"]) == expected
+
+
+@pytest.mark.parametrize("plant", ["cart_pole", "elastic_pendulum"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_the_fingerprint_tells_the_integrators_apart(integrator, plant):
+    """Those of order 5 and the exact ones too, also where the plant is stiff."""
+    found = fingerprint("casadi", integrator, plant)
+    declared = ENGINES.load("casadi").maps[integrator]
+    assert found.equal_maps == (found.map,) == (declared,)
+    if integrator in ADAPTIVE:
+        assert found.order is None
+    else:
+        assert found.order == pytest.approx(one_step_map(declared).order, abs=0.05)
