@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import nan
 from typing import Any, ClassVar
 
 from integ_gym.envs.engines import _casadi_steps as steps
@@ -46,7 +47,7 @@ class CasadiEngine(MappedEngine):
         super().__init__(system, integrator, dt)
         size = 2 * len(system.plant.coordinates) + len(system.no_losses)
         self._truths = (*[False] * size, False, False, True)
-        lost = (*[float("nan")] * size, 0, 0.0, False)
+        lost = (*[nan] * size, 0, 0.0, False)
         self._step = guarded(_stepper(_equations(system), integrator, dt), lost)
 
     def solver(self) -> dict[str, Any]:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs import numerics
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state
-from integ_gym.eval import numerics
 
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {

@@ -15,8 +15,8 @@ from checks import (
 
 from integ_gym.envs.maps import MAPS
 from integ_gym.envs.maps._runge_kutta import ExplicitRungeKutta, ImplicitRungeKutta, Tableau
+from integ_gym.envs.numerics import advance, declared
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.eval.numerics import advance, declared
 
 
 def _reference(name: str) -> str:
