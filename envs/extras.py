@@ -10,8 +10,10 @@ EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "mujoco": ("mujoco", "imageio"),
+    "pybullet": ("pybullet",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
+    "sapien": ("sapien",),
     "train": (
         "stable_baselines3",
         "torch",

@@ -1,0 +1,118 @@
+"""SAPIEN: NVIDIA's PhysX 5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from integ_gym.envs.engines._articulation import Solver, articulated
+from integ_gym.envs.engines._foreign import Run
+from integ_gym.envs.engines._rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
+from integ_gym.envs.mechanism import Mechanism
+from integ_gym.envs.ops import SCALAR, Components
+
+SOLVERS = {"tgs": Solver(True, 10), "pgs": Solver(False, 50)}
+"""Temporal Gauss-Seidel as SAPIEN has it by default; projected Gauss-Seidel until it converges."""
+
+
+class SapienEngine(RigidBodyEngine):
+    """PhysX articulations on the CPU, in float32: symplectic Euler, damped by PhysX's solver.
+
+    `tgs` (SAPIEN's default, ten position iterations) drifts in ten parts and damps one joint after
+    another before each; `pgs` takes joint damping implicitly. PhysX's own link damping, joint
+    friction, speed limits and sleep are switched off.
+
+    Raises:
+        ValueError: if PhysX's solver does not converge on the plant's damping, in addition to what
+            engines of rigid bodies refuse.
+    """
+
+    name: ClassVar[str] = "sapien"
+    package: ClassVar[str] = "sapien"
+    width: ClassVar[int] = 32
+    own_stops: ClassVar[bool] = True
+    maps: ClassVar[Mapping[str, str]] = {
+        "tgs": "symplectic_euler_sequential_damping",
+        "pgs": "symplectic_euler_implicit_damping",
+    }
+
+    def build(self) -> None:
+        """Build the articulation, and one without damping and weight to be weighed."""
+        solver, stops = SOLVERS[self.integrator], self.system.engine_stops
+        links = tuple(replace(link, damping=0.0) for link in self.mechanism.links)
+        self._world = articulated(self.mechanism, self.dt, solver, stops)
+        self._weightless = articulated(Mechanism(links, 0.0), self.dt, solver)
+
+    def describe(self) -> dict[str, Any]:
+        """As every engine, and the solver's iterations."""
+        articulation = self._world.articulation
+        return {
+            **super().describe(),
+            "position_iterations": articulation.solver_position_iterations,
+            "velocity_iterations": articulation.solver_velocity_iterations,
+        }
+
+    def stop_parameters(self) -> dict[str, Any]:
+        """PhysX's limits are hard: the solver's iterations are all there is."""
+        return {"solver": self.integrator, **SOLVERS[self.integrator]._asdict()}
+
+    def inertia(self, q: Components) -> Array:
+        """Inverse of the velocities that impulses give, at rest and without weight.
+
+        The impulses are such that joints alone would move at 1 m/s or rad/s.
+        """
+        _, system, articulation = self._weightless
+        impulses = np.diag(np.diag(self.system.plant.mass_matrix(SCALAR, q)))
+        columns = []
+        for impulse in impulses:
+            _put(articulation, q, (0.0,) * len(q), impulse / self.dt)
+            system.step()
+            columns.append(articulation.get_qvel().astype(np.float64))
+        return impulses @ np.linalg.inv(np.stack(columns, axis=1))
+
+    def gravity(self, q: Components) -> Array:
+        """Minus the force that holds it at rest."""
+        articulation = self._world.articulation
+        _put(articulation, q, (0.0,) * len(q), (0.0,) * len(q))
+        held = articulation.compute_passive_force(gravity=True, coriolis_and_centrifugal=False)
+        return -np.asarray(held, np.float64)
+
+    def run(self, count: int) -> Run:
+        """Set the state and the force, which stays, and step ``count`` times."""
+        _, system, articulation = self._world
+        step = system.step
+        n = len(self.mechanism.links)
+
+        def run(*values: float) -> tuple[float, ...]:
+            _put(articulation, values[:n], values[n : 2 * n], values[2 * n :])
+            for _ in range(count):
+                step()
+            return (*articulation.get_qpos().tolist(), *articulation.get_qvel().tolist())
+
+        return run
+
+    def _check(self) -> None:
+        super()._check()
+        plant = self.system.plant
+        for probe in PROBES:
+            q = v = probe[-len(plant.coordinates) :]
+            force = (0.0,) * len(q)
+            told = self._map.step(SCALAR, HeldForce(plant, force), q, v, (0.0,), 0.0, self.dt)
+            expected = np.array((*told.q, *told.v))
+            got = np.array(self.run(1)(*q, *v, *force))
+            if (np.abs(got - expected) > TOLERANCE[self.width] * (1.0 + np.abs(expected))).any():
+                raise ValueError(
+                    f"engine 'sapien' with integrator {self.integrator!r} is not the map "
+                    f"{self.map!r} on this plant, whose damping its solver does not resolve in "
+                    f"{SOLVERS[self.integrator].position_iterations} iterations; take a smaller "
+                    "`dt` or less damping, or integrator 'tgs'"
+                )
+
+
+def _put(articulation: Any, q: Any, v: Any, force: Any) -> None:
+    articulation.set_qpos(q)
+    articulation.set_qvel(v)
+    articulation.set_qf(force)
