@@ -26,6 +26,14 @@ class Solver(NamedTuple):
     temporal: bool
     """Temporal Gauss-Seidel, in parts of the step, or projected Gauss-Seidel."""
     position_iterations: int
+    velocity_iterations: int = 1
+
+    def iterations(self) -> dict[str, int]:
+        """As plain data."""
+        return {
+            "position_iterations": self.position_iterations,
+            "velocity_iterations": self.velocity_iterations,
+        }
 
 
 class World(NamedTuple):
@@ -63,6 +71,7 @@ def articulated(
         _describe(sapien.Pose, body, link, limits.get(place, inf))
     articulation = builder.build(fix_root_link=True)
     articulation.set_solver_position_iterations(solver.position_iterations)
+    articulation.set_solver_velocity_iterations(solver.velocity_iterations)
     _release(articulation)
     return World(scene, system, articulation)
 

@@ -19,7 +19,7 @@ from integ_gym.envs.ops import Components
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""
 
-STOP_PARAMETERS = {"erp": 0.2, "globalCFM": 0.0, "numSolverIterations": 50}
+STOP_PARAMETERS = {"erp": 0.2, "numSolverIterations": 50}
 """Bullet's own values of what its joint limits depend on."""
 
 
@@ -119,5 +119,7 @@ def _connect(bullet: Any) -> int:
         client = bullet.connect(bullet.DIRECT)
         bullet.disconnect(0)
     if client < 0:
-        raise RuntimeError("PyBullet has no physics client left; close environments, or other users")
+        raise RuntimeError(
+            "PyBullet has no physics client left; close environments, or other users"
+        )
     return client
