@@ -30,7 +30,8 @@ class PybulletEngine(RigidBodyEngine):
     give. Each engine has a physics client of its own, about 30 MB, closed with it.
 
     Raises:
-        RuntimeError: if PyBullet has no client left; it has 1024.
+        RuntimeError: if PyBullet has no client left of its 1024, in addition to what engines of
+            rigid bodies refuse.
     """
 
     name: ClassVar[str] = "pybullet"
@@ -114,12 +115,14 @@ class PybulletEngine(RigidBodyEngine):
 
 def _connect(bullet: Any) -> int:
     """A client that is not number 0, which PyBullet's functions mean where none is named."""
-    client: int = bullet.connect(bullet.DIRECT)
-    if client == 0:
-        client = bullet.connect(bullet.DIRECT)
-        bullet.disconnect(0)
-    if client < 0:
+    try:
+        client: int = bullet.connect(bullet.DIRECT)
+        if client == 0:
+            client = bullet.connect(bullet.DIRECT)
+            bullet.disconnect(0)
+    except bullet.error as error:
         raise RuntimeError(
-            "PyBullet has no physics client left; close environments, or other users"
-        )
+            f"PyBullet gives no physics client: {error} Delete environments that you do not use, "
+            "or take one vector environment, whose lanes share a client"
+        ) from error
     return client

@@ -122,5 +122,14 @@ def test_the_client_that_others_mean_by_default_is_left_to_them(bullet):
     assert not bullet.isConnected(0)
 
 
+def test_where_no_client_is_left_the_remedy_is_told(bullet, monkeypatch):
+    def refused(_):
+        raise bullet.error("Exceeding maximum number of physics connections.")
+
+    monkeypatch.setattr(bullet, "connect", refused)
+    with pytest.raises(RuntimeError, match=r"maximum number of physics connections.*Delete"):
+        _setup()
+
+
 def test_nothing_is_printed_and_nothing_written(bullet, tmp_path):
     assert told_by_an_episode(*ENGINE, tmp_path) == (0, "")
