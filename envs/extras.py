@@ -12,8 +12,10 @@ EXTRAS = {
     "fleet": ("jax",),
     "mujoco": ("mujoco", "imageio"),
     "pinocchio": ("pinocchio",),
+    "pybullet": ("pybullet",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
+    "sapien": ("sapien",),
     "train": (
         "stable_baselines3",
         "torch",

@@ -39,7 +39,7 @@ class RigidBodyEngine(ForeignEngine):
         self._map = one_step_map(self.map)
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
-        check_agreement(self, system.plant)
+        self._check()
 
     @abstractmethod
     def build(self) -> None:
@@ -52,6 +52,9 @@ class RigidBodyEngine(ForeignEngine):
     @abstractmethod
     def gravity(self, q: Components) -> Array:
         """The simulator's generalized force of gravity, (dof,), N or N m."""
+
+    def _check(self) -> None:
+        check_agreement(self, self.system.plant)
 
     @property
     def straight(self) -> bool:

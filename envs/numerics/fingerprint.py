@@ -15,7 +15,13 @@ from integ_gym.envs.numerics.convergence import ROUNDING, convergence
 from integ_gym.envs.numerics.matching import OneStep, cases_of, match
 from integ_gym.envs.numerics.phase_space import volume_defect
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
-from integ_gym.envs.numerics.stepping import advance_lanes, engine_of, jacobian
+from integ_gym.envs.numerics.stepping import (
+    SINGLE_WIDTH,
+    WIDTH,
+    advance_lanes,
+    engine_of,
+    jacobian,
+)
 from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
@@ -55,11 +61,12 @@ class Fingerprint:
         width: bits of the engine's floats.
         dt: step of all but the comparison with the known maps, s.
         matching_dt: step of that comparison, s.
-        map: the known map that is nearest over all cases; the first of those that are equal.
-        equal_maps: all maps that it cannot be told from on this plant.
+        map: the known map that is nearest over all cases; of several that it cannot be told from on
+            this plant, the one that it is said to be.
+        equal_maps: those.
         defects: largest error of one step against that map, relative to 1 + |value|, without and
             with control and damping.
-        runner_up: the second nearest map, and its defect over all cases.
+        runner_up: the next map in that order, and its defect over all cases.
         volume_defect: det ∂(q₁, p₁)/∂(q₀, p₀) - 1 without damping.
         order: of convergence; None: exact to the engine's rounding, or to what it is asked for.
         frequency_shift: relative change of the frequency of small oscillations.
@@ -125,10 +132,12 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     overall = {
         name: max(m.defects[name] for m in matches.values()) for name in matches["free"].defects
     }
-    same = IDENTICAL[made.width]
-    ranked = sorted(overall, key=lambda name: max(overall[name], same))
-    equal = tuple(n for n in ranked if overall[n] <= same)
-    shift, rate = _small_oscillations(method, free)
+    said = getattr(made, "map", integrator)
+    limit = IDENTICAL[made.width]
+    ranked = sorted(overall, key=lambda n: (overall[n] > limit, n != said, overall[n]))
+    equal = tuple(n for n in ranked if overall[n] <= limit)
+    width = WIDTH if made.width == 64 else SINGLE_WIDTH
+    shift, rate = _small_oscillations(method, free, width)
     return Fingerprint(
         engine=engine,
         version=made.version,
@@ -141,7 +150,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
         equal_maps=equal,
         defects={name: m.defects[ranked[0]] for name, m in matches.items()},
         runner_up=(ranked[1], overall[ranked[1]]),
-        volume_defect=volume_defect(method, free, start, STEP),
+        volume_defect=volume_defect(method, free, start, STEP, width=width),
         order=None if "reference" in equal else _order(method, free, start, made.width),
         frequency_shift=shift,
         energy_rate=rate,
@@ -151,11 +160,11 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
 def _one_step(method: str, plant: Plant, dt: float) -> OneStep:
     engine = engine_of(method, PlantSystem(plant), dt)
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def applied(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
         return motion.q, motion.v
 
-    return advanced
+    return applied
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
@@ -166,14 +175,14 @@ def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
     return convergence(method, plant, start, span, frequency=frequency, rounding=rounding).order
 
 
-def _small_oscillations(method: str, plant: Plant) -> tuple[float, float]:
+def _small_oscillations(method: str, plant: Plant, width: float) -> tuple[float, float]:
     """Relative frequency shift, and relative change of energy per second, about hanging at rest."""
     n = len(plant.coordinates)
     hanging = tuple(math.pi if name == "theta" else 0.0 for name in plant.coordinates)
     rest = np.array(join_state(hanging, (0.0,) * n))
     exact = fastest_rate(plant, rest)
-    step = jacobian(lambda points: advance_lanes(method, plant, points, STEP), rest)
-    swinging = max(np.linalg.eigvals(step), key=lambda value: abs(value.imag))
+    slopes = jacobian(lambda points: advance_lanes(method, plant, points, STEP), rest, width)
+    swinging = max(np.linalg.eigvals(slopes), key=lambda value: abs(value.imag))
     return (
         float(abs(np.angle(swinging)) / (STEP * exact) - 1.0),
         float(2.0 * np.log(abs(swinging)) / STEP),
