@@ -31,8 +31,10 @@ class MappedEngine(SteppedEngine):
     """Distribution whose version is recorded."""
     maps: ClassVar[Mapping[str, str]]
     """Integrator, as the engine calls it, to the one-step map that it applies."""
-    reports: ClassVar[bool] = False
-    """Whether it tells its solver's iterations, residual and convergence."""
+    reports: bool = False
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
+    stopless: ClassVar[frozenset[str]] = frozenset()
+    """Integrators to which the joint stops of an engine that has them do nothing."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, dt)
@@ -41,6 +43,12 @@ class MappedEngine(SteppedEngine):
                 unknown_name(f"integrator of engine {self.name!r}", integrator, self.maps)
             )
         refuse_arrays(self.name, system)
+        if system.engine_stops is not None and integrator in self.stopless:
+            others = ", ".join(name for name in self.maps if name not in self.stopless)
+            raise ValueError(
+                f"integrator {integrator!r} of engine {self.name!r} ignores joint stops; use "
+                f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
+            )
         self.integrator = integrator
         self.version = package_version(self.package) or "unknown"
 

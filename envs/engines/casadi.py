@@ -31,7 +31,7 @@ class CasadiEngine(MappedEngine):
 
     name: ClassVar[str] = "casadi"
     package: ClassVar[str] = "casadi"
-    reports: ClassVar[bool] = True
+    reports: bool = True
     maps: ClassVar[Mapping[str, str]] = {
         "rk": "rk4",
         "collocation_legendre_1": "implicit_midpoint",

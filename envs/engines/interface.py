@@ -51,8 +51,8 @@ class Engine(Protocol):
     """Whether all is made of our own arithmetic, so that components may be of any kind."""
     width: ClassVar[int]
     """Bits of the floats that it computes with outside JAX."""
-    reports: ClassVar[bool]
-    """Whether it tells its solver's iterations, residual and convergence."""
+    reports: bool
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
     version: str
 
     def advance(

@@ -26,7 +26,7 @@ class NativeEngine(SteppedEngine):
 
     name: ClassVar[str] = "native"
     batched: ClassVar[bool] = True
-    reports: ClassVar[bool] = True
+    reports: bool = True
 
     def __init__(self, system: PlantSystem, integrator: str, dt: Component) -> None:
         super().__init__(system, dt)

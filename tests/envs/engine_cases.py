@@ -32,7 +32,14 @@ CASES = [
 FIRST = [(engine, next(iter(ENGINES.load(engine).maps))) for engine in FOREIGN]
 """Each engine with one of its integrators."""
 
-STOPPED = [case for case in FIRST if ENGINES.load(case[0]).own_stops]
+STOPPED = [
+    (engine, integrator)
+    for engine in FOREIGN
+    if (owner := ENGINES.load(engine)).own_stops
+    for integrator in owner.maps
+    if integrator not in owner.stopless
+]
+"""Every integrator that heeds its engine's own stops."""
 
 
 def needs(engine: str) -> None:
