@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.extras import missing
-from integ_gym.envs.ops import Carry, Component
+from integ_gym.envs.ops import Carry, Component, Components
 
 try:
     import jax
@@ -79,6 +79,12 @@ class JaxOps:
             lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype), carry, shapes
         )
         return jax.lax.fori_loop(0, count, body, start)  # type: ignore[no-any-return]
+
+    def foreign(
+        self, function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """Not possible: only what is made of JAX's own operations can be compiled."""
+        raise TypeError("an engine outside JAX cannot be compiled; use its NumPy environment")
 
 
 def _until_done(

@@ -25,6 +25,7 @@ from integ_gym.envs.environment import (
     observation_space,
     possible,
 )
+from integ_gym.envs.info import quiet_status
 from integ_gym.envs.lanes import (
     Array,
     as_lanes,
@@ -94,7 +95,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
-        self._info = LaneInfo(num_envs)
+        self._info = LaneInfo(num_envs, quiet_status(self.setup))
         self._steps = [LanesStep(setup) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []

@@ -118,19 +118,20 @@ class Recording:
         return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
 
 
-def check_unchanged(env: Any, kind: type, spaces: tuple[str, ...]) -> None:
-    """Check that ``env`` is one of ours and that no wrapper changes what a policy sees.
+def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
+    """The environment that is recorded: the outermost of these kinds.
 
     Raises:
-        TypeError: otherwise.
+        TypeError: if there is none, or a wrapper around it changes what a policy sees.
     """
-    if not isinstance(env.unwrapped, kind):
-        raise TypeError(
-            f"evidence is recorded of integ-gym environments, got {type(env.unwrapped).__name__}; "
-            "make one with gym.make or gym.make_vec"
-        )
     wrapper = env
-    while wrapper is not env.unwrapped:
+    while not isinstance(wrapper, kinds):
+        if wrapper is env.unwrapped:
+            raise TypeError(
+                f"evidence is recorded of integ-gym environments, got {type(wrapper).__name__}; "
+                "make one with gym.make or gym.make_vec, or give a MuJoCo task to "
+                "integ_gym.rediscretize"
+            )
         if isinstance(wrapper, _CHANGING):
             raise TypeError(
                 f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
@@ -138,12 +139,13 @@ def check_unchanged(env: Any, kind: type, spaces: tuple[str, ...]) -> None:
             )
         wrapper = wrapper.env
     for space in spaces:
-        own, changed = getattr(env.unwrapped, space), getattr(env, space)
+        own, changed = getattr(wrapper, space), getattr(env, space)
         if own != changed:
             raise TypeError(
                 f"a wrapper changes {space} from {own} to {changed}: put the recorder around the "
                 "environment first, and the other wrappers around the recorder"
             )
+    return wrapper
 
 
 def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,9 @@ def record_table(
     """
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
-    columns = _scalar_columns(log.contexts, episodes, env_id, setups, replays)
+    width = setups[0][0].engine.width
+    contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
+    columns = _scalar_columns(contexts, episodes, env_id, setups, replays)
     arrays = [
         _trace_array(log.layout, episodes, field)
         if field.at
@@ -211,7 +214,7 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
 
 
 def _absent(numbers: Array, ends: Array) -> Array:
-    """True at the last row of every episode, from which no step follows."""
-    mask = np.zeros(len(numbers), dtype=bool)
+    """True where there is no value: NaN, and the last row of an episode, which no step follows."""
+    mask = np.isnan(numbers)
     mask[ends[1:][np.diff(ends) > 0] - 1] = True
     return mask

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.lane_buffer import LaneBuffer, fill, fill_ending
-from integ_gym.evidence.recording import Recording, all_setups, check_unchanged, now
+from integ_gym.evidence.recording import Recording, all_setups, now, recorded
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import ReplayLookups
 
@@ -64,8 +64,7 @@ class RecordVectorEvidence(VectorWrapper):
         commit_on_close: bool = True,
     ) -> None:
         super().__init__(env)
-        check_unchanged(env, IntegVectorEnv, _SPACES)
-        self._inner = cast(Any, env.unwrapped)
+        self._inner = recorded(env, (IntegVectorEnv,), _SPACES)
         self._mode: AutoresetMode = self._inner.autoreset_mode
         setups = all_setups(self._inner.setups, self.num_envs)
         self._per_member = len(setups) // len(self._inner.setups)

@@ -43,6 +43,7 @@ def convergence(
     control: float = 0.0,
     halvings: Sequence[int] = HALVINGS,
     follow: Advance = advance,
+    rounding: float = ROUNDING,
 ) -> Convergence:
     """Measure the order on the motion from a state under a constant control.
 
@@ -57,6 +58,7 @@ def convergence(
         control: held throughout, in the plant's unit.
         halvings: exponents k of the steps duration / 2**k.
         follow: what takes the steps.
+        rounding: share of the state's size below which an error measures the arithmetic.
     """
     if truth is None:
         truth = follow("reference", plant, state, duration_s, 1, control)
@@ -69,7 +71,7 @@ def convergence(
         )
         for k, h in zip(halvings, steps, strict=True)
     )
-    floor = ROUNDING * (1.0 + float(np.linalg.norm(weights * exact)))
+    floor = rounding * (1.0 + float(np.linalg.norm(weights * exact)))
     return Convergence(steps, errors, slope(steps, errors, floor))
 
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.numerics.stepping import Array, State, advance_lanes, jacobian
+from integ_gym.envs.numerics.stepping import WIDTH, Array, State, advance_lanes, jacobian
 from integ_gym.envs.plants.interface import Plant, split_state
 
 
 def canonical_jacobian(
-    integrator: str, plant: Plant, state: State, dt: float, control: float = 0.0
+    integrator: str,
+    plant: Plant,
+    state: State,
+    dt: float,
+    control: float = 0.0,
+    width: float = WIDTH,
 ) -> Array:
     """∂(q₁, p₁)/∂(q₀, p₀) of one step with p = M(q) v, by central differences.
 
@@ -20,6 +25,7 @@ def canonical_jacobian(
         state: where the step begins, shape (n,), in state order.
         dt: step, s.
         control: in the plant's unit.
+        width: offset of the difference quotients.
 
     Returns:
         Shape (n, n), first the coordinates, then the momenta.
@@ -31,18 +37,24 @@ def canonical_jacobian(
         )
 
     start = np.asarray(state, dtype=np.float64)[None]
-    return jacobian(one_step, _momenta(plant, start)[0])
+    return jacobian(one_step, _momenta(plant, start)[0], width)
 
 
 def volume_defect(
-    integrator: str, plant: Plant, state: State, dt: float, control: float = 0.0
+    integrator: str,
+    plant: Plant,
+    state: State,
+    dt: float,
+    control: float = 0.0,
+    width: float = WIDTH,
 ) -> float:
     """det ∂(q₁, p₁)/∂(q₀, p₀) − 1: what one step adds to a small volume of phase space.
 
     Zero for a symplectic step; negative where the step contracts. Arguments as
     :func:`canonical_jacobian`.
     """
-    return float(np.linalg.det(canonical_jacobian(integrator, plant, state, dt, control)) - 1.0)
+    slopes = canonical_jacobian(integrator, plant, state, dt, control, width)
+    return float(np.linalg.det(slopes) - 1.0)
 
 
 def symplecticity_defect(

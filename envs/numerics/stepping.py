@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.ops import SCALAR, Component
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
@@ -27,13 +27,25 @@ class Advance(Protocol):
     ) -> Array: ...
 
 
+def engine_of(integrator: str, system: PlantSystem, dt: Component) -> Any:
+    """What advances a plant by an integrator, or by one of an engine's, ``"mujoco/Euler"``.
+
+    Raises:
+        ValueError: for an unknown engine or integrator.
+    """
+    engine, slash, own = integrator.partition("/")
+    if not slash:
+        engine, own = "native", integrator
+    return ENGINES.load(engine)(system, own, dt)
+
+
 def advance(
     integrator: str, plant: Plant, state: State, dt: float, steps: int = 1, control: float = 0.0
 ) -> Array:
     """State after some steps; NaN where the arithmetic fails.
 
     Args:
-        integrator: a registered name or ``"module:Class"``.
+        integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
         plant: with numbers as parameters.
         state: shape (n,).
         dt: step, s.
@@ -44,7 +56,7 @@ def advance(
         ValueError: for an unknown integrator.
     """
     q, v = split_state(tuple(float(x) for x in state))
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
+    engine = engine_of(integrator, PlantSystem(plant), dt)
     try:
         motion = engine.advance(SCALAR, q, v, ((control, steps),), None)
     except ArithmeticError:
@@ -60,29 +72,36 @@ def advance_lanes(
     ``dt`` and ``control`` may be one for all or of shape (lanes,).
     """
     q, v = split_state(tuple(np.asarray(states, dtype=np.float64).T))
-    engine = NativeEngine(PlantSystem(plant), integrator, dt)
+    engine = engine_of(integrator, PlantSystem(plant), dt)
     with np.errstate(all="ignore"):
         motion = engine.advance(ARRAY, q, v, ((control, 1),), None)
     return np.stack([np.broadcast_to(x, q[0].shape) for x in join_state(motion.q, motion.v)], -1)
 
 
-def jacobian(mapping: Any, point: Array) -> Array:
-    """∂mapping/∂point by central differences of order 6, error about 1e-12 on smooth maps.
+WIDTH = 2e-3
+"""Offset of the difference quotients: errors about 1e-12 in float64."""
+
+SINGLE_WIDTH = 0.2
+"""The same where images are float32: errors about 1e-6."""
+
+
+def jacobian(mapping: Any, point: Array, width: float = WIDTH) -> Array:
+    """∂mapping/∂point by central differences of order 6.
 
     Args:
         mapping: from points (lanes, n) to images (lanes, m).
         point: shape (n,).
+        width: offset of the nearest points.
 
     Returns:
         Shape (m, n).
     """
     n = len(point)
-    offsets = _WIDTH * np.einsum("s,ij->sij", _OFFSETS, np.eye(n)).reshape(-1, n)
+    offsets = width * np.einsum("s,ij->sij", _OFFSETS, np.eye(n)).reshape(-1, n)
     images = mapping(point + offsets).reshape(len(_OFFSETS), n, -1)
-    slopes: Array = np.einsum("s,sjm->mj", _WEIGHTS, images) / _WIDTH
+    slopes: Array = np.einsum("s,sjm->mj", _WEIGHTS, images) / width
     return slopes
 
 
-_WIDTH = 2e-3
 _OFFSETS = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 _WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
