@@ -7,7 +7,7 @@ from functools import partial
 from math import nan
 from typing import Any
 
-from integ_gym.envs.engines._foreign import Run
+from integ_gym.envs.engines._foreign import Run, is_astray
 from integ_gym.envs.extras import load
 from integ_gym.envs.ops import Components
 
@@ -16,6 +16,11 @@ ACCURACY = 1e-12
 
 _ITERATIONS = "integrator_num_integrator_newton_raphson_iterations"
 """Of the result itself, without those of the error estimate."""
+
+_DIVISIONS = "integrator_num_step_shrinkages_from_substep_failures"
+
+_LEAST_SHARE = 1.0 / 128.0
+"""Of a step, into which Drake may divide it before it gives up."""
 
 
 def discrete_steps(plant: Any, count: int) -> Run:
@@ -79,30 +84,38 @@ def explicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
 def implicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
     """Steps of an implicit integrator, with the most Newton iterations of any.
 
-    Each begins anew, so that no Jacobian of an earlier one has a part in its result.
+    Each begins anew, so that no Jacobian of an earlier one has a part in its result. Where Newton's
+    method fails, Drake divides the step, fixed or not: that is told as not converged. From values
+    that are astray there is no step, for on some of them Drake crashes.
     """
     simulator, start = _simulator(plant, scheme, dt)
     context, advance = simulator.get_mutable_context(), simulator.AdvanceTo
     put, size = _force_setter(plant, context), _state_size(plant)
-    end, integrator = context.get_continuous_state_vector(), simulator.get_mutable_integrator()
+    integrator = simulator.get_mutable_integrator()
     integrator.set_target_accuracy(ACCURACY)
-    statistics = integrator.GetStatisticsSummary
-    (place,) = [k for k, (name, _) in enumerate(statistics()) if name == _ITERATIONS]
+    integrator.set_requested_minimum_step_size(_LEAST_SHARE * dt)
+    end, statistics = context.get_continuous_state_vector(), integrator.GetStatisticsSummary
+    names = [name for name, _ in statistics()]
+    iterations, divisions = names.index(_ITERATIONS), names.index(_DIVISIONS)
     lost = (*(nan,) * size, 0, 0.0, False)
 
     def run(*values: float) -> tuple[float, ...]:
-        put(values[size:])
-        context.SetContinuousState(values[:size])
-        most = 0
+        state, force = values[:size], values[size:]
+        put(force)
+        most, divided = 0, 0
         try:
             for _ in range(count):
-                context.SetTime(0.0)
+                if is_astray(state) or is_astray(force):
+                    return lost
+                context.SetTimeAndContinuousState(0.0, state)
                 start()
                 advance(dt)
-                most = max(most, statistics()[place][1])
+                state, told = tuple(end.CopyToVector().tolist()), statistics()
+                most = max(most, told[iterations][1])
+                divided += told[divisions][1]
         except RuntimeError:
             return lost
-        return (*end.CopyToVector().tolist(), most, 0.0, True)
+        return (*state, most, 0.0, divided == 0)
 
     return run
 
