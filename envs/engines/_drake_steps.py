@@ -126,7 +126,7 @@ def _state_size(plant: Any) -> int:
 
 
 def _simulator(plant: Any, scheme: str, dt: float) -> tuple[Any, Callable[[], Any]]:
-    """A simulator whose integrator never divides a step, and what makes it forget the past."""
+    """A simulator whose integrator takes steps of ``dt``, and what makes it forget the past."""
     analysis = load("pydrake.systems.analysis", "drake")
     simulator = analysis.Simulator(plant)
     integrator = analysis.ResetIntegratorFromFlags(simulator, scheme, dt)

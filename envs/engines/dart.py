@@ -75,14 +75,9 @@ class DartEngine(RigidBodyEngine):
         skeleton, step = self._skeleton, self._world.step
         n = int(skeleton.getNumDofs())
         places = tuple(range(n))
-        put_position, put_velocity = skeleton.setPosition, skeleton.setVelocity
-        put_force, position, velocity = (
-            skeleton.setForce,
-            skeleton.getPosition,
-            skeleton.getVelocity,
-        )
-
-        lost = (nan,) * (2 * n)
+        put_position, position = skeleton.setPosition, skeleton.getPosition
+        put_velocity, velocity = skeleton.setVelocity, skeleton.getVelocity
+        put_force, lost = skeleton.setForce, (nan,) * (2 * n)
 
         def run(*values: float) -> tuple[float, ...]:
             if is_astray(values):

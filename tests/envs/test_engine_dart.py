@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import DAMPING, IDS, mapped, needs, one_step, setup_of, states
+from engine_checks import told_by_an_episode
 
-import integ_gym  # noqa: F401
 from integ_gym.envs.maps import one_step_map
 
 ENGINE = ("dart", "semi_implicit_euler")
@@ -69,8 +68,8 @@ def test_stops_are_recorded_with_what_they_are_made_of():
     }
 
 
-def test_what_is_astray_is_not_hidden_and_nothing_is_printed(capfd):
-    """DART would leave out accelerations that are not finite, and warn."""
+def test_what_is_astray_is_not_hidden(capfd):
+    """DART would warn, and go on without accelerations that are not finite."""
     setup = setup_of(*ENGINE, "IntegCartPole-v0")
     run = setup.engine.run(3)
     for value in (np.nan, np.inf, 1e300):
@@ -78,8 +77,8 @@ def test_what_is_astray_is_not_hidden_and_nothing_is_printed(capfd):
             values = [0.1] * 6
             values[place] = value
             assert np.isnan(run(*values)).all()
-    env = gym.make(SWING_UP, engine="dart", integrator="semi_implicit_euler", dt=0.01)
-    env.reset(seed=0)
-    for _ in range(50):
-        env.step(env.action_space.sample())
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_episode_leaves_the_process_as_it_was(tmp_path):
+    assert told_by_an_episode(*ENGINE, tmp_path) == (0, "")
