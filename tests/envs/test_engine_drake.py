@@ -12,6 +12,7 @@ import integ_gym  # noqa: F401
 from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.numerics.fingerprint import fingerprint
 from integ_gym.envs.ops import SCALAR
 
 ALL = tuple(DrakeEngine.maps)
@@ -166,3 +167,11 @@ def test_stops_are_recorded_with_what_they_are_made_of(integrator):
 def test_an_episode_leaves_the_process_as_it_was(integrator, tmp_path):
     needs("drake")
     assert told_by_an_episode("drake", integrator, tmp_path) == (0, "")
+
+
+@pytest.mark.parametrize("integrator", ["radau1", "implicit_euler"])
+def test_divided_steps_have_no_part_in_the_fingerprint(integrator):
+    needs("drake")
+    found = fingerprint("drake", integrator, "cart_pole")
+    assert found.map == DrakeEngine.maps[integrator]
+    assert max(found.defects.values()) < 1e-9
