@@ -8,6 +8,8 @@ from typing import Any
 
 EXTRAS = {
     "casadi": ("casadi",),
+    "dart": ("dartpy",),
+    "drake": ("pydrake",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "mujoco": ("mujoco", "imageio"),

@@ -91,11 +91,16 @@ def _table(measured: Sequence[Fingerprint]) -> Any:
             "frequency": _percent(f.frequency_shift, 3, "%"),
             "energy": _percent(f.energy_rate, 2, "%/s"),
             "bits": f.width,
-            "own stops": "yes" if ENGINES.load(f.engine).own_stops else "no",
+            "own stops": _own_stops(f.engine, f.integrator),
         }
         for f in measured
     ]
     return pyarrow().Table.from_pylist(rows)
+
+
+def _own_stops(engine: str, integrator: str) -> str:
+    owner = ENGINES.load(engine)
+    return "yes" if owner.own_stops and integrator not in owner.stopless else "no"
 
 
 def _percent(share: float, digits: int, unit: str) -> str:

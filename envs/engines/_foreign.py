@@ -83,9 +83,11 @@ def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
     """``run``, but ``lost`` from arguments that are astray."""
 
     def safe(*values: float) -> tuple[Any, ...]:
-        for x in values:
-            if not -ASTRAY < x < ASTRAY:
-                return lost
-        return run(*values)
+        return lost if is_astray(values) else run(*values)
 
     return safe
+
+
+def is_astray(values: tuple[float, ...]) -> bool:
+    """Whether a value is beyond :data:`ASTRAY`, or not finite."""
+    return any(not -ASTRAY < x < ASTRAY for x in values)

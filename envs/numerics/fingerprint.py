@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from typing import Any
@@ -10,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.engines.interface import Motion
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.numerics.convergence import ROUNDING, convergence
-from integ_gym.envs.numerics.matching import OneStep, cases_of, match
+from integ_gym.envs.numerics.matching import Case, Match, cases_of, match
 from integ_gym.envs.numerics.phase_space import volume_defect
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
 from integ_gym.envs.numerics.stepping import (
@@ -65,7 +67,7 @@ class Fingerprint:
             this plant, the one that it is said to be.
         equal_maps: those.
         defects: largest error of one step against that map, relative to 1 + |value|, without and
-            with control and damping.
+            with control and damping; of steps whose solver converges, where there are any.
         runner_up: the next map in that order, and its defect over all cases.
         volume_defect: det ∂(q₁, p₁)/∂(q₀, p₀) - 1 without damping.
         order: of convergence; None: exact to the engine's rounding, or to what it is asked for.
@@ -124,9 +126,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     start = probe_state(free)
     names, stride = (*map_names(), "reference"), STRIDE / fastest_rate(free, start)
     matches = {
-        name: match(
-            _one_step(method, moved, stride), moved, stride, cases_of(moved, controlled), names
-        )
+        name: _matched(method, moved, stride, cases_of(moved, controlled), names)
         for name, (moved, controlled) in groups.items()
     }
     overall = {
@@ -157,14 +157,22 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     )
 
 
-def _one_step(method: str, plant: Plant, dt: float) -> OneStep:
+def _matched(
+    method: str, plant: Plant, dt: float, cases: Sequence[Case], names: Sequence[str]
+) -> Match:
+    """Comparison with the known maps, from where the engine's solver converges."""
     engine = engine_of(method, PlantSystem(plant), dt)
 
+    def moved(q: Components, v: Components, control: float) -> Motion:
+        motion: Motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+        return motion
+
     def applied(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+        motion = moved(q, v, control)
         return motion.q, motion.v
 
-    return applied
+    solved = [case for case in cases if moved(*case).converged]
+    return match(applied, plant, dt, solved or cases, names)
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:

@@ -80,6 +80,15 @@ def one_step(setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
     return np.array((*motion.q, *motion.v))
 
 
+def solved(setup: Setup, cases: list[tuple[Any, Any, float]]) -> list[tuple[Any, Any, float]]:
+    """Those from which the engine's solver converges; of others it goes on in ways of its own."""
+    return [
+        (q, v, control)
+        for q, v, control in cases
+        if setup.engine.advance(SCALAR, q, v, ((control, 1),), None).converged
+    ]
+
+
 def mapped(one_step_map: Any, setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
     """(q, v) after one step of a map."""
     system = setup.system
