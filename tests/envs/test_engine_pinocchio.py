@@ -11,7 +11,7 @@ from integ_gym.envs.engines._aba import ArticulatedBodies
 from integ_gym.envs.integrators import INTEGRATORS, _newton
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.scalar_step import traced_step
+from integ_gym.envs.steps import traced_step
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
 

@@ -27,7 +27,7 @@ from integ_gym.envs.maps import MAPS, map_names, one_step_map
 from integ_gym.envs.mechanism import Mechanism
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.scalar_step import plain_step, traced_step
+from integ_gym.envs.steps import plain_step, traced_step
 from integ_gym.envs.transition import EnvState, initial_state
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
