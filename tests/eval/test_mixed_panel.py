@@ -13,11 +13,14 @@ import pytest
 from mixed_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.eval.cells import Discretization
+from integ_gym.envs.registration import environment_setup
+from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture
+from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.panel import check_spec
 from integ_gym.eval.spec import SpecError, parse_spec
 from integ_gym.eval.units import training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.sidecar import read_sidecar
 
 MEMBERS = ["explicit_euler dt=0.05", "rk4 dt=0.05", "rk4 dt=0.025"]
@@ -270,3 +273,26 @@ def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, caps
         (tmp_path / "policy.json").write_text(json.dumps(card))
         assert main([*command, "--out", str(tmp_path / "out")]) == 2
         assert fragment in capsys.readouterr().err
+
+
+def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
+    """Handmade control: never fails on RK4, never succeeds on implicit Euler at 0.05."""
+    names = ("rk4", 0.05), ("implicit_euler", 0.05), ("implicit_euler", 0.025)
+    rk4, coarse, fine = (Discretization(name, dt, 0.05) for name, dt in names)
+    environment = {"start": "hanging", "max_torque": 0.9}
+    setup = environment_setup("IntegPendulum-v0", {**environment, **rk4.arguments()})
+    home = DiscretizationMixture("both", ((rk4, 1.0), (coarse, 1.0)))
+    subject = Subject(make_baseline("handmade", setup), home)
+    cells = [Cell(d, "grid") for d in (rk4, coarse, fine)]
+    store = EvidenceStore(tmp_path)
+    conditions = Conditions("run", "IntegPendulum-v0", environment, 20, 1000)
+    evaluate(subject, cells, conditions, store, "batch")
+    labels = {d.name: {} for d in (rk4, coarse, fine)}
+    for record in store.records():
+        count = labels[record["cell"]]
+        count[record["failure_label"]] = count.get(record["failure_label"], 0) + 1
+        if record["failure_label"] == "discretization_error":
+            assert "on a training discretization of it" in record["failure_reason"]
+    assert labels[rk4.name] == {"none": 20}
+    assert set(labels[coarse.name]) <= {"control_error", "planning_error"}
+    assert set(labels[fine.name]) == {"none", "discretization_error"}

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.fleet import plan, train_chunk, train_fleet, write_outcome
@@ -174,6 +175,31 @@ def test_policies_of_a_mixture_do_not_depend_on_their_neighbours():
     for name, value in together[1].weights.items():
         np.testing.assert_array_equal(beside[1].weights[name], value, err_msg=name)
         assert not np.array_equal(together[0].weights[name], value)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_every_environment_trains_on_a_mixture(env_id, tmp_path):
+    """Also where episodes end early: every integrator has its share of the decisions."""
+    members = [{"integrator": "implicit_euler", "dt": 0.01}, {"integrator": "rk4", "dt": 0.02}]
+    config = PPOConfig.of(
+        env_id,
+        env_arguments={"mixture": members, "control_period": 0.02, "duration": 0.4},
+        n_envs=4,
+        n_steps=64,
+        batch_size=64,
+        n_epochs=1,
+        net_arch=(8,),
+        total_steps=512,
+    )
+    (outcome,) = train_chunk([config], [TrainingEvidence(tmp_path, "training", CONTEXT)])
+    assert all(np.isfinite(value).all() for value in outcome.weights.values())
+    decisions = Counter()
+    for record in EvidenceStore(tmp_path).records():
+        assert record["dt"] == {"implicit_euler": 0.01, "rk4": 0.02}[record["integrator"]]
+        decisions[record["integrator"]] += record["length"]
+    unfinished = 2 * 20
+    assert all(256 - unfinished <= count <= 256 for count in decisions.values())
+    assert len(decisions) == 2
 
 
 def test_shares_that_are_no_whole_lanes_are_refused(tmp_path, capsys):
