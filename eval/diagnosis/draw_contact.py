@@ -126,8 +126,8 @@ def _bar(figure: Figure, axes: Axes, mesh: Any, quantity: _Map, beside: bool) ->
     bar.ax.tick_params(labelsize=7, colors=SOFT, length=0)
     if not beside:
         first, *_, last = bar.ax.get_xticklabels()
-        first.set_ha("left")
-        last.set_ha("right")
+        first.set_horizontalalignment("left")
+        last.set_horizontalalignment("right")
 
 
 def _edges(centres: Array) -> Array:
