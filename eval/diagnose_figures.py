@@ -35,7 +35,7 @@ def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[
     load("matplotlib", "report")
     written = []
     schemes = schemes_of(result["integrators"])
-    for name, (key, draw) in _FIGURES.items():
+    for name, (key, draw) in FIGURES.items():
         found = result["curves"].get(key)
         if found:
             written.append(replace_file(directory / name, png(draw(found, schemes))))
@@ -47,7 +47,7 @@ def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[
     return written
 
 
-_FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], Schemes], Figure]]]] = {
+FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], Schemes], Figure]]]] = {
     "energy.png": ("free_motion", draw_energy),
     "phase_portraits.png": ("free_motion", draw_phase),
     "stability.png": ("stiffness", draw_stability),

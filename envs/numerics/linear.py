@@ -40,7 +40,9 @@ class LinearMap:
 
     @property
     def spectral_radius(self) -> float:
-        """Factor per step on the amplitude in the long run."""
+        """Factor per step on the amplitude in the long run; NaN where the step fails."""
+        if not np.isfinite(self.matrix).all():
+            return math.nan
         return float(np.abs(np.linalg.eigvals(self.matrix)).max())
 
     @property
@@ -105,7 +107,8 @@ def _stable(integrator: str, h_omega: Array) -> npt.NDArray[np.bool_]:
     """
     steps = _matrices(integrator, h_omega)
     trace = np.trace(steps, axis1=1, axis2=2)
-    determinant = np.linalg.det(steps)
+    with np.errstate(all="ignore"):
+        determinant = np.linalg.det(steps)
     return np.asarray(
         (determinant <= 1.0 + _TOLERANCE) & (np.abs(trace) <= 1.0 + determinant + _TOLERANCE)
     )

@@ -8,11 +8,11 @@ import numpy as np
 
 from integ_gym.eval.diagnosis.bench import Commands
 from integ_gym.eval.diagnosis.expectation import Expectation, near, said, undeclared
-from integ_gym.eval.diagnosis.free_motion import solver_line
 from integ_gym.eval.diagnosis.impact import PHASES, Impact, impact_of
 from integ_gym.eval.diagnosis.ledger import ledger_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import NO_CONTROL, TRUTH, Diagnosis
+from integ_gym.eval.diagnosis.solver import solver_line
 from integ_gym.eval.diagnosis.theory import THEORY
 
 SECTION = "contact"
@@ -104,7 +104,7 @@ def _at_default(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
         near(exact, TOLERANCE * exact, deep, impact.unit, "analytic"), steps=subject.steps,
     )  # fmt: skip
     ledger_line(diagnosis, integrator, rollouts, f"mean of {PHASES} touches", at_most=KINK)
-    _solved(diagnosis, integrator, own)
+    solver_line(diagnosis, integrator, own, steps=subject.steps)
 
 
 def _worst(values: Array, wanted: float) -> float:
@@ -124,9 +124,8 @@ def _map(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
         return np.array(values).reshape(HALVINGS, MAP_PHASES, STIFFNESSES)
 
     left = over_map([rebound(r) for r in rollouts])
-    worst = np.take_along_axis(left, np.abs(left - impact.rebound).argmax(axis=1)[:, None], axis=1)[
-        :, 0
-    ]
+    place = np.abs(left - impact.rebound).argmax(axis=1)[:, None]
+    worst = np.take_along_axis(left, place, axis=1)[:, 0]
     exact = np.array([impact.penetration(float(k)) for k in stiffness])
     deep = over_map([penetration(r) for r in rollouts]).max(axis=1) / exact
     residual = over_map([r.residual() / impact.energy for r in rollouts]).mean(axis=1)
@@ -163,11 +162,3 @@ def passive(integrator: str, limit: float) -> Expectation:
     bound = 2.0 * theory.oscillation_limit or 1.0
     why = f"an oscillator grows above {said(theory.oscillation_limit)}"
     return Expectation(why, f"up to {said(bound)}", limit <= bound)
-
-
-def _solved(diagnosis: Diagnosis, integrator: str, rollouts: list[Rollout]) -> None:
-    line = solver_line(integrator, rollouts)
-    if line is not None:
-        diagnosis.add(
-            integrator, "most solver iterations in a step", *line, steps=diagnosis.subject.steps
-        )

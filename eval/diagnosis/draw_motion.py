@@ -101,13 +101,9 @@ def draw_phase(curves: Sequence[Curve], schemes: Schemes) -> Figure:
             found = {c["integrator"]: c for c in curves if c["plant"] == plant}
             _portrait(axes, found[name], found[TRUTH], schemes)
             (x, v), (x_unit, v_unit) = found[name]["names"], found[name]["units"]
-            title = plain(name, 20) if across else f"{plain(plant, 20)}: {plain(name, 20)}"
-            label = (
-                f"{plain(plant, 20)}: {v}, {v_unit}"
-                if across and axes is line[0]
-                else f"{v}, {v_unit}"
-            )
-            named(axes, title if not across or line is places[0] else "", f"{x}, {x_unit}", label)
+            outer = f"{plain(row, 20)}: " if len(rows) > 1 and axes is line[0] else ""
+            title = plain(column, 20) if line is places[0] else ""
+            named(axes, title, f"{x}, {x_unit}", f"{outer}{v}, {v_unit}")
             axes.title.set_fontsize(8.5)
     return figure
 

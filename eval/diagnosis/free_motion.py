@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics import declared, energy_growth
 from integ_gym.envs.numerics.energy import BOUNDED
 from integ_gym.envs.plants.interface import state_names, state_units
-from integ_gym.eval.diagnosis.expectation import Expectation, below, said, undeclared
+from integ_gym.eval.diagnosis.expectation import Expectation, below, undeclared
 from integ_gym.eval.diagnosis.order import EXACT, order_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
+from integ_gym.eval.diagnosis.solver import solver_line
 from integ_gym.eval.diagnosis.theory import THEORY
 
 SECTION = "free motion"
@@ -39,7 +38,7 @@ def diagnose_free_motion(diagnosis: Diagnosis) -> None:
         if integrator in diagnosis.integrators:
             _one_period(diagnosis, integrator, rollouts)
             _long_run(diagnosis, integrator, rollouts)
-            _solver(diagnosis, integrator, rollouts)
+            solver_line(diagnosis, integrator, list(rollouts.values()), steps=tuple(rollouts))
 
 
 def _duration(diagnosis: Diagnosis) -> float:
@@ -102,38 +101,6 @@ def _promise(
     if theory.energy_factor(_PROBE) > 1.0:
         return Expectation("grows, at any step", "above 0 %", not any(x <= 0.0 for x in last))
     return Expectation("decays, at any step", "below 0 %", all(x < 0.0 for x in last))
-
-
-def _solver(diagnosis: Diagnosis, integrator: str, rollouts: dict[float, Rollout]) -> None:
-    """How hard the integrator's solver worked, if it has one."""
-    line = solver_line(integrator, list(rollouts.values()))
-    if line is not None:
-        diagnosis.add(integrator, "most solver iterations in a step", *line, steps=tuple(rollouts))
-
-
-def solver_line(
-    integrator: str, rollouts: list[Rollout], stable: Sequence[bool] = ()
-) -> tuple[tuple[float, ...], str, Expectation] | None:
-    """Most iterations of each rollout, their unit, and whether every step was solved.
-
-    Args:
-        integrator: a registered name or ``"module:Class"``.
-        rollouts: the motions.
-        stable: which of them should be solved; empty: all.
-
-    Returns:
-        None for an integrator without a solver.
-    """
-    solver = INTEGRATORS.load(integrator)
-    cap, tolerance = (getattr(solver, f"solver_{x}", None) for x in ("cap", "tolerance"))
-    if cap is None or tolerance is None:
-        return None
-    most = tuple(float(np.nanmax(r.info["solver_iterations"])) for r in rollouts)
-    worst = [float(np.nanmax(r.info["solver_residual"])) for r in rollouts]
-    asked = [x for x, y in zip(worst, stable or [True] * len(worst), strict=True) if y]
-    within = f"residual up to {said(tolerance)} in {cap} iterations"
-    expected = "solved" if len(asked) == len(worst) else "solved where it does not grow"
-    return most, "", Expectation(expected, within, all(x <= tolerance for x in asked))
 
 
 def _draw(diagnosis: Diagnosis, integrator: str, rollout: Rollout) -> None:

@@ -80,5 +80,5 @@ def order_expected(
         return undeclared(f"order {wanted}; nothing but rounding at these steps")
     if exactly:
         return Expectation(f"order {wanted}", f"±{TOLERANCE}", abs(measured - wanted) <= TOLERANCE)
-    holds = measured >= wanted - TOLERANCE
-    return Expectation(f"order {wanted} or more{why}", f"−{TOLERANCE}", holds)
+    least = wanted - TOLERANCE
+    return Expectation(f"order {wanted} or more{why}", f"down to {least:g}", measured >= least)

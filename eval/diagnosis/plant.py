@@ -32,9 +32,7 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
     subject = diagnosis.subject
     names = (*subject.resistances("damping"), *subject.resistances("friction"))
     plant = subject.varied(**dict.fromkeys(names, _RESISTANCE))
-    states = subject.rest + np.random.default_rng(0).uniform(
-        -_SPREAD, _SPREAD, (STATES, len(subject.rest))
-    )
+    states = states_around(subject.rest)
     _share(
         diagnosis, "rate of energy − power of the control + dissipation, by the largest of them",
         energy_defect(plant, states), "energy, accelerations and dissipation agree",
@@ -49,12 +47,24 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
             diagnosis, "Jacobian − differences of the accelerations, by the largest entry",
             jacobian_defect(plant, states), "Jacobian and accelerations agree",
         )  # fmt: skip
-    at_rest = float(plant.energy(ARRAY, *split_state(tuple(subject.rest))))
-    diagnosis.add(ANY, "energy at rest", (at_rest,), "J", near(0.0, EXACT, (at_rest,), "J"))
+    left = (rest_energy(plant, subject.rest),)
+    diagnosis.add(ANY, "energy at rest", left, "J", near(0.0, EXACT, left, "J"))
+
+
+def states_around(rest: Array) -> Array:
+    """Random states around a state of shape (n,), shape (STATES, n)."""
+    spread = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (STATES, len(rest)))
+    states: Array = rest + spread
+    return states
 
 
 def _share(diagnosis: Diagnosis, quantity: str, share: float, why: str) -> None:
     diagnosis.add(ANY, quantity, (share,), "", below(EXACT, (share,), "", why))
+
+
+def rest_energy(plant: Plant, rest: Array) -> float:
+    """Energy of a rest state of shape (n,), J: zero by contract."""
+    return float(plant.energy(ARRAY, *split_state(tuple(rest))))
 
 
 def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:

@@ -31,8 +31,8 @@ from integ_gym.eval.diagnosis import (
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject, subjects
+from integ_gym.eval.run_directory import package_versions
 from integ_gym.evidence.atomic import replace_file
-from integ_gym.evidence.provenance import package_versions
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.worker import Progress
 
@@ -132,6 +132,8 @@ def diagnose(
     Raises:
         ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already.
     """
+    if directory.is_file():
+        raise ValueError(f"{directory} is a file; --out needs a directory")
     if (directory / "evidence").exists() or (directory / RESULT).exists():
         raise ValueError(
             f"{directory} already holds a diagnosis; give another --out, or remove the directory"
@@ -208,7 +210,7 @@ def _result(
     return {
         "schema_version": SCHEMA_VERSION,
         "command": command,
-        "versions": package_versions({}),
+        "versions": package_versions(),
         "plants": [
             {
                 "name": s.name,
@@ -224,18 +226,18 @@ def _result(
         "integrators": list(names),
         "identities": [told for part in parts for told in part.told],
         "findings": [finding.row() for part in parts for finding in part.findings],
-        "curves": _plain(curves),
+        "curves": plain(curves),
     }
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Nested arrays, lists and dicts as JSON: null for what is not finite, few digits."""
     if isinstance(value, dict):
-        return {name: _plain(x) for name, x in value.items()}
+        return {name: plain(x) for name, x in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(x) for x in value]
+        return [plain(x) for x in value]
     if isinstance(value, float):
         return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
     return value
