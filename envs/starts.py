@@ -14,7 +14,7 @@ from integ_gym.envs.settings import Setup
 
 Array = npt.NDArray[Any]
 
-AHEAD = 16
+AHEAD = 32
 """Starts whose numbers are drawn at once."""
 
 

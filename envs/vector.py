@@ -51,6 +51,9 @@ DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
 class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
 
+    Arrays of `info` that hold one value for all lanes are read-only; all masks of a step are one
+    array.
+
     Args:
         num_envs: number of lanes.
         autoreset_mode: an `AutoresetMode` or its value.

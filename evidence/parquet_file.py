@@ -10,7 +10,12 @@ from integ_gym.evidence.errors import EvidenceError
 from integ_gym.evidence.extra import parquet
 from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 
-_ROW_GROUP = 1024
+_GROUP_BYTES = 16 << 20
+"""Memory of the rows that are compressed, and read, together."""
+
+_FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
+"""Of a group: a query reads the header of every group."""
+
 _LEVEL = 1
 
 _REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
@@ -29,11 +34,16 @@ def write(table: Any, file: Path) -> None:
         file,
         compression="zstd",
         compression_level=_LEVEL,
-        row_group_size=_ROW_GROUP,
+        row_group_size=_rows_per_group(table),
         use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
         use_byte_stream_split=streams,
         write_statistics=[f.name for f in table.schema if not is_trace(f.name)],
     )
+
+
+def _rows_per_group(table: Any) -> int:
+    rows = _GROUP_BYTES * max(1, table.num_rows) // max(1, table.nbytes)
+    return int(min(_MOST_ROWS, max(_FEWEST_ROWS, rows)))
 
 
 def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
