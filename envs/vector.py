@@ -16,13 +16,9 @@ from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.environment import (
     IntegEnv,
     action_space,
-    check_options,
     checked_render_mode,
-    checked_state,
-    draw_start,
     make_setup,
     observation_space,
-    possible,
 )
 from integ_gym.envs.lanes import (
     Array,
@@ -39,7 +35,14 @@ from integ_gym.envs.ops import Components
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.starts import LaneStarts, numbers_per_start
+from integ_gym.envs.starts import (
+    LaneStarts,
+    check_options,
+    checked_state,
+    draw_start,
+    numbers_per_start,
+    possible,
+)
 from integ_gym.envs.steps import RESULTS, LanesStep
 from integ_gym.envs.transition import EnvState, initial_state
 from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
@@ -156,7 +159,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
         observation = self._table(self._observed())
-        return self._with_noise(observation, mask), self._told(info, mask)
+        return self._with_noise(observation, mask), self._told(info, mask.copy())
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Advance every lane by one control period.
