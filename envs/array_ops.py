@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.ops import Carry, repeat
+from integ_gym.envs.ops import Carry, Components, repeat
 
 Array = npt.NDArray[Any]
 
@@ -44,6 +44,17 @@ class ArrayOps:
             carry = proposed if np.all(active) else _select(active, proposed, carry)
             active = condition(carry)
         return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """One lane after the other."""
+        columns = [a.tolist() for a in np.broadcast_arrays(*arguments)]
+        results = zip(*map(function, *columns), strict=True)
+        return tuple(
+            [np.array(x, dtype=bool if t else float) for x, t in zip(results, truths, strict=True)]
+        )
 
 
 def _select(active: Array, proposed: Carry, carry: Carry) -> Carry:

@@ -7,10 +7,17 @@ from importlib.util import find_spec
 from typing import Any
 
 EXTRAS = {
+    "casadi": ("casadi",),
+    "dart": ("dartpy",),
+    "drake": ("pydrake",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
+    "mujoco": ("mujoco", "imageio"),
+    "pinocchio": ("pinocchio",),
+    "pybullet": ("pybullet",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
+    "sapien": ("sapien",),
     "train": (
         "stable_baselines3",
         "torch",
@@ -48,12 +55,17 @@ def missing(package: str, *extras: str) -> ModuleNotFoundError:
     )
 
 
+def missing_modules(extra: str) -> list[str]:
+    """Modules of an extra that are not installed; none of an extra that needs nothing."""
+    return [module for module in EXTRAS.get(extra, ()) if find_spec(module) is None]
+
+
 def require(*extras: str) -> None:
     """Check, without importing them, that the modules of some extras are installed.
 
     Raises:
         ModuleNotFoundError: in one line, with the command that installs what is missing.
     """
-    lacking = {name: m for name in extras for m in EXTRAS[name] if find_spec(m) is None}
+    lacking = {name: m for name in extras for m in missing_modules(name)}
     if lacking:
         raise missing(", ".join(sorted(set(lacking.values()))), *sorted(lacking))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.extras import missing
-from integ_gym.envs.ops import Carry, Component
+from integ_gym.envs.ops import Carry, Component, Components
 
 try:
     import jax
@@ -66,11 +66,36 @@ class JaxOps:
     def repeat(
         self, count: int | jax.Array, body: Callable[[Component, Carry], Carry], carry: Carry
     ) -> Carry:
-        """``lax.fori_loop``, whose count may be traced; a single application is inlined."""
+        """``lax.fori_loop``, whose count may be traced; a single application is inlined.
+
+        Where lanes have counts of their own, those that are done wait for the others.
+        """
         if isinstance(count, int) and count == 1:
             return body(0, carry)
+        if jnp.ndim(count):
+            body, count = _until_done(count, body), jnp.max(count)
         shapes = jax.eval_shape(lambda c: body(0, c), carry)
         start = jax.tree.map(
             lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype), carry, shapes
         )
         return jax.lax.fori_loop(0, count, body, start)  # type: ignore[no-any-return]
+
+    def foreign(
+        self, function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """Not possible: only what is made of JAX's own operations can be compiled."""
+        raise TypeError("an engine outside JAX cannot be compiled; use its NumPy environment")
+
+
+def _until_done(
+    count: Component, body: Callable[[Component, Carry], Carry]
+) -> Callable[[Component, Carry], Carry]:
+    """``body`` in the lanes that have not had it ``count`` times."""
+
+    def applied(index: Component, carry: Carry) -> Carry:
+        kept: Carry = jax.tree.map(
+            lambda new, old: jnp.where(index < count, new, old), body(index, carry), carry
+        )
+        return kept
+
+    return applied

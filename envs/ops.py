@@ -76,6 +76,17 @@ class Ops(Protocol):
     def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
         """Apply ``body(index, carry)`` for index 0 … count - 1."""
 
+    def foreign(
+        self,
+        function: Callable[..., Components],
+        arguments: Components,
+        truths: tuple[bool, ...],
+    ) -> Components:
+        """Call a function of floats that is made of other than these operations.
+
+        ``truths`` has one entry per result: whether it is a truth value.
+        """
+
 
 def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Carry:
     """A Python loop: :meth:`Ops.repeat` for scalars and arrays."""
@@ -146,6 +157,12 @@ class ScalarOps:
         while condition(carry):
             carry = body(carry)
         return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        return function(*arguments)
 
 
 SCALAR = ScalarOps()

@@ -30,13 +30,18 @@ def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any
     return _checked_size(setup, tuple([float(x) for x in start]))
 
 
-def check_options(setup: Setup, options: Mapping[str, Any]) -> None:
+def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...] = ()) -> None:
     """Check the names of reset options.
+
+    Args:
+        setup: of the environment.
+        options: by name.
+        more: names that are known beside those of every environment and of the task.
 
     Raises:
         ValueError: for one that the task does not know, with those it does.
     """
-    known = ("state", "reset_mask", *setup.task.start_options)
+    known = ("state", "reset_mask", *setup.task.start_options, *more)
     for name in options:
         if name not in known:
             raise ValueError(unknown_name("reset option", name, known))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.info import booked, reset_info, step_info
+from integ_gym.envs.info import booked, quiet_status, reset_info, step_info
 from integ_gym.envs.ops import SCALAR, Component, Components, Ops
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.tracing import ARRAYS, SCALARS, Dialect, Repeated, Unusual, compiled, repeated
@@ -50,10 +50,10 @@ def traced_step(setup: Setup) -> ScalarStep | None:
     motion diverges or leaves the domain of the scalar arithmetic; the plain step says what follows.
 
     Returns:
-        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``,
-        or an engine that is no pure function.
+        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
     """
-    return _traced(_Key(setup, SCALARS, _scalar_step)) if setup.engine.batched else None
+    step: ScalarStep | None = _traced(_Key(setup, SCALARS, _scalar_step))
+    return step
 
 
 def plain_start(setup: Setup) -> ScalarStart:
@@ -133,7 +133,7 @@ def _own(value: Component) -> Component:
 def _scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
     state = initial_state(ops, setup, q, v)
     observation = setup.task.observe(ops, state.q, state.v)
-    return tuple(state), observation, reset_info(state)
+    return tuple(state), observation, reset_info(state, quiet_status(setup))
 
 
 def _scalar_step(
@@ -162,14 +162,18 @@ def _array_step(
 
 
 class _Key:
-    """A function of a setup in a world; equals others made of the same classes and arguments."""
+    """A function of a setup in a world; equals others made of the same classes and arguments.
+
+    One with an engine that keeps a simulator's data of its own equals itself alone.
+    """
 
     def __init__(self, setup: Setup, dialect: Dialect, function: Callable[..., Any]) -> None:
         self.setup = setup
         self.dialect = dialect
         self.function = function
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
-        self._parts = (function, *map(type, parts), repr(setup.arguments()))
+        own = None if setup.engine.batched else id(setup.engine)
+        self._parts = (function, *map(type, parts), repr(setup.arguments()), own)
 
     def patterns(self) -> tuple[Any, ...]:
         """Where numbers and where truth values stand in the function's arguments."""

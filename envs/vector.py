@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -20,6 +21,7 @@ from integ_gym.envs.environment import (
     make_setup,
     observation_space,
 )
+from integ_gym.envs.info import quiet_status
 from integ_gym.envs.lanes import (
     Array,
     as_lanes,
@@ -31,8 +33,8 @@ from integ_gym.envs.lanes import (
     take,
     varied,
 )
+from integ_gym.envs.mixture import make_mixture
 from integ_gym.envs.ops import Components
-from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.starts import (
@@ -47,9 +49,6 @@ from integ_gym.envs.steps import RESULTS, LanesStep
 from integ_gym.envs.transition import EnvState, initial_state
 from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
 
-DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
-"""What the members of a mixture may differ in."""
-
 
 class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
@@ -60,8 +59,9 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         num_envs: number of lanes.
         autoreset_mode: an `AutoresetMode` or its value.
-        mixture: discretizations (dicts of ``integrator``, ``dt``, …), one of which each lane draws
-            at every reset; all must have one control period. ``info["mixture_index"]`` tells which.
+        mixture: discretizations (dicts of ``integrator``, ``dt``, … and, optionally, ``weight``),
+            one of which each lane draws at every reset; all must have one control period.
+            ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
         arguments: those of the single environment; a plant parameter may be an array of shape
             (num_envs,).
@@ -89,7 +89,8 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
-        self.setups = _make_setups(self.env_class, arguments, mixture)
+        self.mixture = make_mixture(partial(make_setup, self.env_class), arguments, mixture)
+        self.setups = self.mixture.setups
         for setup in self.setups:
             check_lanes(setup, num_envs)
         self.setup = self.setups[0]
@@ -100,7 +101,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
-        self._info = LaneInfo(num_envs)
+        self._info = LaneInfo(num_envs, quiet_status(self.setup))
         self._steps = [LanesStep(setup) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -148,13 +149,16 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
 
         Args:
             seed: an int (lane i gets seed + i), one per lane, or None.
-            options: as for the single environment; ``state`` has shape (num_envs, n).
+            options: as for the single environment; ``state`` has shape (num_envs, n). In a mixture
+                ``mixture_index``, shape (num_envs,), gives the members instead of drawing them.
 
         Raises:
-            ValueError: for a mask, seed list or state of the wrong shape.
+            ValueError: for a mask, seed list, member or state of the wrong shape or value.
         """
         options = dict(options or {})
         mask = self._reset_mask(options.pop("reset_mask", None))
+        if self.mixed and "mixture_index" in options:
+            options["mixture_index"] = self._given_members(options["mixture_index"])
         self._seed(seed, mask)
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
@@ -259,6 +263,16 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
             raise ValueError("reset option `reset_mask` must select at least one lane")
         return mask
 
+    def _given_members(self, members: Any) -> Array:
+        array = np.asarray(members)
+        whole = array.shape == (self.num_envs,) and array.dtype.kind in "iu"
+        if not whole or (array < 0).any() or (array >= len(self.setups)).any():
+            raise ValueError(
+                f"reset option `mixture_index` must be whole numbers from 0 to "
+                f"{len(self.setups) - 1}, shape ({self.num_envs},), got {members!r}"
+            )
+        return array
+
     def _begin(self, lanes: Array, options: Mapping[str, Any], info: Info) -> None:
         """Start an episode in some lanes, and tell about it."""
         starts = self._draw(lanes, options)
@@ -276,7 +290,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
         """Starts of some lanes, shape (len(lanes), n)."""
-        check_options(self.setup, options)
+        check_options(self.setup, options, ("mixture_index",) if self.mixed else ())
         if self._starts is None or "state" in options:
             return np.array([self._draw_one(lane, options) for lane in lanes.tolist()])
         starts = self._starts.draw(lanes, options)
@@ -288,7 +302,10 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     def _draw_one(self, lane: int, options: Mapping[str, Any]) -> Components:
         rng = self._rngs[lane]
         if self.mixed:
-            self._member[lane] = rng.integers(len(self.setups))
+            options = dict(options)
+            given = options.pop("mixture_index", None)
+            drawn = self.mixture.member(rng.random()) if given is None else given[lane]
+            self._member[lane] = drawn
         if "state" in options:
             states = np.asarray(options["state"], dtype=np.float64)
             if states.shape[:1] != (self.num_envs,):
@@ -410,36 +427,6 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _told(self, info: Info, mask: Array) -> dict[str, Any]:
         return masked(self._arrays(info), mask)
-
-
-def _make_setups(
-    env_class: type[IntegEnv],
-    arguments: Mapping[str, Any],
-    mixture: Sequence[Mapping[str, Any]] | None,
-) -> list[Setup]:
-    if mixture is None:
-        return [make_setup(env_class, arguments)]
-    if isinstance(mixture, str | Mapping) or not isinstance(mixture, Sequence):
-        raise ValueError(f"`mixture` must be a list of discretizations, got {mixture!r}")
-    if not mixture:
-        raise ValueError("`mixture` must list at least one discretization, got none")
-    for member in mixture:
-        if not isinstance(member, Mapping):
-            raise ValueError(
-                f'every member of `mixture` must be like {{"integrator": "rk4", "dt": 0.01}}, got '
-                f"{member!r}"
-            )
-    for name in sorted({name for member in mixture for name in member}):
-        if name not in DISCRETIZATION:
-            raise ValueError(unknown_name("key in `mixture`", name, DISCRETIZATION))
-    setups = [make_setup(env_class, {**arguments, **member}) for member in mixture]
-    periods = sorted({setup.timing.control_period for setup in setups})
-    if len(periods) > 1:
-        raise ValueError(
-            f"all discretizations of a mixture must have one control period, got {periods} s; "
-            "give `control_period`"
-        )
-    return setups
 
 
 def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -32,10 +32,12 @@ class LaneInfo:
 
     Args:
         lanes: how many.
+        status: solver status where no step has been taken.
     """
 
-    def __init__(self, lanes: int) -> None:
+    def __init__(self, lanes: int, status: str) -> None:
         self._lanes = lanes
+        self._blank = {**BLANK, "solver_status": status}
         self._constants: dict[Any, Array] = {}
 
     def nothing(self) -> Info:
@@ -52,7 +54,7 @@ class LaneInfo:
 
     def begin(self, info: Info, lanes: Array, state: EnvState) -> None:
         """Tell about a reset of some lanes instead."""
-        for name, blank in BLANK.items():
+        for name, blank in self._blank.items():
             values = info[name]
             if not values.flags.writeable:
                 if values[0] == blank:

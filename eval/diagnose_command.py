@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import math
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.diagnosis.finding import VERDICTS, Finding
 from integ_gym.eval.diagnosis.run import Request, diagnose
+from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.drift_example import drift_example
 from integ_gym.evidence.command_line import CommandParser
-from integ_gym.evidence.extra import pyarrow
-from integ_gym.evidence.print_table import print_table
+from integ_gym.evidence.print_table import print_aligned
 from integ_gym.train.worker import cores
 
 EXAMPLES = """\
@@ -38,10 +35,11 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
         prog="integ-gym diagnose",
-        description="Measure what integrators do to plants: identity, free motion, stiffness, "
-        "damping, friction, contact, actuation, timestep refinement and latency. Every line says "
-        "what was measured, what theory expects and whether it holds; DIR gets diagnose.json, "
-        "figures and one evidence record per rollout.",
+        description="Measure what integrators do to plants: the plant's own consistency, order, "
+        "symplecticity, reversibility, free motion, stiffness, damping, friction, contact, "
+        "actuation, timestep refinement and latency. Every line says what was measured, what is "
+        "expected, the tolerance and whether it holds; DIR gets diagnose.json, figures and one "
+        "evidence record per rollout. docs/diagnose.md explains every section.",
         epilog=EXAMPLES,
     )
     add = made.add_argument
@@ -91,7 +89,7 @@ def _diagnose(given: argparse.Namespace, argv: Sequence[str]) -> int:
         given.workers or cores(),
         progress=not given.no_progress,
     )
-    _print(result)
+    print_diagnosis(result, sys.stdout)
     print(f"Results: {given.out.resolve()}")
     return 0
 
@@ -102,55 +100,14 @@ def _example(given: argparse.Namespace) -> int:
             raise ValueError(f"--example drift has its own settings; leave --{name} out")
     pendulum, cart_pole, picture = drift_example(given.out)
     _table(pendulum)
+    print()
     _table(cart_pole)
     print(f"Figure: {picture.resolve()}")
     return 0
 
 
-def _print(result: dict[str, Any]) -> None:
-    findings = [_finding(line) for line in result["findings"]]
-    for topic in dict.fromkeys(map(_topic, findings)):
-        lines = [f for f in findings if _topic(f) == topic]
-        steps = max((f.steps for f in lines), key=len)
-        print(f"\n{topic}{f' (dt {_listed(steps)} s)' if steps else ''}")
-        _table([_row(f) for f in lines])
-    print()
-    for integrator in result["integrators"]:
-        print(integrator["is"])
-    failed = [f for f in findings if f.holds is False]
-    asked = [f for f in findings if f.holds is not None]
-    print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.")
-    if failed:
-        print("These do not:")
-        _table([{"what": _topic(f), **_row(f)} for f in failed])
-
-
-def _finding(line: dict[str, Any]) -> Finding:
-    measured = line["measured"]
-    if not isinstance(measured, str):
-        measured = tuple(math.inf if x is None else x for x in measured)
-    return Finding(**{**line, "measured": measured, "steps": tuple(line["steps"])})
-
-
-def _topic(finding: Finding) -> str:
-    return f"{finding.section}, {finding.plant}: {finding.quantity}"
-
-
-def _listed(steps: Sequence[float]) -> str:
-    return ", ".join(f"{step:.4g}" for step in steps)
-
-
-def _row(finding: Finding) -> dict[str, str]:
-    return {
-        "integrator": finding.integrator,
-        "measured": finding.words(),
-        "expected": finding.expected,
-        "holds": VERDICTS[finding.holds],
-    }
-
-
 def _table(rows: list[dict[str, str]]) -> None:
-    print_table(pyarrow().Table.from_pylist(rows), sys.stdout)
+    print_aligned(list(rows[0]), [list(row.values()) for row in rows], sys.stdout)
 
 
 @contextmanager

@@ -7,9 +7,9 @@ and no global setting is changed, so figures can be drawn in any process.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from integ_gym.envs.extras import load
 
@@ -97,17 +97,61 @@ def bare(axes: Axes) -> None:
     axes.set_facecolor("none")
 
 
+class Entry(NamedTuple):
+    """One entry of a legend.
+
+    Attributes:
+        label: what it stands for.
+        line: properties of the line, as Matplotlib takes them.
+        marker: properties of the marker in the middle of it; None: no marker.
+    """
+
+    label: str
+    line: Mapping[str, Any]
+    marker: Mapping[str, Any] | None = None
+
+
+def scheme_entries(schemes: Mapping[str, int]) -> list[Entry]:
+    """One entry for each integrator, by its place."""
+    entries = []
+    for name, place in schemes.items():
+        colour = SCHEME_COLOURS[place % len(SCHEME_COLOURS)]
+        marker = SCHEME_MARKERS[place % len(SCHEME_MARKERS)]
+        line = {"color": colour, "linewidth": 1.6}
+        entries.append(Entry(name, line, {"color": colour, "marker": marker, "markersize": 5}))
+    return entries
+
+
 def scheme_legend(canvas: Axes, schemes: Mapping[str, int], wide: float, y: float = 0.92) -> None:
     """One entry for each integrator, on as many lines as it takes."""
-    x = 0.3
-    for name, place in schemes.items():
-        text = plain(name, 26)
-        size = 0.42 + 0.066 * len(text)
-        if x + size > wide:
-            x, y = 0.3, y + 0.2
-        style = place % len(SCHEME_COLOURS)
-        colour, marker = SCHEME_COLOURS[style], SCHEME_MARKERS[style]
-        canvas.plot([x, x + 0.24], [y, y], color=colour, linewidth=1.6)
-        canvas.plot(x + 0.12, y, marker, color=colour, markersize=5)
-        canvas.text(x + 0.3, y, text, size=8, color=INK, va="center")
+    draw_legend(canvas, scheme_entries(schemes), wide, y)
+
+
+def draw_legend(canvas: Axes, entries: Sequence[Entry], wide: float, y: float = 0.92) -> None:
+    """Entries side by side, on as many lines as :func:`legend_lines` says."""
+    for entry, (x, down) in zip(entries, _places(entries, wide), strict=True):
+        at = y + down
+        canvas.plot([x, x + 0.24], [at, at], **entry.line)
+        if entry.marker is not None:
+            canvas.plot([x + 0.12], [at], linestyle="none", **entry.marker)
+        canvas.text(x + 0.3, at, plain(entry.label, 26), size=8, color=INK, va="center")
+
+
+def legend_lines(entries: Sequence[Entry], wide: float) -> int:
+    """Lines that a legend takes in a figure of a width in inches."""
+    return 1 + round(max((down for _, down in _places(entries, wide)), default=0.0) / _LEGEND_LINE)
+
+
+_LEGEND_LINE: Final = 0.2  # inches
+
+
+def _places(entries: Sequence[Entry], wide: float) -> list[tuple[float, float]]:
+    """Left edge of every entry, and how far down it is, in inches."""
+    places, x, down = [], 0.3, 0.0
+    for entry in entries:
+        size = 0.42 + 0.066 * len(plain(entry.label, 26))
+        if x + size > wide and x > 0.3:
+            x, down = 0.3, down + _LEGEND_LINE
+        places.append((x, down))
         x += size + 0.12
+    return places

@@ -29,6 +29,7 @@ from integ_gym.eval.figure_style import (
     png,
     scheme_legend,
 )
+from integ_gym.eval.remedy_figure import draw_remedy
 from integ_gym.eval.report import (
     KIND_WORDS,
     difference_axis,
@@ -585,4 +586,5 @@ _FIGURES: Final[dict[str, Callable[[Panel], Figure | None]]] = {
     "energy_residual.png": _energy,
     "refinement_ladder.png": _ladder,
     "perturbations.png": _checks,
+    "remedy.png": draw_remedy,
 }

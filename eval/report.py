@@ -44,6 +44,7 @@ from integ_gym.eval.report_data import (
     seconds,
     step,
 )
+from integ_gym.eval.report_remedy import costs_of, line_words, remedies_of, success_of
 from integ_gym.evidence.atomic import replace_file
 
 FILE_NAME: Final = "report.html"
@@ -178,8 +179,9 @@ def _template() -> Any:
         return markup.Markup(safe.replace("_", "_<wbr>"))
 
     environment.filters.update(
-        soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href
-    )
+        soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href,
+        success_of=success_of, line_words=line_words,
+    )  # fmt: skip
     source = resources.files("integ_gym.eval").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
@@ -195,6 +197,9 @@ def _context(panel: Panel) -> dict[str, Any]:
         "success": _matrix(panel, _success_cells),
         "energy": _energy(panel),
         "gaps": _gaps(panel),
+        "remedies": remedies_of(panel),
+        "costs": costs_of(panel),
+        "rate_axis": RATE_AXIS,
         "ladders": _ladders(panel),
         "checks": _checks(panel),
         "trust": panel.trust,
@@ -244,7 +249,9 @@ def _tiles(panel: Panel) -> list[tuple[str, str]]:
     wrong = [e for t in panel.trust for e in t.judged if str(e.reference_class)[:5] == "false"]
     tiles = []
     if trained:
-        tiles.append((f"{len(trained)}", "training discretizations"))
+        mixtures = sum(row.mixed for row in trained)
+        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
+        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
     tiles += [
         (f"{policies}", "policies" if policies != 1 else "policy"),
         (f"{len(panel.cells)}", "evaluation cells"),

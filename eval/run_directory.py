@@ -121,8 +121,13 @@ class RunDirectory:
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
-        path = self._units / f"{unit}.json"
+        path = self._marker(unit)
         return read_json(path) if path.exists() else None
+
+    def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
+        """Markers of the units whose names begin with ``prefix``, by name."""
+        found = sorted(self._units.glob(f"{prefix}*.json"))
+        return {path.stem: read_json(path) for path in found}
 
     def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
         """The marker of a finished unit, or None; one that has lost a file is done again.
@@ -141,7 +146,11 @@ class RunDirectory:
                 f"{self.path}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
-        return held if all(file.exists() for file in (self._records(unit), *files)) else None
+        return held if self.has_records(unit) and all(file.exists() for file in files) else None
+
+    def has_records(self, unit: str) -> bool:
+        """Whether the unit's records are there."""
+        return self._records(unit).exists()
 
     def finish(
         self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any
@@ -158,7 +167,7 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        write_json(self._units / f"{unit}.json", {"key": key, **times, **facts})
+        write_json(self._marker(unit), {"key": key, **times, **facts})
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that was spent on finished units, added up, s."""
@@ -178,8 +187,18 @@ class RunDirectory:
         return [marker for marker in found if marker is not None]
 
     def discard_remains(self, unit: str) -> None:
-        """Remove the records of a unit that was not finished."""
+        """Remove what is left of a unit that was not finished or has lost a file."""
+        self._marker(unit).unlink(missing_ok=True)
         self._records(unit).unlink(missing_ok=True)
+
+    def discard_unmarked(self, prefix: str) -> None:
+        """Remove the records of all units without a marker whose names begin with ``prefix``."""
+        for path in self.evidence.glob(f"{prefix}*.parquet"):
+            if not self._marker(path.stem).exists():
+                path.unlink()
+
+    def _marker(self, unit: str) -> Path:
+        return self._units / f"{unit}.json"
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"

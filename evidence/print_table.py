@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, TextIO
 
@@ -35,17 +36,34 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
 
 
 def _aligned(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
-    cells = [names, *([_short(value) for value in row] for row in rows)]
+    numeric = [all(isinstance(row[i], (int, float)) for row in rows) for i in range(len(names))]
+    print_aligned(names, [[_short(value) for value in row] for row in rows], file, numeric)
+    print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
+
+
+def print_aligned(
+    names: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    file: TextIO,
+    right: Sequence[bool] | None = None,
+) -> None:
+    """Print cells in columns under their names.
+
+    Args:
+        names: of the columns.
+        rows: the cells.
+        file: where to.
+        right: which columns are flush right; None: none.
+    """
+    cells = [names, *rows]
     widths = [max(len(row[i]) for row in cells) for i in range(len(names))]
     cells.insert(1, ["-" * width for width in widths])
-    numeric = [all(isinstance(row[i], (int, float)) for row in rows) for i in range(len(names))]
     for row in cells:
         padded = (
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(row, widths, numeric, strict=True)
+            cell.rjust(width) if flush else cell.ljust(width)
+            for cell, width, flush in zip(row, widths, right or [False] * len(names), strict=True)
         )
         print("  ".join(padded).rstrip(), file=file)
-    print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
 def _csv(names: list[str], rows: list[list[Any]], file: TextIO) -> None:

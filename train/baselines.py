@@ -74,6 +74,11 @@ def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
     return _handmade(setup)
 
 
+def has_handmade(setup: Setup) -> bool:
+    """Whether there is a hand-made controller for the environment's task."""
+    return isinstance(setup.task, tuple(_HANDMADE))
+
+
 def _handmade(setup: Setup) -> Policy:
     """The hand-made controller of the environment's task."""
     if not setup.arguments()["gravity"]:

@@ -102,6 +102,8 @@ class Learner(NamedTuple):
     env: EnvState
     """Components of shape (policies, n_envs)."""
     noise: Components
+    member: Components
+    """In a mixture: the member that each lane has drawn, int32; else empty."""
     keys: Array
     """Random keys, shape (policies,)."""
     iteration: Array
@@ -130,6 +132,8 @@ class Trail(NamedTuple):
     success: Array
     begun: Array
     """Whether an episode begins with this step."""
+    member: Array
+    """The member of the mixture that the episode runs on, int32; 0 without one."""
     rows: Array
     """Evidence after each step, (entries, n_steps, policies, n_envs)."""
     first_rows: Array
@@ -149,6 +153,7 @@ class _Step(NamedTuple):
 
     env: EnvState
     noise: Components
+    member: Components
     action: Array
     log_prob: Array
     terminated: Array
@@ -275,20 +280,20 @@ class FleetProgram:
         zeros = jax.tree.map(jnp.zeros_like, stack)
         lanes = (stack.log_std.shape[0], self.algorithm.n_envs)
         first, keys = _split(keys, 2)
-        drawn = _draw(jax.random.uniform, first, (len(params.start_low), self.algorithm.n_envs))
-        env = self.env.begin(self.env.start(tuple(jnp.moveaxis(drawn, 1, 0)), params), params)
+        drawn = _draw(jax.random.uniform, first, (self.env.start_size, self.algorithm.n_envs))
+        env, member = self.env.fresh(tuple(jnp.moveaxis(drawn, 1, 0)), params)
         noise: Components = ()
         if self._noise_size:
             later, keys = _split(keys, 2)
             drawn = _draw(jax.random.normal, later, (self._noise_size, lanes[1]))
             noise = tuple(jnp.moveaxis(drawn, 1, 0))
         adam = Adam(zeros, zeros, jnp.zeros(lanes[:1]))
-        return Learner(stack, adam, env, noise, keys, jnp.int32(0))
+        return Learner(stack, adam, env, noise, member, keys, jnp.int32(0))
 
     def _iterate(self, learner: Learner, knobs: Knobs, params: Params) -> tuple[Learner, Trail]:
         keys = jax.vmap(lambda key: jax.random.fold_in(key, learner.iteration))(learner.keys)
         drawing, shuffling = _split(keys, 2)
-        env, noise, steps = self._collect(learner, drawing, params)
+        (env, noise, member), steps = self._collect(learner, drawing, params)
         after, outcome, observed, observed_after = self._again(steps, params)
         batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
         iteration = learner.iteration + 1
@@ -297,7 +302,7 @@ class FleetProgram:
             learner.stack, learner.adam, batch, self._permutations(shuffling), knobs, rate
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
-        return Learner(stack, adam, env, noise, learner.keys, iteration), trail
+        return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
 
     @property
     def _noise_size(self) -> int:
@@ -309,7 +314,7 @@ class FleetProgram:
         done = jnp.minimum(iteration * self.algorithm.rollout / knobs.total_steps, 1.0)
         return knobs.learning_rate + done * (knobs.learning_rate_end - knobs.learning_rate)
 
-    def _draws(self, stack: Stack, keys: Array, params: Params) -> _Draws:
+    def _draws(self, stack: Stack, keys: Array) -> _Draws:
         for_actions, for_starts, for_noise = _split(keys, 3)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
@@ -317,7 +322,7 @@ class FleetProgram:
         return _Draws(
             jnp.moveaxis(_draw(sample, for_actions, (steps, size, lanes)), 1, 0),
             jnp.moveaxis(
-                _draw(jax.random.uniform, for_starts, (steps, len(params.start_low), lanes)), 1, 0
+                _draw(jax.random.uniform, for_starts, (steps, self.env.start_size, lanes)), 1, 0
             ),
             jnp.moveaxis(
                 _draw(jax.random.normal, for_noise, (steps, 2 * self._noise_size, lanes)), 1, 0
@@ -326,45 +331,57 @@ class FleetProgram:
 
     def _collect(
         self, learner: Learner, keys: Array, params: Params
-    ) -> tuple[EnvState, Components, _Step]:
-        """Act for one rollout; episodes that end are followed by new ones at once."""
-        actor = one_side(learner.stack, 0)
-        draws = self._draws(learner.stack, keys, params)
+    ) -> tuple[tuple[EnvState, Components, Components], _Step]:
+        """Act for one rollout; episodes that end are followed by new ones at once.
 
-        def step(carry: tuple[EnvState, Components], drawn: _Draws) -> Any:
-            env, noise = carry
-            observed = jnp.stack(self.env.observe(env, noise, params), axis=1)
+        Returns:
+            State, noise and members afterwards, and the steps.
+        """
+        actor = one_side(learner.stack, 0)
+        draws = self._draws(learner.stack, keys)
+
+        def step(carry: tuple[EnvState, Components, Components], drawn: _Draws) -> Any:
+            env, noise, member = carry
+            own = self.env.lane_params(params, member)
+            observed = jnp.stack(self.env.observe(env, noise, own), axis=1)
             head = outputs(actor, self.algorithm.activation, observed)[:, 0]
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
-            after, outcome = self.env.advance(env, self._control(action, params), params)
+            after, outcome = self.env.advance(env, self._control(action, own), own)
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
-            start = self.env.start(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
-            begun = self.env.begin(start, params)
-            next_env = jax.tree.map(lambda a, b: jnp.where(ended, a, b), begun, after)
+            begun = self.env.fresh(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
+            next_env, next_member = jax.tree.map(
+                lambda a, b: jnp.where(ended, a, b), begun, (after, member)
+            )
             half = self._noise_size
             next_noise = _where(outcome.sampled, fresh[:half], noise)
             next_noise = _where(ended, fresh[half:], next_noise)
             kept = _Step(
-                env, noise, action, log_prob, outcome.terminated, outcome.truncated, drawn.noise
+                env,
+                noise,
+                member,
+                action,
+                log_prob,
+                outcome.terminated,
+                outcome.truncated,
+                drawn.noise,
             )
-            return (next_env, next_noise), kept
+            return (next_env, next_noise, next_member), kept
 
-        (env, noise), steps = jax.lax.scan(step, (learner.env, learner.noise), draws)
-        return env, noise, steps
+        return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
 
     def _sample(self, head: Array, log_std: Array, drawn: Array) -> Array:
         if self.discrete:
             return jnp.argmax(head + drawn, axis=1, keepdims=True).astype(jnp.float32)
         return head + jnp.exp(log_std)[..., None] * drawn
 
-    def _control(self, action: Array, params: Params) -> Array:
+    def _control(self, action: Array, own: Any) -> Array:
         """Clipped to the action space, as the environment gets it, (…, policies, n_envs)."""
         control = action[..., 0, :]
         if self.discrete:
             return control
-        limit = self.env.setup_of(params).task.control_limit
+        limit = self.env.setup_of(own).task.control_limit
         return jnp.clip(control, -limit, limit)
 
     def _again(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
@@ -372,13 +389,14 @@ class FleetProgram:
 
         The scan keeps states and actions only; this gives everything that follows from them.
         """
-        control = self._control(steps.action, params)
-        after, outcome = self.env.advance(steps.env, control, params)
+        own = self.env.lane_params(params, steps.member)
+        control = self._control(steps.action, own)
+        after, outcome = self.env.advance(steps.env, control, own)
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)
-        before = jnp.stack(self.env.observe(steps.env, steps.noise, params))
-        return after, outcome, before, jnp.stack(self.env.observe(after, noise, params))
+        before = jnp.stack(self.env.observe(steps.env, steps.noise, own))
+        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own))
 
     def _batch(
         self,
@@ -506,7 +524,7 @@ class FleetProgram:
         after_observed: Array,
         params: Params,
     ) -> Trail:
-        setup = self.env.setup_of(params)
+        setup = self.env.setup_of(self.env.lane_params(params, steps.member))
         rows: dict[str, Array] = {
             **booked(setup, after, outcome),
             "solver_status_code": outcome.status,
@@ -525,6 +543,7 @@ class FleetProgram:
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
+            steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
             _stacked(rows, self.entries),
             _stacked(first, self.first_entries),
         )

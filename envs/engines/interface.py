@@ -48,7 +48,11 @@ class Engine(Protocol):
     """
 
     batched: ClassVar[bool]
-    """Whether components may be arrays."""
+    """Whether all is made of our own arithmetic, so that components may be of any kind."""
+    width: ClassVar[int]
+    """Bits of the floats that it computes with outside JAX."""
+    reports: bool
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
     version: str
 
     def advance(
@@ -63,3 +67,6 @@ class Engine(Protocol):
 
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""
+
+    def describe(self) -> dict[str, Any]:
+        """What the engine is, beyond its name, version and integrator, as plain data."""

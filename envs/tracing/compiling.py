@@ -89,7 +89,7 @@ def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     lines += writer.block(trace.block, symbols_in(result))
     lines.append(f"return {writer.result(result)}")
     source = f"def traced({', '.join(names)}):\n" + "".join(f"    {line}\n" for line in lines)
-    space = dict(trace.dialect.names)
+    space = {**trace.dialect.names, **trace.functions}
     exec(compile(source, "<traced>", "exec"), space)
     made: Function = space["traced"]
     made.__doc__ = source

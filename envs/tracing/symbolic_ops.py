@@ -70,6 +70,15 @@ class SymbolicOps:
             return body(0, carry)
         return self._trace.loop(carry, body, None, count)
 
+    def foreign(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], truths: tuple[bool, ...]
+    ) -> tuple[Any, ...]:
+        """One call that is made as it stands, and its results."""
+        called = self._trace.call(function, arguments)
+        return tuple(
+            self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)
+        )
+
     def _call(self, name: str, x: Any, boolean: bool = False) -> Any:
         if isinstance(x, Symbol):
             return self._trace.note(f"{name}({{0}})", x, boolean=boolean)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,6 +64,8 @@ class Trace:
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
         self.block = Block(None)
+        self.functions: dict[str, Callable[..., Any]] = {}
+        """What is called as it stands, by the name that it is called by."""
         self._names = 0
 
     def new_name(self) -> str:
@@ -98,6 +100,16 @@ class Trace:
             self.block.known["expected", id(condition)] = symbol
             self.block.items.append(symbol)
         return isinstance(condition, Symbol) or bool(condition)
+
+    def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
+        """The symbol of a call that is made as it stands, every time."""
+        name = f"f{len(self.functions)}"
+        self.functions[name] = function
+        places = ", ".join(f"{{{k}}}" for k in range(len(arguments)))
+        symbol = Symbol(self, f"{name}({places})", tuple(map(plain, arguments)))
+        symbol.raising = True
+        self.block.items.append(symbol)
+        return symbol
 
     def both(self, a: Any, b: Any, *, absorbing: bool) -> Any:
         """``a or b`` of two truth values where True is ``absorbing``, else ``a and b``."""

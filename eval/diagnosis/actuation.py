@@ -4,70 +4,100 @@ from __future__ import annotations
 
 import numpy as np
 
+from integ_gym.envs.numerics import independent_motion
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.diagnosis.bench import Commands, Rollout
-from integ_gym.eval.diagnosis.ledger import ledger_line
-from integ_gym.eval.diagnosis.section import Diagnosis, steps_for
+from integ_gym.envs.tasks._saturation import FLOAT32_ROUNDING
+from integ_gym.eval.diagnosis.bench import Commands
+from integ_gym.eval.diagnosis.expectation import Expectation, near, said
+from integ_gym.eval.diagnosis.ledger import booked_line, ledger_line
+from integ_gym.eval.diagnosis.rollout import Array, Rollout
+from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
 
 SECTION = "actuation"
 
-BEYOND = 3.0
-"""Commands in units of the actuator's limit."""
+LEVELS = (3.0, 0.6, -3.0, -0.6)
+"""Commands in units of the actuator's limit, each held for :data:`HELD` decisions."""
 
-DECISIONS = 40
-_HALF_WAVE = 10
-_EXACT = 1e-12
+HELD = 10
 
 
 def diagnose_actuation(diagnosis: Diagnosis) -> None:
-    """Drive every plant by a square wave beyond its limit, from rest."""
-    for subject, integrator in diagnosis.pairs():
-        limit = actuator_limit(subject)
-        wave = BEYOND * limit * np.where(np.arange(DECISIONS) // _HALF_WAVE % 2, -1.0, 1.0)
-        rollouts = [
-            diagnosis.bench.open_loop(
-                f"actuation/{integrator}/dt={dt:g}", subject, integrator, dt,
-                Commands("square_wave", wave), subject.rest[None],
-                duration=DECISIONS * subject.control_period, control_limit=limit,
-            )
-            for dt in steps_for(subject, integrator)
-        ]  # fmt: skip
-        _saturation(diagnosis, subject, integrator, limit, rollouts)
-        _work(diagnosis, subject, integrator, rollouts)
-        ledger_line(diagnosis, SECTION, subject, integrator, rollouts)
+    """Drive the plant from rest by commands within and beyond its limit."""
+    subject = diagnosis.subject
+    limit = actuator_limit(subject)
+    commands = limit * np.repeat(LEVELS, HELD)
+    within = np.clip(commands, -limit, limit)
+    truth = independent_motion(subject.plant, subject.rest, within, subject.control_period)
+    for integrator in diagnosis.integrators:
+        rollouts = diagnosis.follow(
+            integrator, diagnosis.ladder(integrator), subject.rest, commands, "levels",
+            duration=len(commands) * subject.control_period, control_limit=limit,
+        )  # fmt: skip
+        _applied(diagnosis, integrator, commands, within, rollouts)
+        booked_line(diagnosis, integrator, rollouts, "work booked", "actuator_work", truth.work)
+        ledger_line(diagnosis, integrator, rollouts)
+        for env_id in subject.environments:
+            _environment(diagnosis, integrator, env_id, np.repeat(LEVELS, HELD))
 
 
 def actuator_limit(subject: Subject) -> float:
-    """The limit of the plant's own environment, or 1 in the control's SI unit."""
+    """The limit of the plant's own environment, or 1 in the plant's unit."""
     if not subject.environments:
         return 1.0
     return float(environment_setup(subject.environments[0], {}).task.control_limit)
 
 
-def _saturation(
-    diagnosis: Diagnosis, subject: Subject, integrator: str, limit: float, rollouts: list[Rollout]
+def _applied(
+    diagnosis: Diagnosis,
+    integrator: str,
+    commands: Array,
+    within: Array,
+    rollouts: dict[float, Rollout],
 ) -> None:
-    unit = subject.plant.control_unit
-    applied = tuple(float(np.nanmax(np.abs(r.info["control"]))) for r in rollouts)
-    counted = all(np.nansum(r.info["saturated"]) == DECISIONS for r in rollouts)
+    """Every control that acted, and every count of saturation."""
+    unit = diagnosis.subject.plant.control_unit
+    own = {dt: rollouts[dt] for dt in diagnosis.steps(integrator)}
+    acted = [r.info["control"][1:, 0] for r in own.values()]
+    off = tuple(float(np.nanmax(np.abs(x - within))) for x in acted)
+    limit = f"{said(float(within.max()))} {unit}"
     diagnosis.add(
-        SECTION, subject, integrator, f"largest control for commands of ±{BEYOND * limit:g} {unit}",
-        applied, unit, f"{limit:g} {unit}, every decision counted as saturated",
-        all(x == limit for x in applied) and counted, steps=steps_for(subject, integrator),
+        integrator,
+        f"largest |control − command|, commands up to {said(commands.max())} {unit} cut to {limit}",
+        off, unit, near(0.0, 0.0, off, unit), steps=tuple(own),
     )  # fmt: skip
-
-
-def _work(diagnosis: Diagnosis, subject: Subject, integrator: str, rollouts: list[Rollout]) -> None:
-    """The control is held over a decision, so its work is control times displacement."""
-    gaps = []
-    for rollout in rollouts:
-        position = rollout.state[:, 0, 2 * subject.plant.actuated]
-        by_hand = rollout.info["control"][1:, 0] * np.diff(position)
-        booked = rollout.info["actuator_work"][1:, 0]
-        gaps.append(float(np.nanmax(np.abs(booked - by_hand)) / np.nanmax(np.abs(by_hand))))
+    counts = tuple(float(np.nansum(r.info["saturated"][1:])) for r in own.values())
+    lived = tuple(int(np.isfinite(x).sum()) for x in acted)
+    wanted = [int((np.abs(commands[:n]) > within.max()).sum()) for n in lived]
+    expectation = Expectation(f"{wanted[-1]} of {lived[-1]}", "exactly", list(counts) == wanted)
     diagnosis.add(
-        SECTION, subject, integrator, "work booked − control × displacement, relative",
-        tuple(gaps), "", f"rounding: below {_EXACT:g}", max(gaps) < _EXACT,
-        steps=steps_for(subject, integrator),
+        integrator, "decisions counted as saturated", counts, "", expectation, steps=tuple(own)
+    )
+
+
+def _environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels: Array) -> None:
+    """The same in an environment of the plant's own, with its own task."""
+    task = environment_setup(env_id, {}).task
+    if task.discrete is not None:
+        return
+    subject, limit = diagnosis.subject, float(task.control_limit)
+    unit = subject.plant.control_unit
+    rollout = diagnosis.bench.task(
+        f"{SECTION}/{integrator}", env_id, Commands("levels", limit * levels), 1,
+        subject.rest[None], integrator=integrator, dt=subject.control_period,
+        control_period=subject.control_period, duration=len(levels) * subject.control_period,
+    )  # fmt: skip
+    control, counted = (rollout.info[name][1:, 0] for name in ("control", "saturated"))
+    lived = np.isfinite(control)
+    beyond = np.abs(levels[lived]) > 1.0
+    off = np.abs(control[lived] - limit * np.clip(levels[lived], -1.0, 1.0))
+    rounding = FLOAT32_ROUNDING * limit
+    wrong = np.count_nonzero((off > rounding) | (counted[lived] != beyond))
+    diagnosis.add(
+        integrator, f"{env_id}, decisions with a wrong control or count of saturation",
+        (float(wrong),), "",
+        Expectation(
+            f"0 of {lived.sum()}", f"{said(rounding, unit)} off", bool(lived.any()) and wrong == 0
+        ),
+        steps=(subject.control_period,),
     )  # fmt: skip

@@ -1,28 +1,28 @@
-"""Rollouts of a diagnosis: run in lanes, kept as arrays, one evidence record each."""
+"""The bench of a diagnosis: whatever is followed on it leaves evidence records."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
-from integ_gym.envs.vector import IntegVectorEnv
+from integ_gym.envs.numerics.stepping import Advance
+from integ_gym.eval.diagnosis.counting import counted
 from integ_gym.eval.diagnosis.open_loop import open_loop_environment
+from integ_gym.eval.diagnosis.rollout import Array, Rollout, follow_lanes, follow_one
 from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.policy import Policy
 
-Array = npt.NDArray[Any]
-
-SEED = 0
-"""Of the first lane's start."""
+_MOST_DECISIONS = 64
+"""A motion of more steps at a constant control is recorded at every so many of them."""
 
 
 class Commands:
@@ -46,45 +46,9 @@ class Commands:
         return np.full((len(observations), 1), value)
 
 
-@dataclass(frozen=True)
-class Rollout:
-    """Episodes side by side; NaN after the end of an episode.
-
-    Attributes:
-        time: control instants, s, shape (instants,).
-        state: true states in state order, SI units, shape (instants, lanes, n).
-        info: numbers of ``info`` at each instant, shape (instants, lanes), by name.
-        success: whether each episode met its task, shape (lanes,).
-        returns: sum of rewards, shape (lanes,).
-    """
-
-    time: Array
-    state: Array
-    info: Mapping[str, Array]
-    success: Array
-    returns: Array
-
-    def total(self, name: str) -> Array:
-        """Sum of what was booked under a name, shape (lanes,)."""
-        total: Array = np.nansum(self.info[name], axis=0)
-        return total
-
-    def residual(self) -> Array:
-        """Σ |energy residual| over the control periods, J, shape (lanes,)."""
-        total: Array = np.nansum(np.abs(self.info["energy_residual"]), axis=0)
-        return total
-
-    def last(self, name: str) -> Array:
-        """The last number that is finite, shape (lanes,)."""
-        column = self.info[name]
-        rows = np.isfinite(column).sum(axis=0) - 1
-        values: Array = column[rows, np.arange(column.shape[1])]
-        return values
-
-    def diverged(self) -> Array:
-        """Whether an episode ended before its time, shape (lanes,)."""
-        ended: Array = ~np.isfinite(self.info["energy"][-1])
-        return ended
+def nothing() -> Commands:
+    """No control at all."""
+    return Commands("zero", np.zeros(1))
 
 
 class Bench:
@@ -118,28 +82,66 @@ class Bench:
             integrator: a registered name or ``"module:Class"``.
             dt: integration step, s.
             commands: one per decision.
-            starts: one per lane, state order, shape (lanes, n).
+            starts: one per lane, state order, shape (lanes, n); of a single one evaluations of the
+                plant are counted.
             arguments: further constructor arguments; ``duration`` in s among them.
         """
-        made = open_loop_environment(subject.name)(
-            len(starts),
-            integrator=integrator,
-            dt=dt,
-            **{"control_period": subject.control_period, **arguments},
-        )
-        return self._run(cell, made, commands, starts)
+        made = open_loop_environment(subject.name)
+        arguments = {
+            "control_period": subject.control_period, **arguments,
+            "integrator": integrator, "dt": dt,
+        }  # fmt: skip
+        if len(starts) > 1:
+            return self._lanes(cell, made(len(starts), **arguments), commands, starts)
+        env = made.env_class(**arguments)
+        system = counted(env)
+        rollout = self._one(cell, made.__name__, env, commands, starts[0])
+        return replace(rollout, evaluations=system.evaluations)
 
-    def task(self, cell: str, env_id: str, policy: Policy, lanes: int, **arguments: Any) -> Rollout:
-        """Play a registered environment from its own start distribution.
+    def task(
+        self,
+        cell: str,
+        env_id: str,
+        policy: Policy,
+        lanes: int,
+        starts: Array | None = None,
+        **arguments: Any,
+    ) -> Rollout:
+        """Play a registered environment.
 
         Args:
             cell: what the episodes are for, unique within the diagnosis.
             env_id: the environment.
             policy: what acts.
             lanes: episodes; lane k starts from seed ``SEED + k``.
+            starts: one per lane, shape (lanes, n); None: from its own start distribution.
             arguments: constructor arguments.
         """
-        return self._run(cell, gym.make_vec(env_id, num_envs=lanes, **arguments), policy, None)
+        return self._lanes(cell, gym.make_vec(env_id, num_envs=lanes, **arguments), policy, starts)
+
+    def advance(self, cell: str, subject: Subject) -> Advance:
+        """What :func:`integ_gym.envs.numerics.advance` does to the undamped plant, recorded.
+
+        Args:
+            cell: what the motions are for, unique within the diagnosis.
+            subject: the plant.
+        """
+        count = iter(range(10**9))
+
+        def advance(
+            integrator: str, plant: Any, state: Any, dt: float, steps: int, control: float
+        ) -> Array:
+            decisions = steps if steps <= _MOST_DECISIONS else math.gcd(steps, _MOST_DECISIONS)
+            period = steps // decisions * dt
+            rollout = self.open_loop(
+                f"{cell}/{next(count)}", subject, integrator, dt,
+                Commands("constant", np.array([control])), np.asarray(state)[None],
+                control_period=period, duration=decisions * period, **subject.undamped,
+            )  # fmt: skip
+            end: Array = rollout.state[-1, 0]
+            return end
+
+        return advance
 
     def commit(self, section: str) -> None:
         """Write the records made since the last call, one batch per environment."""
@@ -147,51 +149,31 @@ class Bench:
             self.store.commit_all(f"{section}-{name}", tables)
         self._tables.clear()
 
-    def _run(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
-        inner: IntegVectorEnv = made.unwrapped
-        name = made.spec.id if made.spec else type(inner).__name__
-        context = EpisodeContext(
+    def _one(self, cell: str, name: str, env: Any, policy: Policy, start: Array) -> Rollout:
+        context = self._context(f"{name}/{cell}", policy)
+        recorder = RecordEvidence(env, self.store, context, commit_on_close=False)
+        rollout = follow_one(recorder, policy, start)
+        self._keep(name, recorder)
+        return rollout
+
+    def _lanes(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
+        name = made.spec.id if made.spec else type(made).__name__
+        context = self._context(f"{name}/{cell}", policy)
+        recorder = RecordVectorEvidence(
+            made, self.store, context, episodes=range(made.num_envs), commit_on_close=False
+        )
+        rollout = follow_lanes(recorder, policy, starts)
+        self._keep(name, recorder)
+        return rollout
+
+    def _context(self, cell: str, policy: Policy) -> EpisodeContext:
+        return EpisodeContext(
             run_id=self.run_id,
-            cell=f"{name}/{cell}",
+            cell=cell,
             policy_id=policy.policy_id,
             policy_hash=policy.content_hash,
         )
-        lanes = range(inner.num_envs)
-        recorder = RecordVectorEvidence(
-            made, self.store, context, episodes=lanes, commit_on_close=False
-        )
-        rollout = _follow(recorder, inner, policy, starts)
+
+    def _keep(self, name: str, recorder: Any) -> None:
         self._tables.setdefault(name, []).append(recorder.take())
         recorder.close()
-        return rollout
-
-
-def _follow(
-    recorder: RecordVectorEvidence, inner: IntegVectorEnv, policy: Policy, starts: Array | None
-) -> Rollout:
-    timing = inner.setup.timing
-    options = None if starts is None else {"state": starts}
-    observation, info = recorder.reset(seed=SEED, options=options)
-    names = [n for n, x in info.items() if not n.startswith("_") and x.dtype != object]
-    state = np.full((timing.horizon + 1, *inner.state.shape), np.nan)
-    booked = {name: np.full(state.shape[:2], np.nan) for name in names}
-    running = np.ones(inner.num_envs, dtype=bool)
-    success, returns = ~running, np.zeros(inner.num_envs)
-    for instant in range(timing.horizon + 1):
-        state[instant, running] = inner.state[running]
-        for name in names:
-            booked[name][instant, running] = info[name][running]
-        if instant == timing.horizon:
-            break
-        observation, reward, terminated, truncated, info = recorder.step(policy.act(observation))
-        returns[running] += reward[running]
-        success |= running & info["success"]
-        diverged = info["solver_status"] == "diverged"
-        ended = running & (terminated | truncated)
-        if instant + 1 < timing.horizon:
-            running = running & ~ended
-        running = running & ~diverged
-        if not running.any():
-            break
-    time = np.arange(timing.horizon + 1) * timing.control_period
-    return Rollout(time, state, booked, success, returns)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics import IndependentMotion, independent_motion
 from integ_gym.envs.plants.interface import Plant, split_state
 from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.diagnosis.bench import Array, Commands
-from integ_gym.eval.diagnosis.ledger import ledger_line
-from integ_gym.eval.diagnosis.section import Diagnosis, steps_for
-from integ_gym.eval.diagnosis.stiffness import LARGEST, radii
-from integ_gym.eval.diagnosis.subject import Subject
+from integ_gym.eval.diagnosis.expectation import near, undeclared
+from integ_gym.eval.diagnosis.ledger import booked_line, ledger_line
+from integ_gym.eval.diagnosis.rollout import Array
+from integ_gym.eval.diagnosis.section import Diagnosis
+from integ_gym.eval.diagnosis.stiffness import LARGEST, largest_stable, radii
 from integ_gym.eval.diagnosis.theory import THEORY
 
 SECTION = "damping"
@@ -27,19 +28,37 @@ _SLOW = 1e-7
 _SMALL = 1e-3
 """hω of the steps at which the damping limit is measured: the oscillation does not matter."""
 _LANES = 300
-_GROWTH = 1e-4
 _TOLERANCE = 0.03
 
 
 def diagnose_damping(diagnosis: Diagnosis) -> None:
     """Follow a damped motion, and raise the damping until one step makes the speed grow."""
-    for subject, integrator in diagnosis.pairs():
-        names = [n for n in subject.parameters("damping") if not n.startswith("stop")]
-        if not names:
-            continue
-        unit_rate = decay_rate(subject.varied(**dict.fromkeys(names, 1.0)), subject.rest)
-        _ledger(diagnosis, subject, integrator, names, 2.0 * RATIO * subject.frequency / unit_rate)
-        _limit(diagnosis, subject, integrator, names, unit_rate)
+    subject = diagnosis.subject
+    names = subject.resistances("damping")
+    if not names:
+        return
+    unit_rate = decay_rate(subject.varied(**dict.fromkeys(names, 1.0)), subject.rest)
+    damped: dict[str, Any] = dict.fromkeys(names, 2.0 * RATIO * subject.frequency / unit_rate)
+    duration = subject.rounded_duration(_PERIODS * subject.period)
+    truth = undriven(diagnosis, damped, duration)
+    for integrator in diagnosis.integrators:
+        rollouts = diagnosis.follow(
+            integrator, diagnosis.ladder(integrator), subject.start, duration=duration, **damped
+        )
+        ledger_line(diagnosis, integrator, rollouts)
+        quantity = "energy booked as dissipated"
+        booked_line(diagnosis, integrator, rollouts, quantity, "dissipated", truth.lost)
+        _limit(diagnosis, integrator, names, unit_rate)
+
+
+def undriven(
+    diagnosis: Diagnosis, parameters: dict[str, Any], duration: float
+) -> IndependentMotion:
+    """The plant with other parameters, released and followed by SciPy."""
+    subject = diagnosis.subject
+    decisions = np.zeros(round(duration / subject.control_period))
+    plant = subject.varied(**parameters)
+    return independent_motion(plant, subject.start, decisions, subject.control_period)
 
 
 def decay_rate(plant: Plant, rest: Array) -> float:
@@ -56,43 +75,13 @@ def decay_rate(plant: Plant, rest: Array) -> float:
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
-def _ledger(
-    diagnosis: Diagnosis, subject: Subject, integrator: str, names: list[str], damping: float
-) -> None:
-    damped = dict.fromkeys(names, damping)
-    duration = subject.rounded_duration(_PERIODS * subject.period)
-    rollouts = [
-        diagnosis.bench.open_loop(
-            f"damping/{integrator}/dt={dt:g}", subject, integrator, dt,
-            Commands("zero", np.zeros(1)), subject.start[None], duration=duration, **damped,
-        )
-        for dt in steps_for(subject, integrator)
-    ]  # fmt: skip
-    ledger_line(diagnosis, SECTION, subject, integrator, rollouts)
-    taken = tuple(float(r.total("dissipated")[0]) for r in rollouts)
-    start = float(rollouts[0].info["energy"][0, 0])
-    holds = all(x > 0.0 for x in taken)
-    diagnosis.add(
-        SECTION, subject, integrator, f"energy taken out, of {start:.3g} J at the start", taken,
-        "J", "never negative", holds, steps=steps_for(subject, integrator),
-    )  # fmt: skip
-
-
-def _limit(
-    diagnosis: Diagnosis, subject: Subject, integrator: str, names: list[str], unit_rate: float
-) -> None:
+def _limit(diagnosis: Diagnosis, integrator: str, names: tuple[str, ...], unit_rate: float) -> None:
+    subject = diagnosis.subject
     grid = LARGEST * np.arange(1, _LANES + 1) / _LANES
     step = _SMALL / subject.frequency
     plant = subject.varied(**dict.fromkeys(names, grid / (step * unit_rate)))
-    radius: Array = radii(plant, subject.rest, integrator, np.full(_LANES, step))
-    grows = np.flatnonzero(radius > 1.0 + _GROWTH)
-    limit = math.inf if not grows.size else float(grid[grows[0]]) - LARGEST / _LANES
+    limit = largest_stable(grid, radii(plant, subject.rest, integrator, np.full(_LANES, step)))
     theory = THEORY.get(integrator)
-    expected, holds = "not declared", None
-    if theory is not None:
-        wanted = theory.decay_limit
-        holds = limit == wanted or abs(limit - wanted) <= _TOLERANCE
-        expected = "unbounded" if math.isinf(wanted) else f"{wanted:.4g} ± {_TOLERANCE:g}"
-    diagnosis.add(
-        SECTION, subject, integrator, "stable up to h × decay rate", (limit,), "", expected, holds
-    )
+    expectation = undeclared() if theory is None else near(theory.decay_limit, _TOLERANCE, (limit,))
+    quantity = "one step, linearized at rest: stable up to h × decay rate of"
+    diagnosis.add(integrator, quantity, (limit,), "", expectation)

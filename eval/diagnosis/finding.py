@@ -1,13 +1,12 @@
-"""One line of a diagnosis: what was measured, what theory expects, and whether it holds."""
+"""One line of a diagnosis: what was measured, what is expected, and whether it holds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from integ_gym.eval.report_data import compact
+from integ_gym.eval.diagnosis.expectation import Expectation, shown
 
 VERDICTS = {True: "yes", False: "NO", None: "-"}
 """What a table says of `holds`; None: nothing was expected."""
@@ -20,48 +19,67 @@ class Finding:
     Attributes:
         section: part of the diagnosis.
         plant: the plant's name, or its reference.
-        integrator: the integrator's name, or its reference.
+        integrator: the integrator's name, or its reference; :data:`ANY` where none takes part.
         quantity: what was measured, in words.
-        measured: numbers, coarse to fine where ``steps`` has several; or words.
+        measured: numbers, coarse to fine where ``steps`` has several; NaN: the motion diverged,
+            ``inf``: there is no limit.
         unit: SI unit of the numbers.
-        expected: what theory says, in words.
-        holds: whether it does; None where theory promises nothing.
+        expectation: what is expected, the tolerance, and whether it holds.
         steps: integration steps that the numbers belong to, s.
+        order: measured order of the numbers in the step, where one was measured; None also where
+            there is nothing but rounding, NaN where the motion diverged.
+        order_steps: integration steps over which the order was measured, s.
     """
 
     section: str
     plant: str
     integrator: str
     quantity: str
-    measured: tuple[float, ...] | str
+    measured: tuple[float, ...]
     unit: str
-    expected: str
-    holds: bool | None
+    expectation: Expectation
     steps: tuple[float, ...] = ()
+    order: float | None = None
+    order_steps: tuple[float, ...] = ()
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether what is expected holds; None where nothing is."""
+        holds = self.expectation.holds
+        return None if holds is None else bool(holds)
 
     def words(self) -> str:
         """The measurement as shown in a table."""
-        if isinstance(self.measured, str):
-            return self.measured
-        return f"{', '.join(shown(x) for x in self.measured)} {self.unit}".strip()
+        numbers = ", ".join(map(shown, self.measured))
+        unit = f" {self.unit}" if self.unit and any(map(math.isfinite, self.measured)) else ""
+        return "; ".join(filter(None, (numbers + unit, self._order_words())))
 
     def row(self) -> dict[str, Any]:
-        """The line as JSON: numbers that are not finite are null."""
-        measured = self.measured
-        if not isinstance(measured, str):
-            measured = [x if math.isfinite(x) else None for x in measured]  # type: ignore[assignment]
-        return {**asdict(self), "measured": measured, "steps": list(self.steps)}
+        """The line as JSON: numbers that are not finite are null, ``shown`` says which."""
+        fields = asdict(self)
+        expectation = fields.pop("expectation")
+        fields["measured"] = [_finite(x) for x in self.measured]
+        fields["order"] = None if self.order is None else _finite(self.order)
+        return {
+            **fields,
+            **expectation,
+            "holds": self.holds,
+            "steps": list(self.steps),
+            "order_steps": list(self.order_steps),
+            "shown": self.words(),
+        }
+
+    def _order_words(self) -> str:
+        if not self.order_steps:
+            return ""
+        if self.order is None:
+            return "rounding"
+        return f"order {self.order:.2f}" if math.isfinite(self.order) else "diverges"
 
 
-def shown(value: float) -> str:
-    """A number with three significant digits; infinities in words."""
-    if math.isinf(value):
-        return "unbounded"
-    return compact(value, 3)
+ANY = "-"
+"""Integrator of a line in which none takes part."""
 
 
-def halving_order(errors: Sequence[float], steps: Sequence[float]) -> float:
-    """Slope of log error over log step between the two finest steps; NaN where there is none."""
-    if len(errors) < 2 or not min(errors[-2:]) > 0.0:
-        return math.nan
-    return math.log(errors[-2] / errors[-1]) / math.log(steps[-2] / steps[-1])
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

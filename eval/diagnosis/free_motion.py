@@ -2,141 +2,116 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.plants.interface import state_names
-from integ_gym.eval.diagnosis.bench import Array, Commands
-from integ_gym.eval.diagnosis.order import promised
-from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis, steps_for
-from integ_gym.eval.diagnosis.subject import Subject
+from integ_gym.envs.numerics import declared, energy_growth
+from integ_gym.envs.numerics.energy import BOUNDED
+from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.eval.diagnosis.expectation import Expectation, below, undeclared
+from integ_gym.eval.diagnosis.order import EXACT, order_line
+from integ_gym.eval.diagnosis.rollout import Array, Rollout
+from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
+from integ_gym.eval.diagnosis.solver import solver_line
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import declared
 
 SECTION = "free motion"
 
-PERIODS = 8.0
-"""Length of the motion in periods of the fastest small oscillation."""
+PERIODS = 8
+"""Length of the motion in periods of the slowest small oscillation."""
 
-_EXACT = 1e-9
-"""Relative energy change that is rounding."""
-
-_BOUNDED = 1.1
-"""A second half with an energy error this much larger than the first's is no longer bounded."""
+DRAWN = 12
+"""Length of the phase portraits in periods of the fastest small oscillation, at most."""
 
 _PROBE = 0.5
 """hω at which theory is asked whether energy grows or decays."""
 
 
 def diagnose_free_motion(diagnosis: Diagnosis) -> None:
-    """Release every plant from rest displaced, and follow its energy."""
-    for subject, integrator in diagnosis.pairs():
-        duration = subject.rounded_duration(PERIODS * subject.period)
-        steps = steps_for(subject, integrator)
-        motions = [_release(diagnosis, subject, integrator, dt, duration) for dt in steps]
-        changes = [change for change, _ in motions]
-        _first_period(diagnosis, subject, integrator, changes, steps)
-        _long_run(diagnosis, subject, integrator, changes, steps)
-        _solver(diagnosis, subject, integrator, tuple(most for _, most in motions), steps)
+    """Release the plant from rest displaced, and follow its energy."""
+    for integrator in dict.fromkeys((*diagnosis.integrators, TRUTH)):
+        rollouts = _release(
+            diagnosis, integrator, diagnosis.steps(integrator), _duration(diagnosis)
+        )
+        _draw(diagnosis, integrator, rollouts[diagnosis.subject.control_period])
+        if integrator in diagnosis.integrators:
+            _one_period(diagnosis, integrator, rollouts)
+            _long_run(diagnosis, integrator, rollouts)
+            solver_line(diagnosis, integrator, list(rollouts.values()), steps=tuple(rollouts))
 
 
-def _solver(
-    diagnosis: Diagnosis,
-    subject: Subject,
-    integrator: str,
-    iterations: tuple[float, ...],
-    steps: tuple[float, ...],
-) -> None:
-    """How hard the integrator's solver worked, if it has one."""
-    cap = getattr(INTEGRATORS.load(integrator), "solver_cap", None)
-    if cap is not None:
-        diagnosis.add(
-            SECTION, subject, integrator, "most solver iterations in a step", iterations, "",
-            f"below the cap of {cap}", max(iterations) < cap, steps=steps,
-        )  # fmt: skip
+def _duration(diagnosis: Diagnosis) -> float:
+    subject = diagnosis.subject
+    return subject.rounded_duration(PERIODS * 2.0 * math.pi / subject.slowest)
 
 
 def _release(
-    diagnosis: Diagnosis, subject: Subject, integrator: str, dt: float, duration: float
-) -> tuple[Array, float]:
-    """Relative energy change at every control instant, shape (instants,), and most iterations."""
-    rollout = diagnosis.bench.open_loop(
-        f"free_motion/{integrator}/dt={dt:g}", subject, integrator, dt,
-        Commands("zero", np.zeros(1)), subject.start[None], duration=duration,
+    diagnosis: Diagnosis, integrator: str, steps: tuple[float, ...], duration: float
+) -> dict[float, Rollout]:
+    subject = diagnosis.subject
+    return diagnosis.follow(
+        integrator, steps, subject.start, duration=duration, **subject.undamped
     )  # fmt: skip
+
+
+def _change(rollout: Rollout) -> Array:
+    """Energy change at every control instant as a share of the start's, shape (instants,)."""
     energy = rollout.info["energy"][:, 0]
-    if dt == subject.steps[0]:
-        shown = _shown_coordinate(subject)
-        diagnosis.draw(
-            "free_motion", plant=subject.name, integrator=integrator, dt=dt,
-            coordinate=state_names(subject.plant)[shown],
-            units=[subject.plant.coordinate_units[shown // 2]],
-            time=rollout.time.tolist(), energy=(energy / energy[0]).tolist(),
-            position=rollout.state[:, 0, shown].tolist(),
-            velocity=rollout.state[:, 0, shown + 1].tolist(),
-        )  # fmt: skip
     change: Array = energy / energy[0] - 1.0
-    return change, float(np.nanmax(rollout.info["solver_iterations"]))
+    return change
 
 
-def _shown_coordinate(subject: Subject) -> int:
-    """Place in the state of the coordinate that was displaced."""
-    return int(np.flatnonzero(subject.start != subject.rest)[-1])
+def _one_period(diagnosis: Diagnosis, integrator: str, rollouts: dict[float, Rollout]) -> None:
+    subject = diagnosis.subject
+    finer = tuple(dt for dt in diagnosis.ladder(integrator) if dt not in rollouts)
+    short = _release(diagnosis, integrator, finer, subject.rounded_duration(subject.period))
+    instants = round(subject.rounded_duration(subject.period) / subject.control_period) + 1
+    errors = {
+        dt: 100.0 * float(np.abs(_change(r)[:instants]).max())
+        for dt, r in {**rollouts, **short}.items()
+    }
+    quantity = "largest energy change in one period"
+    order_line(diagnosis, integrator, quantity, errors, "%", 100.0)
 
 
-def _first_period(
-    diagnosis: Diagnosis,
-    subject: Subject,
-    integrator: str,
-    changes: list[Array],
-    steps: tuple[float, ...],
-) -> None:
-    instants = round(subject.period / subject.control_period) + 1
-    largest = tuple(float(np.max(np.abs(change[:instants]))) for change in changes)
-    line = (SECTION, subject, integrator, "largest energy change in one period")
-    measured = tuple(100.0 * x for x in largest)
-    if integrator == TRUTH:
-        expected = f"rounding: below {100.0 * _EXACT:g} %"
-        diagnosis.add(*line, measured, "%", expected, max(largest) < _EXACT, steps=steps)
-        return
-    expected, holds = promised(subject, integrator, largest, _EXACT)
-    diagnosis.add(*line, measured, "%", expected, holds, steps=steps)
-
-
-def _long_run(
-    diagnosis: Diagnosis,
-    subject: Subject,
-    integrator: str,
-    changes: list[Array],
-    steps: tuple[float, ...],
-) -> None:
-    last = tuple(float(change[np.isfinite(change)][-1]) for change in changes)
-    line = (SECTION, subject, integrator, f"energy change after {PERIODS:g} periods")
-    measured = tuple(100.0 * x for x in last)
-    expected, holds = _promise(subject, integrator, changes, last)
-    diagnosis.add(*line, measured, "%", expected, holds, steps=steps)
+def _long_run(diagnosis: Diagnosis, integrator: str, rollouts: dict[float, Rollout]) -> None:
+    changes = [_change(r) for r in rollouts.values()]
+    last = tuple(float(change[-1]) for change in changes)
+    diagnosis.add(
+        integrator, f"energy change after {PERIODS} periods", tuple(100.0 * x for x in last), "%",
+        _promise(diagnosis, integrator, changes, last), steps=tuple(rollouts),
+    )  # fmt: skip
 
 
 def _promise(
-    subject: Subject, integrator: str, changes: list[Array], last: tuple[float, ...]
-) -> tuple[str, bool | None]:
+    diagnosis: Diagnosis, integrator: str, changes: list[Array], last: tuple[float, ...]
+) -> Expectation:
     """What theory says of the long run, and whether it holds."""
     if integrator == TRUTH:
-        return f"rounding: below {100.0 * _EXACT:g} %", max(map(abs, last)) < _EXACT
+        return below(100.0 * EXACT, tuple(100.0 * x for x in last), "%")
     if declared(integrator).symplectic:
-        if subject.plant.constant_mass_matrix:
-            return "bounded: no trend", all(_is_bounded(change) for change in changes)
-        return "nothing: not symplectic where M depends on q", None
+        if not diagnosis.subject.plant.constant_mass_matrix:
+            return undeclared("nothing: not symplectic where M depends on q")
+        bounded = all(energy_growth(1.0 + change).kind == "bounded" for change in changes)
+        return Expectation("bounded", f"drift of the mean up to {BOUNDED:g} of the ripple", bounded)
     theory = THEORY.get(integrator)
     if theory is None:
-        return "not declared", None
+        return undeclared()
     if theory.energy_factor(_PROBE) > 1.0:
-        return "pumps energy in at every step", min(last) > 0.0
-    return "drains energy at every step", max(last) < 0.0
+        return Expectation("grows, at any step", "above 0 %", not any(x <= 0.0 for x in last))
+    return Expectation("decays, at any step", "below 0 %", all(x < 0.0 for x in last))
 
 
-def _is_bounded(change: Array) -> bool:
-    if not np.isfinite(change).all():
-        return False
-    first, second = np.array_split(np.abs(change), 2)
-    return bool(second.max() <= _BOUNDED * first.max())
+def _draw(diagnosis: Diagnosis, integrator: str, rollout: Rollout) -> None:
+    subject = diagnosis.subject
+    place = int(np.flatnonzero(subject.start != subject.rest)[-1])
+    names, units = state_names(subject.plant), state_units(subject.plant)
+    window = max(1, round(subject.period / subject.control_period))
+    shown = DRAWN * window + 1
+    diagnosis.draw(
+        "free_motion", integrator=integrator, dt=subject.control_period,
+        names=names[place : place + 2], units=units[place : place + 2],
+        time=rollout.time, change=_change(rollout), window=window,
+        position=rollout.state[:shown, 0, place], velocity=rollout.state[:shown, 0, place + 1],
+    )  # fmt: skip

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.envs.registration import environment_setup
+from integ_gym.eval.diagnosis.expectation import Expectation, undeclared
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.verdict import EQUIVALENCE_MARGIN
-from integ_gym.train.baselines import make_baseline
+from integ_gym.train.baselines import has_handmade, make_baseline
 
 TOLERANCE = EQUIVALENCE_MARGIN
 """Success rates this near are the same."""
@@ -17,6 +19,8 @@ EPISODES = 20
 DEMANDING = {"IntegPendulum-v0": {"start": "hanging", "max_torque": 0.8}}
 """Arguments that leave the controller little to spare, so that the discretization decides."""
 
+_ROUNDING = 1e-9
+
 
 def described(env_id: str) -> str:
     """The environment and what is not its default, in words."""
@@ -25,54 +29,55 @@ def described(env_id: str) -> str:
     return f"{env_id}{f' ({changed})' if changed else ''}"
 
 
-def metric(
-    diagnosis: Diagnosis,
-    section: str,
-    env_id: str,
-    integrator: str,
-    dt: float,
-    control_period: float,
-    latency: float = 0.0,
+def success(
+    diagnosis: Diagnosis, env_id: str, integrator: str, dt: float, latency: float = 0.0
 ) -> float | None:
     """Share of episodes that succeed; None where the task has no hand-made controller.
 
-    What was played once is not played again.
-
     Args:
-        diagnosis: where it is run and remembered.
-        section: what it is played for.
+        diagnosis: where it is run.
         env_id: the environment.
         integrator: a registered name or ``"module:Class"``.
         dt: integration step, s.
-        control_period: s.
         latency: of every command, s.
     """
-    key = (section, env_id, integrator, dt, control_period, latency)
-    if key not in diagnosis.metrics:
-        diagnosis.metrics[key] = _played(diagnosis, *key)
-    return diagnosis.metrics[key]
-
-
-def _played(
-    diagnosis: Diagnosis,
-    section: str,
-    env_id: str,
-    integrator: str,
-    dt: float,
-    control_period: float,
-    latency: float,
-) -> float | None:
     arguments: dict[str, Any] = {
         **DEMANDING.get(env_id, {}),
         "integrator": integrator,
         "dt": dt,
-        "control_period": control_period,
+        "control_period": diagnosis.subject.control_period,
         "action_latency": latency,
     }
-    try:
-        policy = make_baseline("handmade", environment_setup(env_id, arguments))
-    except ValueError:
+    setup = environment_setup(env_id, arguments)
+    if not has_handmade(setup):
         return None
-    cell = f"{section}/handmade/{integrator}/dt={dt:g}/latency={latency:g}"
+    cell = f"{diagnosis.section}/handmade/{integrator}/dt={dt:g}/latency={latency:g}"
+    policy = make_baseline("handmade", setup)
     rollout = diagnosis.bench.task(cell, env_id, policy, EPISODES, **arguments)
     return float(rollout.success.mean())
+
+
+def success_line(
+    diagnosis: Diagnosis,
+    integrator: str,
+    env_id: str,
+    quantity: str,
+    truths: Sequence[float | None],
+    shares: Sequence[float | None],
+    steps: tuple[float, ...],
+) -> None:
+    """The line on an integrator's success rates against the truth's."""
+    pairs = [(a or 0.0, b or 0.0) for a, b in zip(truths, shares, strict=True)]
+    wanted = [f"{a:.2f}" for a, _ in pairs]
+    words = wanted[0] if len(set(wanted)) == 1 else ", ".join(wanted)
+    expectation = Expectation(
+        f"{words}: as on the reference",
+        f"±{TOLERANCE:g}",
+        all(abs(a - b) <= TOLERANCE + _ROUNDING for a, b in pairs),
+    )
+    if not any(a or b for a, b in pairs):
+        expectation = undeclared("nothing: nobody succeeds, the reference included")
+    diagnosis.add(
+        integrator, f"{quantity}, {described(env_id)}", [b for _, b in pairs], "", expectation,
+        steps=steps,
+    )  # fmt: skip

@@ -1,15 +1,26 @@
-"""What each integrator is: order, symplecticity, reversibility, stability, energy per step."""
+"""What each integrator is on a plant: order, symplecticity, reversibility, stability."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from integ_gym.eval.diagnosis.finding import Finding, shown
+import numpy as np
+
+from integ_gym.envs.numerics import Declared, Identity, classify, declared, linear_map
+from integ_gym.envs.numerics.convergence import ROUNDING
+from integ_gym.envs.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
+from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.eval.diagnosis.expectation import (
+    Expectation,
+    above,
+    below,
+    near,
+    said,
+    undeclared,
+)
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
-from integ_gym.eval.diagnosis.subject import Subject
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import classify, declared, linear_map, stability_limit
-from integ_gym.eval.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
 
 SECTION = "integrator"
 
@@ -21,103 +32,112 @@ _LIMIT_TOLERANCE = 1e-4
 
 
 def diagnose_identity(diagnosis: Diagnosis) -> None:
-    """Classify every integrator on every plant."""
-    for subject, integrator in diagnosis.pairs():
-        _classified(diagnosis, subject, integrator)
+    """Classify every integrator on the plant without its resistances."""
+    subject = diagnosis.subject
+    plant = subject.varied(**subject.undamped)
+    for integrator in diagnosis.integrators:
+        advance = diagnosis.bench.advance(f"{SECTION}/{integrator}", subject)
+        found, claim = classify(integrator, plant, follow=advance), declared(integrator)
+        _order(diagnosis, integrator, found, claim)
+        _symplectic(diagnosis, integrator, found, claim)
+        _reversible(diagnosis, integrator, found, claim)
+        diagnosis.told.append(_told(diagnosis, integrator, found))
         if diagnosis.leads:
-            _linear(diagnosis, integrator)
+            _linear(diagnosis, integrator, found.stable_up_to)
 
 
-def sentence(integrator: str) -> str:
-    """What an integrator is on Gymnasium's pendulum, in one line."""
-    found = classify(integrator)
-    order = "exact to rounding" if found.order is None else f"order {found.order:.2f}"
+def _told(diagnosis: Diagnosis, integrator: str, found: Identity) -> dict[str, Any]:
+    """What the integrator is, as ``diagnose.json`` has it."""
     limit = found.stable_up_to
-    stable = (
-        "makes oscillations grow at every step size"
-        if limit == 0.0
-        else "stable at every step size"
-        if math.isinf(limit)
-        else f"stable up to hω = {limit:.4g}"
-    )
-    symplectic, reversible = (
-        name if holds else f"not {name}"
-        for name, holds in (("symplectic", found.symplectic), ("reversible", found.reversible))
-    )
-    return f"{integrator}: {order}, {symplectic}, {reversible}, {stable}"
+    return {
+        "plant": diagnosis.subject.name,
+        "integrator": integrator,
+        "order": "exact to rounding" if found.order is None else _rounded(found.order),
+        "symplectic": found.symplectic,
+        "reversible": found.reversible,
+        "stable_up_to_h_omega": _rounded(limit),
+        "stable_up_to_dt_s": _rounded(limit / diagnosis.subject.frequency),
+        "stable": _stable_words(limit, diagnosis.subject.frequency),
+    }
 
 
-def _classified(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
-    plant = subject.plant
-    found, claim = classify(integrator, plant), declared(integrator)
-    at = (SECTION, subject, integrator)
+def _rounded(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None
+
+
+def _stable_words(limit: float, frequency: float) -> str:
+    if limit == 0.0:
+        return "never: oscillations grow at every step"
+    if math.isinf(limit):
+        return "any step"
+    return f"hω = {limit:.4g}, dt = {limit / frequency:.3g} s"
+
+
+def _order(diagnosis: Diagnosis, integrator: str, found: Identity, claim: Declared) -> None:
     if found.order is None:
-        exact = integrator == TRUTH
-        diagnosis.add(
-            *at, "order of convergence", "exact to rounding", "",
-            "exact to rounding" if exact else "none: no error to measure", exact or None,
-        )  # fmt: skip
+        exact = Expectation("0: rounding", f"below {said(ROUNDING)} of the state", True)
+        expectation = exact if integrator == TRUTH else undeclared("no error to measure it by")
+    elif claim.order is None:
+        expectation = undeclared()
     else:
-        holds = None if claim.order is None else abs(found.order - claim.order) <= ORDER_TOLERANCE
-        expected = "not declared" if claim.order is None else f"{claim.order} ± {ORDER_TOLERANCE}"
-        diagnosis.add(*at, "order of convergence", (found.order,), "", expected, holds)
-    canonical, reason = _canonical(subject, integrator, claim.symplectic)
+        expectation = near(claim.order, ORDER_TOLERANCE, (found.order,))
     diagnosis.add(
-        *at, "symplectic: max |JᵀΩJ − Ω|", (found.symplecticity_defect,), "",
-        reason, None if canonical is None else found.symplectic is canonical, steps=(found.dt,),
-    )  # fmt: skip
-    back = True if integrator == TRUTH else claim.reversible
-    words = {
-        True: f"reversible: below {REVERSIBLE:g}",
-        False: f"not reversible: above {REVERSIBLE:g}",
-        None: "not declared",
-    }[back]
-    diagnosis.add(
-        *at, "reversible: forward, turn, back", (found.reversibility_defect,), "SI",
-        words, None if back is None else found.reversible is back, steps=(found.dt,),
+        integrator, "order of convergence", (), "", expectation,
+        order=found.order, order_steps=found.order_steps,
     )  # fmt: skip
 
 
-def _canonical(subject: Subject, integrator: str, claimed: bool | None) -> tuple[bool | None, str]:
-    """Whether the step should be symplectic on this plant, and why."""
+def _symplectic(diagnosis: Diagnosis, integrator: str, found: Identity, claim: Declared) -> None:
+    defect = (found.symplecticity_defect,)
     if integrator == TRUTH:
-        return True, f"the exact motion is: below {SYMPLECTIC:g}"
-    if claimed is None:
-        return None, "not declared"
-    if not claimed:
-        return False, f"not symplectic: above {SYMPLECTIC:g}"
-    if not subject.plant.constant_mass_matrix:
-        return False, f"not here, M depends on q: above {SYMPLECTIC:g}"
-    return True, f"symplectic: below {SYMPLECTIC:g}"
+        expectation = below(SYMPLECTIC, defect, why="the exact motion is symplectic")
+    elif claim.symplectic is None:
+        expectation = undeclared()
+    elif not claim.symplectic:
+        expectation = above(SYMPLECTIC, defect, why="not symplectic")
+    elif not diagnosis.subject.plant.constant_mass_matrix:
+        expectation = above(SYMPLECTIC, defect, why="not where M depends on q")
+    else:
+        expectation = below(SYMPLECTIC, defect, why="symplectic")
+    diagnosis.add(
+        integrator, "symplectic, max |JᵀΩJ − Ω| of one step", defect, "", expectation,
+        steps=(found.dt,),
+    )  # fmt: skip
 
 
-def _linear(diagnosis: Diagnosis, integrator: str) -> None:
+def _reversible(diagnosis: Diagnosis, integrator: str, found: Identity, claim: Declared) -> None:
+    plant = diagnosis.subject.plant
+    worst = int(np.argmax(found.reversibility_errors))
+    unit, error = state_units(plant)[worst], (found.reversibility_errors[worst],)
+    reversible = True if integrator == TRUTH else claim.reversible
+    if reversible is None:
+        expectation = undeclared()
+    elif reversible:
+        expectation = below(REVERSIBLE, error, unit, "reversible")
+    else:
+        expectation = above(REVERSIBLE, error, unit, "not reversible")
+    names = ", ".join(state_names(plant))
+    diagnosis.add(
+        integrator, f"reversible, forward, turn, back: worst of {names}", error, unit, expectation,
+        steps=(found.dt,),
+    )  # fmt: skip
+
+
+def _linear(diagnosis: Diagnosis, integrator: str, limit: float) -> None:
     """Once per integrator: what it does to a harmonic oscillator."""
     theory, claim = THEORY.get(integrator), declared(integrator)
-    gain = linear_map(integrator, Z).spectral_radius ** 2 - 1.0
-    limit = stability_limit(integrator)
-    wanted, holds = "not declared", None
-    bound, stays = "not declared", None
+    gain = (linear_map(integrator, Z).spectral_radius ** 2 - 1.0,)
+    factor, bound = undeclared(), undeclared()
     if theory is not None:
-        factor = theory.energy_factor(Z) - 1.0
-        wanted = f"{shown(factor)}: {theory.formula}"
-        holds = abs(gain - factor) <= _FACTOR_TOLERANCE
-        bound = _limit_words(theory.oscillation_limit)
-        stays = limit == theory.oscillation_limit or math.isclose(
-            limit, theory.oscillation_limit, rel_tol=_LIMIT_TOLERANCE
-        )
+        wanted = theory.energy_factor(Z) - 1.0
+        factor = near(wanted, _FACTOR_TOLERANCE, gain, why=theory.formula)
+        bound = near(theory.oscillation_limit, _LIMIT_TOLERANCE, (limit,))
     elif claim.symplectic:
-        wanted, holds = "0: declared symplectic", abs(gain) <= _FACTOR_TOLERANCE
-    for quantity, measured, expected, verdict in (
-        (f"share of energy gained per step at hω = {Z:g}", gain, wanted, holds),
-        ("stable up to hω", limit, bound, stays),
-    ):
-        diagnosis.findings.append(
-            Finding(SECTION, "oscillator", integrator, quantity, (measured,), "", expected, verdict)
-        )
+        factor = near(0.0, _FACTOR_TOLERANCE, gain, why="declared symplectic")
+    quantity = f"share of energy gained per step at hω = {Z:g}"
+    diagnosis.add(integrator, quantity, gain, "", factor, plant=OSCILLATOR)
+    diagnosis.add(integrator, "stable up to hω", (limit,), "", bound, plant=OSCILLATOR)
 
 
-def _limit_words(limit: float) -> str:
-    if limit == 0.0:
-        return "0: grows at every step size"
-    return "unbounded" if math.isinf(limit) else f"{limit:.6g}"
+OSCILLATOR = "oscillator"
+"""The linear test equation, which stands for no plant."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import split_state
-from integ_gym.eval.diagnosis.bench import Array
+from integ_gym.eval.diagnosis.rollout import Array
 from integ_gym.eval.diagnosis.subject import Subject
 
 SPEED = 1.0
@@ -27,8 +27,11 @@ SPEED = 1.0
 LIMIT = 2.0
 """Where the stop stands, m or rad."""
 
-_RUN_UP = 0.1414
-"""Distance from the stop at the start, so that arrival falls between control instants."""
+_FREE = 1e-9
+"""Acceleration that is none, m/s² or rad/s²."""
+
+PHASES = 16
+"""Places within a step at which the stop is touched."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +40,43 @@ class Impact:
 
     Attributes:
         arguments: plant parameters but the stiffness.
-        start: state order, shape (n,).
+        touching: state in which the stop is touched, state order, shape (n,).
+        place: of the stopped coordinate in the state.
+        unit: of the stopped coordinate.
         mass: that meets the stop, kg or kg m².
         stiffness: of the plant's stop by default, N/m or N m/rad.
         damping: of the stop, s/m or s/rad.
     """
 
     arguments: dict[str, Any]
-    start: Array
+    touching: Array
+    place: int
+    unit: str
     mass: float
     stiffness: float
     damping: float
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy of arrival, J."""
+        return 0.5 * self.mass * SPEED**2
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Of the stop."""
+        return "N m/rad" if self.unit == "rad" else "N/m"
+
+    def starts(self, dt: float, run_up: float, phases: int = PHASES) -> Array:
+        """Starts that touch the stop at evenly spaced places within a step, shape (phases, n).
+
+        Args:
+            dt: step, s.
+            run_up: time before the first touch, at least, s.
+            phases: how many.
+        """
+        starts = np.tile(self.touching, (phases, 1))
+        starts[:, self.place] -= SPEED * (run_up + dt * (np.arange(phases) + 0.5) / phases)
+        return starts
 
     def rate(self, stiffness: float) -> float:
         """Frequency of the mass on the stop, rad/s."""
@@ -76,29 +105,36 @@ class Impact:
 
 
 def impact_of(subject: Subject) -> Impact | None:
-    """The impact of a plant on its stop; None for a plant without stops."""
+    """The impact of a plant on its stop; None without stops, or where other forces act there."""
     plant: Any = subject.plant
     limits = subject.parameters("limit")
     described = all(hasattr(plant, n) for n in ("stopped", "stop_stiffness", "stop_damping"))
     if not described or len(limits) != 1:
         return None
-    arguments = {limits[0]: LIMIT}
+    arguments = {limits[0]: LIMIT, **subject.undamped}
     if hasattr(plant, "gravity"):
         arguments["gravity"] = 0.0
     place = 2 * plant.stopped
-    start = np.zeros(len(subject.rest))
+    touching = np.zeros(len(subject.rest))
     # A pole along the track is not swung by the cart.
     turned = [i for i, unit in enumerate(plant.coordinate_units) if unit == "rad"]
-    start[[2 * i for i in turned]] = 0.5 * math.pi
-    start[place], start[place + 1] = LIMIT - _RUN_UP, SPEED
-    mass = _mass(subject.varied(**arguments), start, plant.stopped)
-    return Impact(arguments, start, mass, plant.stop_stiffness, plant.stop_damping)
+    touching[[2 * i for i in turned]] = 0.5 * math.pi
+    touching[place], touching[place + 1] = LIMIT, SPEED
+    free, mass = _response(subject.varied(**arguments), touching, plant.stopped)
+    if abs(free) > _FREE:
+        return None
+    return Impact(
+        arguments, touching, place, plant.coordinate_units[plant.stopped], mass,
+        plant.stop_stiffness, plant.stop_damping,
+    )  # fmt: skip
 
 
-def _mass(plant: Any, start: Array, coordinate: int) -> float:
-    """Force per acceleration along a coordinate."""
-    q, v = split_state(tuple(start.tolist()))
+def _response(plant: Any, state: Array, coordinate: int) -> tuple[float, float]:
+    """Acceleration along a coordinate without a force, and force per acceleration."""
+    q, v = split_state(tuple(state.tolist()))
     nothing = (0.0,) * len(q)
     unit = tuple(1.0 if i == coordinate else 0.0 for i in range(len(q)))
-    pushed, free = (plant.acceleration(SCALAR, q, v, force) for force in (unit, nothing))
-    return float(1.0 / (pushed[coordinate] - free[coordinate]))
+    pushed, free = (
+        plant.acceleration(SCALAR, q, v, force)[coordinate] for force in (unit, nothing)
+    )
+    return float(free), float(1.0 / (pushed - free))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from integ_gym.eval.diagnosis.actuation import actuator_limit
-from integ_gym.eval.diagnosis.bench import Array, Commands, Rollout
-from integ_gym.eval.diagnosis.handmade import TOLERANCE, described, metric
+from integ_gym.eval.diagnosis.bench import Commands
+from integ_gym.eval.diagnosis.expectation import Expectation
+from integ_gym.eval.diagnosis.handmade import success, success_line
+from integ_gym.eval.diagnosis.rollout import Array
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
-from integ_gym.eval.diagnosis.subject import Subject
 
 SECTION = "latency"
 
@@ -18,63 +19,74 @@ HALF_PERIODS = (1, 2, 3)
 PERIODS = (2, 4)
 """Latencies that the hand-made controller meets, in control periods."""
 
-_DECISIONS = 30
+DECISIONS = 30
 
 
 def diagnose_latency(diagnosis: Diagnosis) -> None:
     """Delay commands, and compare with the same commands given later."""
-    for subject, integrator in diagnosis.pairs():
-        _timing(diagnosis, subject, integrator)
-        _cost(diagnosis, subject, integrator)
+    for integrator in diagnosis.integrators:
+        _timing(diagnosis, integrator)
+    for env_id in diagnosis.subject.environments:
+        _cost(diagnosis, env_id)
 
 
-def _timing(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
-    commands = actuator_limit(subject) * np.sin(np.arange(1, _DECISIONS + 1))
-    gaps = tuple(_gap(diagnosis, subject, integrator, commands, k) for k in HALF_PERIODS)
+def _timing(diagnosis: Diagnosis, integrator: str) -> None:
+    """A delayed motion equals that under later commands; one like no delay at all is wrong."""
+    subject = diagnosis.subject
+    half = 0.5 * subject.control_period
+    commands = actuator_limit(subject) * np.sin(np.arange(1, DECISIONS + 1))
+    at_once = _follow(diagnosis, integrator, "at_once", commands, 2, 0)
+    wrong = []
+    for halves in HALF_PERIODS:
+        delayed = _follow(diagnosis, integrator, f"delayed_{halves}", commands, 2, halves)
+        later = np.concatenate([np.zeros(halves), np.repeat(commands, 2)])[: 2 * DECISIONS]
+        shifted = _follow(diagnosis, integrator, f"shifted_{halves}", later, 1, 0)[::2]
+        delays = different(delayed, at_once) > 0
+        wrong.append(float(different(delayed, shifted) if delays else len(delayed)))
     diagnosis.add(
-        SECTION, subject, integrator,
-        "difference to commands given later, by 1/2, 1, 3/2 control periods", gaps, "SI",
-        "0: the same motion bit by bit", max(gaps) == 0.0, steps=(0.5 * subject.control_period,),
+        integrator,
+        f"instants of {DECISIONS + 1} at which delayed commands differ from later ones, by 1/2, 1, "
+        "3/2 control periods",
+        wrong, "", Expectation("0: the same bit by bit", "exactly", not any(wrong)),
+        steps=(half,),
     )  # fmt: skip
 
 
-def _gap(
-    diagnosis: Diagnosis, subject: Subject, integrator: str, commands: Array, halves: int
-) -> float:
+def different(a: Array, b: Array) -> int:
+    """Instants at which two motions of shape (instants, n) differ; two that ended do not."""
+    return int((~((a == b) | (np.isnan(a) & np.isnan(b)))).any(axis=1).sum())
+
+
+def _follow(
+    diagnosis: Diagnosis, integrator: str, name: str, values: Array, halves: int, latency: int
+) -> Array:
+    """States at control instants, shape (instants, n); times in halves of a control period."""
+    subject = diagnosis.subject
     half = 0.5 * subject.control_period
-    duration = _DECISIONS * subject.control_period
-
-    def follow(name: str, values: Array, period: float, latency: float) -> Rollout:
-        return diagnosis.bench.open_loop(
-            f"latency/{integrator}/{name}/{halves}", subject, integrator, half,
-            Commands(name, values), subject.start[None], duration=duration,
-            control_period=period, action_latency=latency,
-        )  # fmt: skip
-
-    delayed = follow("delayed", commands, subject.control_period, halves * half)
-    later = np.concatenate([np.zeros(halves), np.repeat(commands, 2)])[: 2 * _DECISIONS]
-    shifted = follow("shifted", later, half, 0.0)
-    return float(np.abs(delayed.state - shifted.state[::2]).max())
+    rollout = diagnosis.bench.open_loop(
+        f"{SECTION}/{name}/{integrator}", subject, integrator, half, Commands(name, values),
+        subject.start[None], duration=DECISIONS * subject.control_period,
+        control_period=halves * half, action_latency=latency * half,
+    )  # fmt: skip
+    states: Array = rollout.state[:, 0]
+    return states
 
 
-def _cost(diagnosis: Diagnosis, subject: Subject, integrator: str) -> None:
-    for env_id in subject.environments:
-        period = subject.control_period
-        rates = [
-            (
-                metric(diagnosis, SECTION, env_id, TRUTH, period, period, k * period),
-                metric(diagnosis, SECTION, env_id, integrator, period, period, k * period),
-            )
-            for k in PERIODS
-        ]
-        if any(truth is None for truth, _ in rates) or integrator == TRUTH:
-            continue
-        truths, shares = (tuple(x or 0.0 for x in column) for column in zip(*rates, strict=True))
-        diagnosis.add(
-            SECTION, subject, integrator,
-            f"success at latencies of {', '.join(map(str, PERIODS))} control periods, "
-            f"{described(env_id)}", shares, "",
-            f"{', '.join(f'{x:.2f}' for x in truths)} ± {TOLERANCE:g}, as on the truth",
-            all(abs(a - b) <= TOLERANCE for a, b in zip(truths, shares, strict=True)),
-            steps=(period,),
-        )  # fmt: skip
+def _cost(diagnosis: Diagnosis, env_id: str) -> None:
+    """Success of the hand-made controller under latency against the truth's."""
+    period = diagnosis.subject.control_period
+
+    def shares(integrator: str) -> list[float | None]:
+        return [success(diagnosis, env_id, integrator, period, k * period) for k in PERIODS]
+
+    truths = shares(TRUTH)
+    if None in truths:
+        return
+    at = ", ".join(map(str, PERIODS))
+    for integrator in diagnosis.integrators:
+        if integrator != TRUTH:
+            success_line(
+                diagnosis, integrator, env_id,
+                f"success of the hand-made controller {at} control periods late",
+                truths, shares(integrator), (period,),
+            )  # fmt: skip

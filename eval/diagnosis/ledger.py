@@ -1,53 +1,66 @@
-"""Lines on the energy ledger: what numerical error put in or took out."""
+"""Lines on the energy ledger: what numerical error put in, and what was booked as lost or done."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from integ_gym.eval.diagnosis.bench import Rollout
-from integ_gym.eval.diagnosis.order import promised
-from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis, steps_for
-from integ_gym.eval.diagnosis.subject import Subject
+from integ_gym.eval.diagnosis.order import order_line
+from integ_gym.eval.diagnosis.rollout import Array, Rollout
+from integ_gym.eval.diagnosis.section import Diagnosis
 
-EXACT = 1e-9
-"""Ledger residual of the exact motion over a rollout, as a share of its largest energy."""
+SCIPY = 1e-11
+"""Errors against SciPy's integral below this share of the energy are its own."""
 
 
 def ledger_line(
-    diagnosis: Diagnosis, section: str, subject: Subject, integrator: str, rollouts: list[Rollout]
+    diagnosis: Diagnosis,
+    integrator: str,
+    rollouts: dict[float, Rollout],
+    name: str = "",
+    **how: Any,
 ) -> None:
-    """The line on Σ |energy residual|: rounding for the exact motion, else falling at the order."""
-    steps = steps_for(subject, integrator)
-    residuals = tuple(float(r.residual()[0]) for r in rollouts)
-    line = (section, subject, integrator, "Σ |energy residual|", residuals, "J")
-    scale = _scale(rollouts)
-    if integrator == TRUTH:
-        bound = EXACT * scale
-        holds: bool | None = max(residuals) < bound
-        diagnosis.add(*line, f"rounding: below {bound:.1e} J", holds, steps=steps)
-        return
-    expected, holds = promised(subject, integrator, residuals, EXACT * scale)
-    holds = holds and not any(r.diverged().any() for r in rollouts)
-    diagnosis.add(*line, expected, holds, steps=steps)
+    """The line on Σ |energy residual|: rounding for the exact motion, else falling at the order.
+
+    Args:
+        diagnosis: gets the line.
+        integrator: a registered name or ``"module:Class"``.
+        rollouts: by step in s; of several lanes the mean is taken.
+        name: of the motion, where the section has several.
+        how: as for :func:`integ_gym.eval.diagnosis.order.order_line`.
+    """
+    errors = {dt: float(r.residual().mean()) for dt, r in rollouts.items()}
+    quantity = f"{name}, Σ |energy residual|" if name else "Σ |energy residual|"
+    order_line(diagnosis, integrator, quantity, errors, "J", _scale(rollouts), **how)
 
 
-def rough_ledger_line(
-    diagnosis: Diagnosis, section: str, subject: Subject, integrator: str, rollouts: list[Rollout]
+def booked_line(
+    diagnosis: Diagnosis,
+    integrator: str,
+    rollouts: dict[float, Rollout],
+    quantity: str,
+    name: str,
+    truth: Array,
 ) -> None:
-    """The same where forces change within a step, so that no order is promised: it falls."""
-    residuals = tuple(float(r.residual()[0]) for r in rollouts)
-    bound = EXACT * _scale(rollouts)
-    if integrator == TRUTH:
-        expected, holds = f"rounding: below {bound:.1e} J", max(residuals) < bound
-    else:
-        expected = "falls with dt; no order: forces set in within a step"
-        holds = residuals[-1] < max(min(residuals[:-1]), bound)
-    diagnosis.add(
-        section, subject, integrator, "Σ |energy residual|", residuals, "J",
-        expected, holds, steps=steps_for(subject, integrator),
+    """The line on what the ledger books so far against an independent integral.
+
+    Args:
+        diagnosis: gets the line.
+        integrator: a registered name or ``"module:Class"``.
+        rollouts: of one lane, by step in s.
+        quantity: what is booked, in words.
+        name: under which it is in ``info``.
+        truth: the integral up to each control instant, J, shape (instants,).
+    """
+    errors = {dt: float(np.abs(r.so_far(name)[:, 0] - truth).max()) for dt, r in rollouts.items()}
+    size = f"{np.abs(truth).max():.3g} J"
+    order_line(
+        diagnosis, integrator, f"{quantity}, largest error against SciPy's {size}", errors, "J",
+        _scale(rollouts), rounding=SCIPY,
     )  # fmt: skip
 
 
-def _scale(rollouts: list[Rollout]) -> float:
-    """Largest energy of any rollout, J."""
-    return max(float(np.nanmax(r.info["energy"])) for r in rollouts)
+def _scale(rollouts: dict[float, Rollout]) -> float:
+    """Largest energy of the finest motion, J."""
+    return rollouts[min(rollouts)].largest_energy()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import make_dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 from integ_gym.envs.environment import IntegEnv
@@ -11,16 +12,19 @@ from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import parameter, positive
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, state_names, state_units
+from integ_gym.envs.tasks._saturation import saturated
 from integ_gym.envs.tasks.interface import Command
 from integ_gym.envs.vector import IntegVectorEnv
 
 
-@dataclass(frozen=True)
 class OpenLoop:
-    """No reward and no termination; success is to arrive at the end without diverging."""
+    """No reward and no termination; success is to arrive at the end without diverging.
 
-    control_limit: float = parameter(1e6, "SI", "saturation of the actuator", positive)
+    Made a dataclass for one plant by :func:`open_loop_environment`, which adds the field
+    ``control_limit`` in the plant's unit.
+    """
 
+    control_limit: float
     plant: ClassVar[str]
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]
@@ -35,10 +39,8 @@ class OpenLoop:
         return (float("inf"),) * len(self.observation_names)
 
     def command(self, ops: Ops, action: Component) -> Command:
-        """The action in SI units, within the limit."""
-        valid, limit = ops.isfinite(action), self.control_limit
-        clipped = ops.maximum(-limit, ops.minimum(action, limit))
-        return Command(ops.where(valid, clipped, 0.0), valid, valid & (abs(action) > limit))
+        """The action in the plant's unit, within the limit."""
+        return saturated(ops, action, self.control_limit)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """The state in state order."""
@@ -75,8 +77,9 @@ class OpenLoop:
         return (1.0, 0.0) * (len(self.observation_names) // 2)
 
 
+@cache
 def open_loop_environment(plant: str) -> type[IntegVectorEnv]:
-    """The vector environment of a plant without a task.
+    """The vector environment of a plant without a task; its ``env_class`` is the single one.
 
     Args:
         plant: a registered name or ``"module:Class"``.
@@ -90,10 +93,11 @@ def open_loop_environment(plant: str) -> type[IntegVectorEnv]:
         "observation_names": state_names(plant_class),
         "observation_units": state_units(plant_class),
     }
-    task = type("OpenLoop", (OpenLoop,), described)
-    single = type(
-        "OpenLoopEnv",
-        (IntegEnv,),
-        {"task_class": classmethod(lambda cls: task), "defaults": {"integrator": "rk4"}},
-    )
-    return type(f"OpenLoop-{plant_class.name}", (IntegVectorEnv,), {"env_class": single})
+    limit = parameter(1e6, plant_class.control_unit, "saturation of the actuator", positive)
+    task = make_dataclass(
+        "OpenLoop", [("control_limit", float, limit)], bases=(OpenLoop,), namespace=described,
+        frozen=True,
+    )  # fmt: skip
+    name = f"OpenLoop-{plant_class.name}"
+    own = {"task_class": classmethod(lambda cls: task), "defaults": {"integrator": "rk4"}}
+    return type(name, (IntegVectorEnv,), {"env_class": type(name, (IntegEnv,), own)})

@@ -1,37 +1,84 @@
-"""What an integrator's declared order promises of an error over a ladder of steps."""
+"""Lines on errors that should fall with the step at the integrator's declared order."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping
+from typing import Any
 
-from integ_gym.eval.diagnosis.finding import halving_order
-from integ_gym.eval.diagnosis.subject import Subject
-from integ_gym.eval.numerics import declared
+from integ_gym.envs.numerics import declared
+from integ_gym.envs.numerics.convergence import ROUNDING, slope
+from integ_gym.eval.diagnosis.expectation import Expectation, below, undeclared
+from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 
-SMALL = 0.1
-"""hω of the finest step up to which the order shows; coarser ladders need only fall."""
+TOLERANCE = 0.1
+"""A measured order this far off is another one."""
 
-SLACK = 0.35
-"""How far below the order the slope may be: the steps of a ladder are not yet small.
-:mod:`integ_gym.eval.numerics.convergence` measures the order itself."""
+EXACT = 1e-9
+"""Errors of the exact motion are below this share of the scale."""
 
 
-def promised(
-    subject: Subject, integrator: str, errors: Sequence[float], rounding: float
-) -> tuple[str, bool | None]:
-    """What is expected of errors over the subject's steps, in words, and whether it holds.
+def order_line(
+    diagnosis: Diagnosis,
+    integrator: str,
+    quantity: str,
+    errors: Mapping[float, float],
+    unit: str,
+    scale: float,
+    exact: str = "rounding",
+    rounding: float = ROUNDING,
+    **how: Any,
+) -> None:
+    """Add a line: errors at the subject's own steps, and the order over all steps.
 
     Args:
-        subject: the plant.
+        diagnosis: gets the line.
         integrator: a registered name or ``"module:Class"``.
-        errors: one per step, coarse to fine.
-        rounding: an error below this counts as none.
+        quantity: what was measured, in words.
+        errors: by step in s; not finite where the motion diverged.
+        unit: SI unit of the errors.
+        scale: size of what is off, in the same unit: it says what rounding is.
+        exact: why the exact motion has no error.
+        rounding: share of the scale below which an error says nothing of the method.
+        how: `exactly` and `at_most` of :func:`order_expected`.
     """
-    order = declared(integrator).order
-    slope = halving_order(errors, subject.steps)
-    if order is None:
-        return f"order not declared; measured dt^{slope:.2f}", None
-    if subject.steps[-1] * subject.frequency > SMALL:
-        return "falls with dt", errors[-1] < max(min(errors[:-1]), rounding)
-    holds = slope > order - SLACK or errors[-1] < rounding
-    return f"falls as dt^{order} or faster; measured dt^{slope:.2f}", bool(holds)
+    steps = tuple(sorted(errors, reverse=True))
+    own = tuple(step for step in steps if step in diagnosis.subject.steps)
+    measured = tuple(errors[step] for step in own)
+    add = (integrator, quantity, measured, unit)
+    if integrator == TRUTH:
+        diagnosis.add(*add, below(EXACT * scale, measured, unit, exact), steps=own)
+        return
+    order = slope(steps, tuple(errors[step] for step in steps), rounding * scale)
+    expectation = order_expected(declared(integrator).order, order, **how)
+    if expectation.holds and not all(map(math.isfinite, measured)):
+        expectation = Expectation(expectation.expected, expectation.tolerance, False)
+    diagnosis.add(*add, expectation, steps=own, order=order, order_steps=steps)
+
+
+def order_expected(
+    promised: int | None,
+    measured: float | None,
+    exactly: bool = False,
+    at_most: tuple[int, str] | None = None,
+) -> Expectation:
+    """Whether a measured order is the promised one.
+
+    Args:
+        promised: the declared order, or None.
+        measured: the slope; None: there is nothing but rounding; NaN: the motion diverged.
+        exactly: whether a higher order than promised counts as wrong, too. Energies often converge
+            faster than motions.
+        at_most: largest order that the motion allows, and why.
+    """
+    if promised is None:
+        return undeclared()
+    wanted, why = promised, ""
+    if at_most is not None and at_most[0] < promised:
+        wanted, why = at_most[0], f": {at_most[1]}"
+    if measured is None:
+        return undeclared(f"order {wanted}; nothing but rounding at these steps")
+    if exactly:
+        return Expectation(f"order {wanted}", f"±{TOLERANCE}", abs(measured - wanted) <= TOLERANCE)
+    least = wanted - TOLERANCE
+    return Expectation(f"order {wanted} or more{why}", f"down to {least:g}", measured >= least)

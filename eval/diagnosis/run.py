@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from integ_gym.envs.integrators import INTEGRATORS
@@ -22,14 +24,15 @@ from integ_gym.eval.diagnosis import (
     friction,
     identity,
     latency,
+    plant,
     refinement,
     stiffness,
 )
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject, subjects
+from integ_gym.eval.run_directory import package_versions
 from integ_gym.evidence.atomic import replace_file
-from integ_gym.evidence.provenance import package_versions
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.worker import Progress
 
@@ -39,6 +42,7 @@ SCHEMA_VERSION = 1
 RESULT = "diagnose.json"
 
 SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
+    plant.SECTION: plant.diagnose_plant,
     identity.SECTION: identity.diagnose_identity,
     free_motion.SECTION: free_motion.diagnose_free_motion,
     stiffness.SECTION: stiffness.diagnose_stiffness,
@@ -49,7 +53,13 @@ SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
     refinement.SECTION: refinement.diagnose_refinement,
     latency.SECTION: latency.diagnose_latency,
 }
-"""Sections in the order in which they are run and shown."""
+"""Sections in the order in which they are shown."""
+
+_LONGEST = (refinement.SECTION, latency.SECTION)
+"""Sections that are begun first, so that no worker is left alone with one at the end."""
+
+_DIGITS = 9
+"""Significant digits of what figures draw."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +107,7 @@ class _Job:
     def run(self) -> Diagnosis:
         """Examine, and commit the evidence."""
         bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
-        diagnosis = Diagnosis(bench, [self.subject], self.integrators, self.leads)
+        diagnosis = Diagnosis(self.section, bench, self.subject, self.integrators, self.leads)
         SECTIONS[self.section](diagnosis)
         bench.commit(self.section.replace(" ", "_"))
         return diagnosis
@@ -110,7 +120,8 @@ def diagnose(
 
     Args:
         request: what to diagnose.
-        directory: where ``diagnose.json``, ``figures`` and ``evidence`` go.
+        directory: where ``diagnose.json``, ``figures`` and ``evidence`` go; of a diagnosis that
+            fails nothing is kept.
         command: what was typed, for the record.
         workers: processes.
         progress: whether to show a progress bar.
@@ -121,18 +132,27 @@ def diagnose(
     Raises:
         ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already.
     """
+    if directory.is_file():
+        raise ValueError(f"{directory} is a file; --out needs a directory")
     if (directory / "evidence").exists() or (directory / RESULT).exists():
         raise ValueError(
             f"{directory} already holds a diagnosis; give another --out, or remove the directory"
         )
     plants, names = request.chosen()
+    unfinished = directory / "evidence.unfinished"
+    shutil.rmtree(unfinished, ignore_errors=True)
     jobs = [
-        _Job(section, subject, names, directory / "evidence", subject is plants[0])
-        for section in SECTIONS
+        _Job(section, subject, names, unfinished, subject is plants[0])
         for subject in plants
+        for section in SECTIONS
     ]
-    with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
-        parts = _all(jobs, workers, bar.update)
+    try:
+        with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
+            parts = _all(jobs, workers, bar.update)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    unfinished.rename(directory / "evidence")
     result = _result(parts, plants, names, command)
     result["records"] = EvidenceStore(directory / "evidence").count()
     text = json.dumps(result, indent=1, allow_nan=False)
@@ -150,12 +170,17 @@ def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[D
             on_job()
         return done
     with Progress().pool(workers) as pool:
-        futures = [pool.submit(job.run) for job in jobs]
-        running = dict(zip(futures, jobs, strict=True))
-        for future in as_completed(futures):
-            _outcome(running[future], future.result)
-            on_job()
-    return [future.result() for future in futures]
+        order = sorted(range(len(jobs)), key=lambda i: jobs[i].section not in _LONGEST)
+        running = {pool.submit(jobs[i].run): i for i in order}
+        found = {}
+        try:
+            for future in as_completed(running):
+                found[running[future]] = _outcome(jobs[running[future]], future.result)
+                on_job()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [found[i] for i in range(len(jobs))]
 
 
 def _outcome(job: _Job, result: Callable[[], Diagnosis]) -> Diagnosis:
@@ -185,7 +210,7 @@ def _result(
     return {
         "schema_version": SCHEMA_VERSION,
         "command": command,
-        "versions": package_versions({}),
+        "versions": package_versions(),
         "plants": [
             {
                 "name": s.name,
@@ -194,19 +219,25 @@ def _result(
                 "control_period_s": s.control_period,
                 "rest_state": s.rest.tolist(),
                 "frequency_rad_s": s.frequency,
+                "slowest_rad_s": s.slowest,
             }
             for s in plants
         ],
-        "integrators": [{"name": name, "is": identity.sentence(name)} for name in names],
+        "integrators": list(names),
+        "identities": [told for part in parts for told in part.told],
         "findings": [finding.row() for part in parts for finding in part.findings],
-        "curves": _finite(curves),
+        "curves": plain(curves),
     }
 
 
-def _finite(value: Any) -> Any:
-    """Nested lists and dicts with null for what is not finite."""
+def plain(value: Any) -> Any:
+    """Nested arrays, lists and dicts as JSON: null for what is not finite, few digits."""
     if isinstance(value, dict):
-        return {name: _finite(x) for name, x in value.items()}
-    if isinstance(value, list):
-        return [_finite(x) for x in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return {name: plain(x) for name, x in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(x) for x in value]
+    if isinstance(value, float):
+        return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    return value

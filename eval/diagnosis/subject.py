@@ -10,18 +10,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.numerics.probe import linear_rates
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registration import ENVIRONMENTS, environment_class, environment_setup
 from integ_gym.envs.timing import whole_multiple
-from integ_gym.eval.numerics.probe import fastest_rate
 
 Array = npt.NDArray[np.float64]
 
 RELEASE = 0.5
 """Displacement from rest at the start of a free motion: rad, or m without any angle."""
 
+SMALL = 0.004
+"""Step times fastest rate at which every order up to 4 shows to within a few hundredths."""
+
+_MOST_HALVINGS = 14
 _STEPS_PER_RADIAN = 4.0
 _RELAXATION = 0.02
 _DRAG = 0.9
@@ -41,6 +45,7 @@ class Subject:
         control_period: time between two decisions, s: the coarsest step.
         rest: stable rest state, state order, SI units, shape (n,).
         frequency: of its fastest small oscillation, rad/s.
+        slowest: of its slowest small oscillation, rad/s.
     """
 
     name: str
@@ -49,6 +54,7 @@ class Subject:
     steps: tuple[float, ...]
     rest: Array
     frequency: float
+    slowest: float
 
     @property
     def control_period(self) -> float:
@@ -69,9 +75,32 @@ class Subject:
         start[[2 * i for i in moved]] -= RELEASE
         return start
 
+    def ladder(self, rate: float | None = None, small: float = SMALL) -> tuple[float, ...]:
+        """The steps and halves of the coarsest, down to where orders show; coarse to fine, s.
+
+        Args:
+            rate: of the fastest thing that happens, 1/s; None: the fastest oscillation.
+            small: step times rate of the finest step, at most.
+        """
+        ratio = self.control_period * (self.frequency if rate is None else rate) / small
+        most = min(max(2, math.ceil(math.log2(ratio))), _MOST_HALVINGS)
+        halves = (self.control_period / 2**k for k in range(most + 1))
+        return tuple(sorted({*self.steps, *halves}, reverse=True))
+
     def parameters(self, *words: str) -> tuple[str, ...]:
         """Names of the plant's parameters that end in one of the words."""
         return tuple(f.name for f in fields(self.plant) if f.name.split("_")[-1] in words)  # type: ignore[arg-type]
+
+    def resistances(self, word: str) -> tuple[str, ...]:
+        """Parameters called `damping` or `friction`, those of a stop left out."""
+        return tuple(n for n in self.parameters(word) if not n.startswith("stop"))
+
+    @property
+    def undamped(self) -> dict[str, Any]:
+        """Parameters that take the plant's own damping and friction away, where it has some."""
+        checks = {f.name: f.metadata["check"] for f in fields(self.plant)}  # type: ignore[arg-type]
+        names = (*self.resistances("damping"), *self.resistances("friction"))
+        return {n: 0.0 for n in names if getattr(self.plant, n) and checks[n](0.0) is None}
 
     def varied(self, **parameters: Any) -> Plant:
         """The plant with other parameters."""
@@ -81,6 +110,9 @@ class Subject:
         """The next whole number of control periods, s."""
         return math.ceil(seconds / self.control_period - 1e-9) * self.control_period
 
+
+_STILL = 1e-3
+"""Rates below this share of the fastest are no oscillation: a cart rolls, a rotor turns."""
 
 _FINEST = 1e-4
 """hω below which a step is refused."""
@@ -108,7 +140,7 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
     plant = _checked(name, PLANTS.load(name))()
     try:
         rest = rest_state(plant)
-        frequency = fastest_rate(plant, rest)
+        rates = linear_rates(plant, rest)
     except ValueError:
         raise
     except Exception as error:  # whatever the equations of a user's plant do
@@ -116,6 +148,7 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
             f"the plant {name!r} cannot be evaluated: {type(error).__name__}: {error}; write its "
             "equations with the `ops` that it is given, for floats and arrays alike"
         ) from error
+    frequency = float(rates[-1])
     if not frequency > 0.0:
         raise ValueError(
             f"the plant {name!r} has no restoring force at rest; a diagnosis needs a plant that "
@@ -127,7 +160,8 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
             f"--dt {ladder[-1]:g} s is finer than {_FINEST / frequency:.2g} s, where the "
             f"oscillation of {name} takes too many steps; give a larger one"
         )
-    return Subject(name, plant, environments, ladder, rest, frequency)
+    slowest = float(rates[rates > _STILL * frequency][0])
+    return Subject(name, plant, environments, ladder, rest, frequency, slowest)
 
 
 def _checked(name: str, plant: type[Any]) -> type[Any]:

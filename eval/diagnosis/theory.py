@@ -22,12 +22,14 @@ class LinearTheory:
         formula: the factor less 1, in words.
         oscillation_limit: largest z = hω at which no oscillation grows.
         decay_limit: largest z = hλ at which a damped velocity does not grow.
+        passive: whether a step takes energy out of every convex potential.
     """
 
     energy_factor: Callable[[float], float]
     formula: str
     oscillation_limit: float
     decay_limit: float
+    passive: bool = False
 
 
 def _one(z: float) -> float:
@@ -41,7 +43,9 @@ _RK4_DECAY = 2.785293563405282
 
 THEORY = {
     "explicit_euler": LinearTheory(lambda z: 1.0 + z * z, "(hω)²", 0.0, 2.0),
-    "implicit_euler": LinearTheory(lambda z: 1.0 / (1.0 + z * z), "1 / (1 + (hω)²) − 1", inf, inf),
+    "implicit_euler": LinearTheory(
+        lambda z: 1.0 / (1.0 + z * z), "1 / (1 + (hω)²) − 1", inf, inf, passive=True
+    ),
     "symplectic_euler": LinearTheory(_one, _CONSERVED, 2.0, 2.0),
     "stormer_verlet": LinearTheory(_one, _CONSERVED, 2.0, inf),
     "implicit_midpoint": LinearTheory(_one, "conserves the energy", inf, inf),

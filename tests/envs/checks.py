@@ -15,12 +15,7 @@ from scipy.special import ellipj, ellipk
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._newton import CAP, TOLERANCE
-from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import join_state, split_state
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     convergence,
     declared,
     fastest_rate,
@@ -31,6 +26,11 @@ from integ_gym.eval.numerics import (
     symplecticity_defect,
     volume_defect,
 )
+from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.system import PlantSystem
 
 APPROXIMATE = tuple(name for name in ALL if name != "reference")
 NEWTON = ("implicit_euler", "implicit_midpoint", "stormer_verlet")

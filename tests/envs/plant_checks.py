@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics import probe_state
+from integ_gym.envs.numerics.stepping import jacobian
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.parameters import MASS_DISTRIBUTIONS
-from integ_gym.eval.numerics import probe_state
-from integ_gym.eval.numerics.stepping import jacobian
 
 
 def _pendulum(p, q, v):

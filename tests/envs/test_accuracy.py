@@ -13,12 +13,12 @@ from stated import stated
 
 import integ_gym
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.numerics import declared, fastest_rate, ledger
+from integ_gym.envs.numerics.convergence import slope
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics import declared, fastest_rate, ledger
-from integ_gym.eval.numerics.convergence import slope
 
 PERIOD = 0.05
 CONTROLS = np.random.default_rng(3).uniform(-2.0, 2.0, 200)

@@ -9,10 +9,10 @@ import pytest
 from checks import ALL, APPROXIMATE, POINT, ROD
 from own_plants import CentralSpring
 
+from integ_gym.envs.numerics import advance, declared, energies, energy_growth
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.eval.numerics import advance, declared, energies, energy_growth
 
 CART_POLE = CartPole()
 HANGING = (0.0, 0.0, math.pi - 0.5, 0.0)

@@ -20,12 +20,12 @@ from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.jax_ops import JaxOps
+from integ_gym.envs.numerics import ledger
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.transition import initial_state, transition
-from integ_gym.eval.numerics import ledger
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),

@@ -12,8 +12,8 @@ import pytest
 from checks import POINT, ROD, elliptic_pendulum
 from stated import stated
 
+from integ_gym.envs.numerics import advance, energies
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.eval.numerics import advance, energies
 
 STEPS = (0.05, 0.02, 0.01)
 

@@ -10,10 +10,10 @@ import pytest
 from checks import APPROXIMATE, POINT
 
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.numerics import declared, symplecticity_defect
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics import declared, symplecticity_defect
 
 STIFF = ElasticPendulum(stiffness=1000.0)
 BOUNCE = sqrt(STIFF.stiffness / STIFF.mass)

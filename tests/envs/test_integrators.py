@@ -28,9 +28,7 @@ from own_plants import PolarElasticPendulum
 from stated import stated
 
 from integ_gym.envs.integrators import INTEGRATORS, _newton
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     advance,
     linear_map,
     reversibility_defect,
@@ -38,6 +36,8 @@ from integ_gym.eval.numerics import (
     symplecticity_defect,
     volume_defect,
 )
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 
 CART_POLE_STATE = (0.1, 0.3, 2.0, 3.0)
 """(x, ẋ, θ, θ̇) at which the failures on the cart-pole were recorded, h = 0.02."""

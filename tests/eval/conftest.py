@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import sys
 from pathlib import Path
 
@@ -22,3 +25,18 @@ def panel_directory(tmp_path_factory) -> Path:
     out = folder / "out"
     assert main(["panel", str(folder / "small.toml"), "--out", str(out), "--no-progress"]) == 0
     return out
+
+
+@pytest.fixture(scope="session")
+def diagnosis(tmp_path_factory):
+    """Directory, result and terminal output of a diagnosis of the pendulum, run once."""
+    out = tmp_path_factory.mktemp("diagnose") / "run"
+    names = ("symplectic_euler", "reference", "planted:Boaster", "planted:Silent")
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        code = main(
+            ["diagnose", "--plant", "pendulum", "--integrator", *names,
+             "--out", str(out), "--workers", "1", "--no-progress"]
+        )  # fmt: skip
+    assert code == 0
+    result = json.loads((out / "diagnose.json").read_text(encoding="utf-8"))
+    return out, result, printed.getvalue()

@@ -9,9 +9,7 @@ import pytest
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     Declared,
     advance,
     classify,
@@ -20,13 +18,19 @@ from integ_gym.eval.numerics import (
     energies,
     energy_growth,
     fastest_rate,
+    independent_motion,
     linear_map,
     probe_state,
     reversibility_defect,
     stability_limit,
     volume_defect,
 )
-from integ_gym.eval.numerics.stepping import jacobian
+from integ_gym.envs.numerics.convergence import slope
+from integ_gym.envs.numerics.probe import fastest_mode, linear_rates
+from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.pendulum import Pendulum
 
 NAMES = INTEGRATORS.names()
 CONTRADICTED_ON_THE_CART_POLE = {
@@ -98,6 +102,52 @@ def test_volume_shrinks_by_the_damping():
     plant = Pendulum(damping=0.2)
     found = volume_defect("reference", plant, (1.0, 2.0), 0.1)
     assert found == pytest.approx(math.expm1(-0.2 / plant.inertia * 0.1), abs=1e-9)
+
+
+def test_an_integrator_that_arrives_at_no_number_is_not_exact():
+    found = classify("planted:Nowhere")
+    assert math.isnan(found.order)
+    assert found.contradictions(declared("planted:Nowhere")) == ("order",)
+    assert math.isnan(linear_map("planted:Nowhere", 0.5).spectral_radius)
+    assert stability_limit("planted:Nowhere") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("errors", "order"),
+    [
+        ((4e-2, 1e-2, 2.5e-3), 2.0),
+        ((math.nan, 1e-2, 2.5e-3), 2.0),
+        ((4e-2, 1e-2, 1e-14), 2.0),
+        ((1e-13, 1e-14, 1e-15), None),
+        ((4e-2, 1e-2, math.nan), math.nan),
+        ((4e-2, 1e-2, math.inf), math.nan),
+    ],
+)
+def test_slope_is_taken_above_rounding_and_of_numbers(errors, order):
+    found = slope((0.4, 0.2, 0.1), errors, 1e-12)
+    assert found == pytest.approx(order, nan_ok=True)
+
+
+def test_independent_motion_books_work_and_loss():
+    """A damped oscillator under a constant force: what it ends with is known."""
+    plant = Pendulum(gravity=0.0, damping=0.5)
+    motion = independent_motion(plant, (0.0, 0.0), [0.3] * 200, 0.1)
+    speed = 0.3 / 0.5
+    assert motion.states[-1, 1] == pytest.approx(speed, rel=1e-9)
+    assert motion.work[-1] == pytest.approx(0.3 * motion.states[-1, 0], rel=1e-12)
+    kinetic = 0.5 * plant.inertia * speed**2
+    assert motion.energy[-1] - motion.energy[0] == pytest.approx(kinetic, rel=1e-9)
+    assert motion.lost[-1] == pytest.approx(motion.work[-1] - kinetic, rel=1e-9)
+    assert (np.diff(motion.lost) > 0.0).all()
+
+
+def test_rates_of_a_plant_in_order():
+    plant = ElasticPendulum()
+    rest = (0.0, 0.0, 0.0, 0.0)
+    slow, fast = math.sqrt(9.81 / plant.hanging_length), math.sqrt(1000.0)
+    found = linear_rates(plant, rest)
+    assert found == pytest.approx([slow, slow, fast, fast], rel=1e-6)
+    assert fastest_mode(plant, rest) == pytest.approx([0.0, 1.0], abs=1e-6)
 
 
 def test_unknown_integrator():

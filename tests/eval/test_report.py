@@ -38,7 +38,7 @@ PANELS: dict[str, Callable[[], dict[str, Any]]] = {
 }
 VOID = {"meta", "link", "br", "wbr", "hr", "img", "input"}
 SECTIONS = [
-    "verdicts", "matrix", "conclude", "gaps", "energy", "ladder", "checks", "failures",
+    "verdicts", "matrix", "conclude", "gaps", "remedy", "energy", "ladder", "checks", "failures",
     "comparisons", "method", "reproduce", "records",
 ]  # fmt: skip
 
@@ -349,6 +349,7 @@ ALL_FIGURES = [
     "energy_residual.png",
     "refinement_ladder.png",
     "perturbations.png",
+    "remedy.png",
 ]
 
 

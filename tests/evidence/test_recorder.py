@@ -322,6 +322,20 @@ def test_batches(tmp_path, context, play):
         again.commit()
 
 
+def test_records_may_be_taken_and_committed_with_others(tmp_path, context, play):
+    env = gym.make("IntegPendulum-v0", duration=0.5)
+    env = RecordEvidence(env, tmp_path, context, commit_on_close=False)
+    play(env, [0, 1])
+    taken = env.take()
+    assert taken.num_rows == 2
+    assert env.take() is None
+    play(env, [2])
+    store = EvidenceStore(tmp_path)
+    store.commit_all("together", [taken, env.take(), None])
+    assert sorted(record["episode_index"] for record in store.records()) == [0, 1, 2]
+    assert store.verify() == []
+
+
 def test_close_may_leave_records_behind(tmp_path, context, play):
     env = gym.make("IntegPendulum-v0", duration=0.5)
     env = RecordEvidence(env, tmp_path, context, commit_on_close=False)

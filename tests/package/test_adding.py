@@ -51,9 +51,11 @@ def test_the_command_tells_the_integrator_what_it_is(directory):
     words = shlex.split(command)
     assert words[0] == "integ-gym"
     printed = _run(directory, "-m", "integ_gym.cli", *words[1:], "--no-progress")
-    told = re.search(r"prints, among much else, `([^`]*)`", PAGE)
-    assert told is not None
-    assert " ".join(told[1].split()) in printed
+    rows = {" ".join(row.split()) for row in printed.splitlines()}
+    (told,) = _blocks("text")
+    for row in told.splitlines():
+        assert " ".join(row.split()) in rows
+    assert "my_plant:Slider, plant: rate of energy" in printed
     assert (directory / "runs" / "ralston" / "diagnose.json").exists()
 
 

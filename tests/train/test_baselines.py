@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -14,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import integ_gym
-from integ_gym.train.baselines import BASELINES, EnergyShaping, make_baseline
+from integ_gym.train.baselines import BASELINES, EnergyShaping, has_handmade, make_baseline
 from integ_gym.train.policy import Policy
 
 pytest.importorskip("scipy")
@@ -36,6 +37,11 @@ class Result(NamedTuple):
     returns: NDArray[np.float64]
     controls: NDArray[np.float64]
     """Applied, shape (steps, episodes)."""
+
+
+@dataclass(frozen=True)
+class Idle:
+    """A task that nobody has a controller for."""
 
 
 def setup_of(env_id: str, **arguments: Any) -> Any:
@@ -89,6 +95,16 @@ def test_protocol(env_id: str, name: str) -> None:
         assert actions.dtype == np.int64
         assert actions.shape == (6,)
         assert all(action in env.action_space for action in actions)
+
+
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_which_tasks_have_a_hand_made_controller(env_id: str) -> None:
+    setup = setup_of(env_id)
+    assert has_handmade(setup)
+    other = replace(setup, task=Idle())
+    assert not has_handmade(other)
+    with pytest.raises(ValueError, match="there is no hand-made controller for the task Idle"):
+        make_baseline("handmade", other)
 
 
 @pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)

@@ -147,7 +147,7 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     trainer = fleet._Trainer(fleet._kind(config), [config], None)
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
-    _, _, steps = jax.jit(program._collect)(learner, learner.keys, params)
+    _, steps = jax.jit(program._collect)(learner, learner.keys, params)
     _, outcome, observed, observed_after = program._again(steps, params)
     batch = program._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
     ended = np.asarray(steps.terminated | steps.truncated)[:, 0]
@@ -325,8 +325,6 @@ def test_plan_groups_what_compiles_together():
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], 2)) == 2
     assert plan([], 2) == []
-    with pytest.raises(ValueError, match="mixture"):
-        plan([_config(env_arguments={"mixture": [{"dt": 0.05}]})], 1)
 
 
 WORK = """

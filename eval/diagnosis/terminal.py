@@ -1,0 +1,117 @@
+"""A diagnosis as text: every line, what everybody is, and what does not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TextIO
+
+from integ_gym.eval.diagnosis.finding import ANY, VERDICTS
+from integ_gym.evidence.print_table import print_aligned
+
+Line = Mapping[str, Any]
+"""A finding as ``diagnose.json`` has it."""
+
+
+def print_diagnosis(result: Mapping[str, Any], file: TextIO) -> None:
+    """Print the content of ``diagnose.json``.
+
+    Args:
+        result: the content.
+        file: where to.
+    """
+    lines = result["findings"]
+    for title, topic in _topics(lines):
+        print(f"\n{title}", file=file)
+        rows = [(line["integrator"], *_cells(line)) for line in topic]
+        print_aligned(("integrator", *_COLUMNS), rows, file)
+    _print_identities(result["identities"], file)
+    _print_counts(lines, file)
+    _print_failures(lines, file)
+
+
+_COLUMNS = ("measured", "expected", "tolerance", "holds")
+
+
+def _cells(line: Line) -> tuple[str, ...]:
+    return line["shown"], line["expected"], line["tolerance"], VERDICTS[line["holds"]]
+
+
+def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
+    """Lines on one quantity together, with a title."""
+    together: dict[tuple[str, ...], list[Line]] = {}
+    for line in lines:
+        key = (line["plant"], line["section"], line["quantity"])
+        together.setdefault(key, []).append(line)
+    for (plant, section, quantity), topic in together.items():
+        steps = max((line["steps"] for line in topic), key=len)
+        at = f" (dt {', '.join(f'{step:.4g}' for step in steps)} s)" if steps else ""
+        yield f"{plant}, {section}: {quantity}{at}", topic
+
+
+def _print_identities(identities: Sequence[Mapping[str, Any]], file: TextIO) -> None:
+    """What every integrator was measured to be."""
+    print("\nWhat they are", file=file)
+    answers = {True: "yes", False: "no"}
+    rows = [
+        (
+            told["plant"], told["integrator"], _order(told["order"]),
+            answers[told["symplectic"]], answers[told["reversible"]], told["stable"],
+        )
+        for told in identities
+    ]  # fmt: skip
+    names = (
+        "plant",
+        "integrator",
+        "order",
+        "symplectic",
+        "reversible",
+        "oscillations stable up to",
+    )
+    print_aligned(names, rows, file)
+
+
+def _order(order: float | str | None) -> str:
+    if isinstance(order, float):
+        return f"{order:.2f}"
+    return "diverges" if order is None else order
+
+
+def _print_counts(lines: Sequence[Line], file: TextIO) -> None:
+    """Expectations that hold of those that there are, by plant and integrator and section."""
+    asked = [line for line in lines if line["holds"] is not None]
+    sections = list(dict.fromkeys(line["section"] for line in asked))
+    owners = sorted(
+        {_owner(line) for line in asked}, key=lambda o: [_owner(x) for x in asked].index(o)
+    )
+    print("\nExpectations that hold, of those there are", file=file)
+    rows = []
+    for owner in owners:
+        own = [line for line in asked if _owner(line) == owner]
+        rows.append((*owner, *(_count([x for x in own if x["section"] == s]) for s in sections)))
+    rows.append(("all", "", *(_count([x for x in asked if x["section"] == s]) for s in sections)))
+    print_aligned(("plant", "integrator", *sections), rows, file)
+
+
+def _owner(line: Line) -> tuple[str, str]:
+    return line["plant"], "" if line["integrator"] == ANY else line["integrator"]
+
+
+def _count(lines: Sequence[Line]) -> str:
+    return f"{sum(line['holds'] for line in lines)}/{len(lines)}" if lines else ""
+
+
+def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
+    asked = [line for line in lines if line["holds"] is not None]
+    failed = [line for line in asked if not line["holds"]]
+    print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
+    if not failed:
+        return
+    print("These do not; a NO speaks of an integrator at this step on this plant:", file=file)
+    for title, topic in _topics(failed):
+        print(f"  {title}", file=file)
+        for line in topic:
+            print(
+                f"    {line['integrator']}: {line['shown']}; expected {line['expected']}, "
+                f"tolerance {line['tolerance']}",
+                file=file,
+            )
