@@ -59,6 +59,7 @@ class Row:
         detail: integrator, or what else is special.
         lanes: environments advanced together; of a scan: per process.
         steps_per_second: of all processes; None where the package is not installed.
+        steps_per_core_second: of a scan, per second of processor time.
         ratios: to the peers' environments of the same task.
         wanted: a peer, and what the ratio to it should be at least.
     """
@@ -69,6 +70,7 @@ class Row:
     detail: str
     lanes: int
     steps_per_second: float | None
+    steps_per_core_second: float | None = None
     ratios: dict[str, float] = field(default_factory=dict)
     wanted: tuple[str, float] | None = None
 
@@ -117,8 +119,11 @@ def scan_rows(tasks: list[str]) -> Iterator[Row]:
     measured = scanned_rates(cases, SCAN_LANES, SCAN_STEPS)
     for (environment, integrator), found in zip(cases, measured, strict=True):
         package = "gymnax" if integrator is None else "integ-gym"
-        rate = found and found["steps_per_second"]
-        yield Row("scan", package, environment, integrator or "", SCAN_LANES, rate)
+        detail = integrator or ""
+        if found is None:
+            yield Row("scan", package, environment, detail, SCAN_LANES, None)
+        else:
+            yield Row("scan", package, environment, detail, SCAN_LANES, **found)
 
 
 def measure(kinds: list[str], seconds: float) -> Iterator[Row]:

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Component, Components
-from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import split_state, state_names
+from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.settings import Setup, build_setup
+from integ_gym.envs.starts import draw_start
 from integ_gym.envs.steps import (
     WARM_UP,
     ScalarStart,
@@ -27,7 +27,7 @@ from integ_gym.envs.steps import (
     traced_step,
 )
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import EnvState, top_speed
+from integ_gym.envs.transition import EnvState
 
 Observation = npt.NDArray[np.float32]
 
@@ -231,73 +231,6 @@ def observation_space(setup: Setup) -> spaces.Box:
     limits = setup.task.observation_limits(setup.settings.max_speed)
     high = np.array([np.max(limit) for limit in limits], dtype=np.float32)
     return spaces.Box(-high, high, dtype=np.float32)
-
-
-def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
-    """A start in state order, drawn or given as option ``state``."""
-    check_options(setup, options)
-    if "state" in options:
-        return checked_state(setup, options["state"])
-    start = setup.task.draw_start(rng, setup.settings.start, options)
-    return _checked_size(setup, tuple([float(x) for x in start]))
-
-
-def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...] = ()) -> None:
-    """Check the names of reset options.
-
-    Args:
-        setup: of the environment.
-        options: by name.
-        more: names that are known beside those of every environment and of the task.
-
-    Raises:
-        ValueError: for one that the task does not know, with those it does.
-    """
-    known = ("state", "reset_mask", *setup.task.start_options, *more)
-    for name in options:
-        if name not in known:
-            raise ValueError(unknown_name("reset option", name, known))
-
-
-def possible(setup: Setup, start: Components) -> Component:
-    """Whether a start is finite and not faster than a motion may be; components in state order."""
-    fastest = top_speed(setup)
-    fine: Component = True
-    for x in start[0::2]:
-        fine = fine & (abs(x) <= FLOAT32_MAX)
-    for v in start[1::2]:
-        fine = fine & (abs(v) <= fastest)
-    return fine
-
-
-def checked_state(setup: Setup, state: Any) -> Components:
-    """A start state as floats.
-
-    Raises:
-        ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
-    """
-    names = state_names(setup.plant)
-    try:
-        values = np.asarray(state, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r}"
-        ) from None
-    if values.shape != (len(names),):
-        raise ValueError(
-            f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
-            f"got shape {values.shape}"
-        )
-    return _checked_size(setup, tuple(values.tolist()))
-
-
-def _checked_size(setup: Setup, start: Components) -> Components:
-    if not possible(setup, start):
-        raise ValueError(
-            f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
-            "mend the reset option `state` or the start's bounds"
-        )
-    return start
 
 
 def _interleaved(count: int) -> Callable[[Components], Components]:

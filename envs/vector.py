@@ -17,13 +17,9 @@ from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.environment import (
     IntegEnv,
     action_space,
-    check_options,
     checked_render_mode,
-    checked_state,
-    draw_start,
     make_setup,
     observation_space,
-    possible,
 )
 from integ_gym.envs.info import quiet_status
 from integ_gym.envs.lanes import (
@@ -41,7 +37,14 @@ from integ_gym.envs.mixture import make_mixture
 from integ_gym.envs.ops import Components
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.starts import LaneStarts, numbers_per_start
+from integ_gym.envs.starts import (
+    LaneStarts,
+    check_options,
+    checked_state,
+    draw_start,
+    numbers_per_start,
+    possible,
+)
 from integ_gym.envs.steps import RESULTS, LanesStep
 from integ_gym.envs.transition import EnvState, initial_state
 from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
@@ -49,6 +52,9 @@ from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
 
 class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
+
+    Arrays of `info` that hold one value for all lanes are read-only; all masks of a step are one
+    array.
 
     Args:
         num_envs: number of lanes.
@@ -157,7 +163,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
         observation = self._table(self._observed())
-        return self._with_noise(observation, mask), self._told(info, mask)
+        return self._with_noise(observation, mask), self._told(info, mask.copy())
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Advance every lane by one control period.

@@ -12,8 +12,12 @@ from integ_gym.evidence.errors import EvidenceError
 from integ_gym.evidence.extra import parquet, pyarrow
 from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 
-_ROW_GROUP = 1024
-"""Fewest rows of a group, but for the last."""
+_GROUP_BYTES = 16 << 20
+"""Memory of the rows of a group, about, where their number allows."""
+
+_FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
+"""Of a group, but for the last: a query reads the header of every group."""
+
 _LEVEL = 1
 
 _REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
@@ -33,19 +37,21 @@ def write(tables: Iterable[Any], file: Path) -> None:
         raise ValueError("a batch needs at least one record, got none")
     with _writer(first.schema, file) as writer:
         for table in chain([first], groups):
-            parts = max(1, table.num_rows // _ROW_GROUP)
+            parts = max(1, table.num_rows // _rows_per_group(table.num_rows, table.nbytes))
             writer.write_table(table, -(-table.num_rows // parts))
 
 
 def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
     """Tables put together until they make a row group."""
     waiting: list[Any] = []
+    rows = size = 0
     for table in tables:
         if table is not None:
             waiting.append(table)
-        if sum(part.num_rows for part in waiting) >= _ROW_GROUP:
+            rows, size = rows + table.num_rows, size + table.nbytes
+        if rows >= _rows_per_group(rows, size):
             yield pyarrow().concat_tables(waiting)
-            waiting = []
+            waiting, rows, size = [], 0, 0
     if waiting:
         yield pyarrow().concat_tables(waiting)
 
@@ -63,6 +69,12 @@ def _writer(schema: Any, file: Path) -> Any:
         use_byte_stream_split=streams,
         write_statistics=[f.name for f in schema if not is_trace(f.name)],
     )
+
+
+def _rows_per_group(rows: int, size: int) -> int:
+    """How many of ``rows``, of ``size`` bytes in all, make a group."""
+    wanted = _GROUP_BYTES * rows // size if size else 0
+    return min(_MOST_ROWS, max(_FEWEST_ROWS, wanted))
 
 
 def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:

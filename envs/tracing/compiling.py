@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 from integ_gym.envs.tracing.dialects import Dialect
 from integ_gym.envs.tracing.liveness import carried
 from integ_gym.envs.tracing.symbolic_ops import SymbolicOps
-from integ_gym.envs.tracing.symbols import Symbol, Trace, symbols_in
+from integ_gym.envs.tracing.symbols import Symbol, symbols_in
+from integ_gym.envs.tracing.trace import Trace
 from integ_gym.envs.tracing.trees import leaves_of, rebuilt
 from integ_gym.envs.tracing.writer import Writer, target
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.envs.tracing.symbols import Block, Loop, Symbol, symbols_in
+from integ_gym.envs.tracing.symbols import Symbol, symbols_in
+from integ_gym.envs.tracing.trace import Block, Loop
 from integ_gym.envs.tracing.trees import leaves_of
 
 

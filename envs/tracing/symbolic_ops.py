@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.envs.ops import SCALAR, Carry
-from integ_gym.envs.tracing.symbols import Symbol, Trace, is_boolean, same
+from integ_gym.envs.tracing.symbols import Symbol, is_boolean, same
+from integ_gym.envs.tracing.trace import Trace
 
 
 class SymbolicOps:

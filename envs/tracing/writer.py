@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from integ_gym.envs.tracing.liveness import live_items, needed
-from integ_gym.envs.tracing.symbols import Block, Loop, Symbol, Trace, plain, symbols_in
+from integ_gym.envs.tracing.symbols import Symbol, plain, symbols_in
+from integ_gym.envs.tracing.trace import Block, Loop, Trace
 
 _DEEPEST: Final = 12
 """Expressions nested deeper than this are given a name."""

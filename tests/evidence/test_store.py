@@ -22,13 +22,14 @@ from integ_gym.evidence.atomic import LEFTOVER_AGE, write_once
 
 WRITER = """
 import sys, time
+import pyarrow as pa
 import pyarrow.parquet as pq
 from integ_gym.evidence.store import EvidenceStore
 
-table = pq.read_table(sys.argv[1])
+table = pa.concat_tables([pq.read_table(sys.argv[1])] * 100).combine_chunks()
 
 def tables():
-    yield from [table] * 400
+    yield from [table] * 250
     print("writing", flush=True)
     time.sleep(600.0)
 
@@ -122,13 +123,18 @@ def test_names_that_cannot_be_files_are_refused(store, table, name):
         store.commit(name, table)
 
 
-def test_several_tables_make_one_batch(store, table):
+def test_several_tables_make_one_batch(store, table, monkeypatch):
     store.commit_all("more", [table.slice(0, 1), None, table.slice(1)])
     assert pq.read_table(store.directory / "more.parquet").equals(table)
     assert store.count() == 6
     many = pa.concat_tables([table] * 500)
     store.commit_all("many", (table for _ in range(500)))
     file = store.directory / "many.parquet"
+    assert pq.read_table(file).equals(many)
+    assert pq.read_metadata(file).num_row_groups == 1
+    monkeypatch.setattr("integ_gym.evidence.parquet_file._GROUP_BYTES", 1)
+    store.commit_all("long", (table for _ in range(500)))
+    file = store.directory / "long.parquet"
     assert pq.read_table(file).equals(many)
     assert pq.read_metadata(file).num_row_groups == 2
     with pytest.raises(ValueError, match="at least one record"):
