@@ -304,14 +304,19 @@ class FleetProgram:
         rate = self._learning_rate(knobs, iteration)
         orders = jnp.swapaxes(self._permutations(shuffling), 0, 1)
         stack, adam = self._each(
-            lambda *given: self.update(*given[:3], jnp.swapaxes(given[3], 0, 1), *given[4:]),
-            (learner.stack, learner.adam, batch, orders, knobs, rate),
+            self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
         return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
 
+    def _learn(
+        self, stack: Stack, adam: Adam, batch: Batch, orders: Array, knobs: Knobs, rate: Array
+    ) -> tuple[Stack, Adam]:
+        """:meth:`update`, with the axis of policies first in all arrays."""
+        return self.update(stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate)
+
     def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
-        """``function`` of all policies, of one after the other if :attr:`in_turn`.
+        """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
 
         Args:
             function: of arrays whose first axis counts policies, to such arrays.
