@@ -251,6 +251,24 @@ def test_policies_do_not_depend_on_their_neighbours(pair):
         assert not np.array_equal(outcomes[0].weights[name], value) or name == "log_std"
 
 
+@pytest.mark.parametrize("overrides", [{}, {"target_kl": 1e-4}], ids=["plain", "early stop"])
+def test_policies_learn_the_same_in_turn_and_at_once(overrides):
+    configs = [_config(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
+    trainer = fleet._Trainer(fleet._kind(configs[0]), configs, None)
+    env, algorithm = trainer._program.env, trainer._program.algorithm
+    stacks = []
+    for in_turn in (True, False):
+        program = FleetProgram(env, algorithm, in_turn=in_turn)
+        learner = trainer._begin()
+        for _ in range(2):
+            learner, _ = program.iterate(learner, trainer._knobs(), trainer._params)
+        stacks.append(learner.stack)
+    begun = trainer._begin().stack
+    for one, other, start in zip(*(jax.tree.leaves(s) for s in (*stacks, begun)), strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-6)
+        assert np.abs(one - start).max() > 1e-4
+
+
 def test_files_open_everywhere_and_act_the_same(pair, tmp_path):
     config, outcome = pair[0][1], pair[1][1]
     trained = write_outcome(config, outcome, tmp_path)
