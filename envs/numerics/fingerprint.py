@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.numerics.convergence import ROUNDING, convergence
-from integ_gym.envs.numerics.matching import OneStep, cases_of, match
+from integ_gym.envs.numerics.matching import cases_of, match
 from integ_gym.envs.numerics.phase_space import volume_defect
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
 from integ_gym.envs.numerics.stepping import (
@@ -21,8 +21,8 @@ from integ_gym.envs.numerics.stepping import (
     advance_lanes,
     engine_of,
     jacobian,
+    one_step,
 )
-from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.system import PlantSystem
@@ -113,7 +113,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     """
     method = f"{engine}/{integrator}"
     free = PLANTS.load(plant)()
-    damped = replace(free, **dict.fromkeys(_damping_parameters(free), DAMPING))
+    damped = replace(free, **dict.fromkeys(damping_parameters(free), DAMPING))
     made = engine_of(method, PlantSystem(free), STEP)
     groups = {
         "free": (free, False),
@@ -125,7 +125,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     names, stride = (*map_names(), "reference"), STRIDE / fastest_rate(free, start)
     matches = {
         name: match(
-            _one_step(method, moved, stride), moved, stride, cases_of(moved, controlled), names
+            one_step(method, moved, stride), moved, stride, cases_of(moved, controlled), names
         )
         for name, (moved, controlled) in groups.items()
     }
@@ -157,16 +157,6 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     )
 
 
-def _one_step(method: str, plant: Plant, dt: float) -> OneStep:
-    engine = engine_of(method, PlantSystem(plant), dt)
-
-    def applied(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
-        return motion.q, motion.v
-
-    return applied
-
-
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
     """Order of convergence from a state; None where errors are rounding alone."""
     frequency = fastest_rate(plant, start)
@@ -189,7 +179,7 @@ def _small_oscillations(method: str, plant: Plant, width: float) -> tuple[float,
     )
 
 
-def _damping_parameters(plant: Any) -> list[str]:
+def damping_parameters(plant: Any) -> list[str]:
     """Names of the viscous damping of the plant's joints."""
     names = (f.name for f in fields(plant))
     return [n for n in names if n.endswith("damping") and not n.startswith("stop")]
