@@ -16,6 +16,11 @@ Json = dict[str, Any]
 
 PLANTS: Final = {"pendulum": "pendulum", "cart_pole": "cart-pole"}
 
+SUPERSCRIPT: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+UNITS: Final = {"pendulum": " rad/s", "cart_pole": " m/s, rad/s"}
+"""Of speeds."""
+
 FLOOR: Final = 1e-10
 """Left end of the axis of energy errors."""
 
@@ -98,7 +103,7 @@ def _plant(document: Json, name: str, title: str) -> Json:
         "name": name,
         "title": title,
         "lines": lines,
-        "cards": [_card(line) for line in published],
+        "cards": [_card(line) for line in sorted(published, key=_kin)],
         "groups": _groups(engines, published),
         "axis": _axis(engines),
         "dt": engines[0]["stated"]["dt"] if engines else None,
@@ -106,6 +111,11 @@ def _plant(document: Json, name: str, title: str) -> Json:
 
 
 # Published environments -------------------------------------------------------------------------
+
+
+def _kin(line: Json) -> tuple[float, str]:
+    """Those with the same control period beside each other."""
+    return -line["stated"]["control_period"], line["source"]
 
 
 def _card(line: Json) -> Json:
@@ -121,10 +131,10 @@ def _card(line: Json) -> Json:
         "facts": [
             ("says", words.stated(line)),
             ("off that map by", words.error(found["defect"]) if found["identified"] else "–"),
-            ("one decision off the truth by", words.error(found["truth_defect"])),
+            ("off the truth by", words.error(found["truth_defect"])),
             ("energy error at 10 s", end),
             ("largest", largest),
-            ("speed limit", _limit(line)),
+            ("speed limit", words.speed_limit(line, UNITS[line["plant"]])),
             ("small swings take", f"{line['swing_period']:.3g} s"),
             (
                 "strongest control",
@@ -143,17 +153,6 @@ def _verdict(line: Json) -> tuple[str, str, str]:
     if line["stated"]["map"] is None:
         return "inconclusive", "○", "names no integrator"
     return "transfers", "✓", "as said"
-
-
-def _limit(line: Json) -> str:
-    unit = "rad/s" if line["plant"] == "pendulum" else "m/s, rad/s"
-    said = words.speed_limit(line)
-    return (
-        said
-        if said == "–"
-        else f"{said.replace(', moves', f' {unit}, moves')}"
-        + ("" if "moves" in said else f" {unit}")
-    )
 
 
 def _curve(drift: Json) -> Json:
@@ -195,7 +194,7 @@ def _groups(engines: Sequence[Json], published: Sequence[Json]) -> list[Json]:
             for line in published
             if line["found"]["identified"]
             and line["parameters"] == first["parameters"]
-            and first["found"]["map"] in line["found"]["equal_maps"]
+            and line["found"]["map"] == first["found"]["map"]
             and math.isclose(line["found"]["dt"], first["found"]["dt"], rel_tol=1e-6)
         ]
     return sorted(groups, key=lambda group: -group["largest"][1])
@@ -225,5 +224,12 @@ def _axis(engines: Sequence[Json]) -> Json:
         power = math.log10(min(max(value, FLOOR), 10.0**high))
         return round(3.0 + 94.0 * (power - low) / (high - low), 2)
 
-    ticks = [(at(10.0**p), words.percent(10.0**p)) for p in range(low, high + 1, 2)]
+    ticks = [(at(10.0**power), _tick(power + 2)) for power in range(low, high + 1, 2)]
     return {"at": at, "ticks": ticks}
+
+
+def _tick(power: int) -> str:
+    """A power of ten, in per cent."""
+    if abs(power) <= 2:
+        return f"{10.0**power:g} %"
+    return f"10{str(power).translate(SUPERSCRIPT)} %"

@@ -36,7 +36,9 @@ def stated(line: dict[str, Any]) -> str:
 
 def error(value: float | None) -> str:
     """An error as a power of ten."""
-    return "–" if value is None else f"{value:.0e}"
+    if value is None:
+        return "–"
+    return f"{value:.0e}" if value else "0"
 
 
 def percent(value: float | None, sign: bool = False) -> str:
@@ -54,14 +56,15 @@ def energy(line: dict[str, Any]) -> tuple[str, str]:
     return percent(drift["end"], sign=True), percent(drift["largest"])
 
 
-def speed_limit(line: dict[str, Any]) -> str:
+def speed_limit(line: dict[str, Any], unit: str = "") -> str:
     """What was found of a speed limit."""
     limit = line["speed_limit"]
     if limit is None:
         return "–"
     if limit["limit"] is None:
-        return f"none to {limit['fastest']:.3g}"
-    return f"{limit['limit']:.4g}" + (f", moves {limit['moves_by']}" if limit["moves_by"] else "")
+        return f"none to {limit['fastest']:.3g}{unit}"
+    moves = f", moves by the {limit['moves_by']} speed" if limit["moves_by"] else ""
+    return f"{limit['limit']:.4g}{unit}{moves}"
 
 
 def row(line: dict[str, Any]) -> dict[str, str]:

@@ -100,9 +100,11 @@ class Watch:
         """Until they end, or for :data:`STEPS`."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of bounds beyond float32
-            env = import_module("envpool").make_gymnasium(self.name, num_envs=ENVIRONMENTS, seed=7)
-            space = env.action_space
-        rng = np.random.default_rng(7)
+            return self._episodes(policy)
+
+    def _episodes(self, policy: Policy) -> list[Episode]:
+        env = import_module("envpool").make_gymnasium(self.name, num_envs=ENVIRONMENTS, seed=7)
+        space, rng = env.action_space, np.random.default_rng(7)
         episodes = [Episode([state], []) for state in self.decode(env.reset()[0])]
         running = np.full(ENVIRONMENTS, True)
         for _ in range(STEPS[policy]):
