@@ -50,7 +50,7 @@ class Line:
     def to_json(self) -> dict[str, Any]:
         """As plain data; what is not finite is null."""
         subject, plant = self.subject, self.subject.plant
-        return _plain(
+        plain: dict[str, Any] = _plain(
             {
                 "source": subject.source,
                 "name": subject.name,
@@ -70,6 +70,7 @@ class Line:
                 "differences": self.differences,
             }
         )
+        return plain
 
 
 def measure(subject: Subject) -> Line:

@@ -70,7 +70,7 @@ def nearest_turn(angle: float, near: float) -> float:
 
 def _from_the_side(states: list[State]) -> float:
     q, v = states[0]
-    return abs(math.cos(q[-1])) + max(map(abs, v))
+    return float(abs(math.cos(q[-1])) + max(map(abs, v)))
 
 
 def _transitions(episodes: list[Episode]) -> list[Transition]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -80,7 +81,7 @@ def take_census(
             census.missing[name] = f'pip install "integ-gym[{name}]"'
         else:
             tell(name)
-            _look(census, name, lambda name=name: engine_subjects(name, integrators_of(name)))
+            _look(census, name, partial(engine_subjects, name, integrators_of(name)))
     return census
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.numerics.matching import Case, OneStep, cases_of
+from integ_gym.envs.numerics.matching import Case, cases_of
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.eval.census.subject import Sample, State, Subject, Transition
 
@@ -94,3 +96,8 @@ def _rounded(case: Case, width: int) -> Case:
 
 def _single(value: float) -> float:
     return float(np.float32(value))
+
+
+def single_precision(*values: float) -> Any:
+    """Values as a float32 array, as JAX takes them by default."""
+    return np.array(values, dtype=np.float32)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from integ_gym.envs.numerics.matching import Case, OneStep
+from integ_gym.envs.numerics.matching import Case
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import Components
 from integ_gym.envs.plants.interface import Plant
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.numerics.matching import OneStep
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant
@@ -115,7 +115,7 @@ def _check(model: Any, plant: Plant) -> None:
     for probe in PROBES:
         q = probe[-model.nv :]
         mass, weight = _dynamics(model, q)
-        expected = np.array(plant.mass_matrix(SCALAR, q))
+        expected: np.ndarray = np.array(plant.mass_matrix(SCALAR, q))
         still = (0.0,) * len(q)
         pull = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
         for got, wanted in ((mass, expected), (weight, pull)):

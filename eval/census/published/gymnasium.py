@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from integ_gym.envs.numerics.matching import OneStep
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import join_state, split_state

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from integ_gym.envs.numerics.matching import OneStep
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.census.settable import Settable
+from integ_gym.eval.census.settable import Settable, single_precision
 from integ_gym.eval.census.subject import Statement, Subject
 
 
@@ -69,7 +69,7 @@ def _pendulum(transition: Any, params: Any) -> OneStep:
     advance = import_module("jax").jit(lambda state, u: transition(state, u, None, params))
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        end = advance(np.float32([*q, *v]), np.float32([control]))
+        end = advance(single_precision(*q, *v), single_precision(control))
         return split_state(tuple(np.asarray(end).tolist()))
 
     return step
@@ -82,7 +82,8 @@ def _cart_pole(transition: Any, params: Any) -> OneStep:
     advance = import_module("jax").jit(pushed)
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        end = advance(np.float32(join_state(q, v)), int(control > 0.0), np.float32(abs(control)))
+        state, force = single_precision(*join_state(q, v)), single_precision(abs(control))[0]
+        end = advance(state, int(control > 0.0), force)
         return split_state(tuple(np.asarray(end).tolist()))
 
     return step

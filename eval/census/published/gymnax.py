@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, ClassVar
 
-import numpy as np
-
-from integ_gym.envs.numerics.matching import OneStep
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.versions import package_version
-from integ_gym.eval.census.settable import Settable
+from integ_gym.eval.census.settable import Settable, single_precision
 from integ_gym.eval.census.subject import Statement, Subject
 
 
@@ -72,7 +70,7 @@ def _pendulum(env: Any, params: Any) -> OneStep:
         return end.theta, end.theta_dot
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        theta, speed = advance(*np.float32([*q, *v]), np.float32([control]))
+        theta, speed = advance(*single_precision(*q, *v), single_precision(control))
         return (float(theta),), (float(speed),)
 
     return step
@@ -90,8 +88,8 @@ def _cart_pole(env: Any, params: Any) -> OneStep:
         return end.x, end.theta, end.x_dot, end.theta_dot
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        end = advance(*np.float32([*q, *v]), int(control > 0.0), np.float32(abs(control)))
-        x, theta, x_dot, theta_dot = map(float, end)
+        *state, force = single_precision(*q, *v, abs(control))
+        x, theta, x_dot, theta_dot = map(float, advance(*state, int(control > 0.0), force))
         return (x, theta), (x_dot, theta_dot)
 
     return step

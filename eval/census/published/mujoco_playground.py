@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs.numerics.matching import OneStep
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import Components
 from integ_gym.envs.versions import package_version
 from integ_gym.eval.census.published._mujoco_model import max_control, plant_of, statement_of
-from integ_gym.eval.census.settable import Settable
+from integ_gym.eval.census.settable import Settable, single_precision
 from integ_gym.eval.census.subject import Subject
 
 
@@ -68,7 +68,8 @@ def _step(env: Any) -> OneStep:
         return end.qpos, end.qvel
 
     def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        qpos, qvel = advance(np.float32(q), np.float32(v), np.float32([control / gear]))
+        action = single_precision(control / gear)
+        qpos, qvel = advance(single_precision(*q), single_precision(*v), action)
         return tuple(np.asarray(qpos).tolist()), tuple(np.asarray(qvel).tolist())
 
     still = (0.0,) * len(start.data.qpos)
