@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.numerics.fingerprint import IDENTICAL
-from integ_gym.envs.numerics.matching import mapped, match
+from integ_gym.envs.numerics.matching import largest_error, mapped, match
 from integ_gym.eval.census.subject import Sample, Statement
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
@@ -18,11 +18,11 @@ SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
 
 TRUTH = "reference"
 
-FITTED = 6
-"""Control periods to which the length of a period is fitted."""
+SCREENED = 3
+"""Control periods of each sample by which unlikely candidates are sorted out."""
 
 CORRECTIONS = 8
-"""Gauss-Newton corrections of that length."""
+"""Gauss-Newton corrections of the length of a control period, at most."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +64,30 @@ def identify(samples: Sequence[Sample], stated: Statement, width: int) -> Found:
         stated: tried first.
         width: bits of the floats in which they were seen.
     """
-    limit, period = IDENTICAL[width], stated.control_period
-    numbers = dict.fromkeys((stated.substeps, *SUBSTEPS))
-    nearest: list[Found] = []
-    for count in numbers:
-        found = _compared(samples, stated, count, period, limit)
-        if found.identified:
-            return found
-        nearest.append(found)
-    for count in numbers:
+    limit = IDENTICAL[width]
+    found = _compared(samples, stated, stated.substeps, stated.control_period, limit)
+    if found.identified:
+        return found
+    for count, length, names in _candidates(samples, stated):
+        if min(_screened(samples, name, count, length) for name in names) <= limit:
+            other = _compared(samples, stated, count, length, limit)
+            if other.identified:
+                return other
+    return found
+
+
+def _candidates(
+    samples: Sequence[Sample], stated: Statement
+) -> Iterator[tuple[int, float, Sequence[str]]]:
+    """Numbers of steps, lengths of a control period in seconds, and maps for which to try them."""
+    others = [n for n in SUBSTEPS if n != stated.substeps]
+    for count in others:
+        yield count, stated.control_period, map_names()
+    for count in (stated.substeps, *others):
         for name in map_names():
             fitted = _fitted_period(samples, name, count)
             if fitted is not None:
-                found = _compared(samples, stated, count, fitted, limit)
-                if found.identified:
-                    return found
-                nearest.append(found)
-    return min(nearest, key=lambda one: one.defect)
+                yield count, fitted, (name,)
 
 
 def _compared(
@@ -114,8 +121,8 @@ def _truth_defect(samples: Sequence[Sample], period: float) -> float:
 
 
 def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | None:
-    """The length of a control period with which a map comes nearest, s; None where it fails."""
-    period = _travelled_time(samples)
+    """The length of a control period with which a map is nearest, s; None where it fails."""
+    period, before = _travelled_time(samples), math.inf
     for _ in range(CORRECTIONS):
         here, ahead = (
             _residuals(samples, name, count, length) for length in (period, period * (1.0 + 1e-6))
@@ -123,10 +130,22 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
         slopes = (ahead - here) / (period * 1e-6)
         if not (np.isfinite(slopes).all() and slopes.any()):
             return None
+        if np.linalg.norm(here) > 0.5 * before:
+            return period
+        before = float(np.linalg.norm(here))
         period -= float(slopes @ here / (slopes @ slopes))
         if not 0.0 < period < math.inf:
             return None
     return period
+
+
+def _screened(samples: Sequence[Sample], name: str, count: int, period: float) -> float:
+    """Largest error of a map over a few control periods."""
+    return max(
+        largest_error(mapped(name, sample.plant, period / count, count, case), end)
+        for sample in samples
+        for case, end in sample.transitions[:SCREENED]
+    )
 
 
 def _travelled_time(samples: Sequence[Sample]) -> float:
@@ -145,7 +164,7 @@ def _residuals(samples: Sequence[Sample], name: str, count: int, period: float) 
     rest = [
         np.subtract((*q, *v), (*end_q, *end_v))
         for sample in samples
-        for case, (end_q, end_v) in sample.transitions[:FITTED]
+        for case, (end_q, end_v) in sample.transitions[:SCREENED]
         for q, v in [mapped(name, sample.plant, period / count, count, case)]
     ]
     return np.concatenate(rest)
