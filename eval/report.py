@@ -5,8 +5,6 @@ forbids that it ever does; the only script is named there by its hash, so that n
 can become one.
 """
 
-import base64
-import hashlib
 import json
 import math
 import shlex
@@ -19,8 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.envs.extras import load
 from integ_gym.eval import verdict as rules
+from integ_gym.eval.page import page_environment, page_parts
 from integ_gym.eval.report_data import (
     CLASS_WORDS,
     PASS,
@@ -101,33 +99,6 @@ KIND_WORDS: Final = {
 _PLOT: Final = (36.0, 12.0, 286.0, 176.0)  # left, top, right, bottom of a ladder's axes
 _ENERGY_FLOOR: Final = 1e-4  # share of the largest residual below which colour is linear
 
-_SCRIPT: Final = """
-(function () {
-  function reveal() {
-    var id = decodeURIComponent(location.hash.slice(1));
-    var target = id && document.getElementById(id);
-    if (!target) { return; }
-    var box = target.closest("details");
-    if (box && !box.open) { box.open = true; target.scrollIntoView(); }
-  }
-  addEventListener("hashchange", reveal);
-  reveal();
-  if (!navigator.clipboard) { return; }
-  document.querySelectorAll("pre.command").forEach(function (block) {
-    var button = document.createElement("button");
-    button.type = "button";
-    button.textContent = "copy";
-    button.addEventListener("click", function () {
-      navigator.clipboard.writeText(block.textContent).then(function () {
-        button.textContent = "copied";
-        setTimeout(function () { button.textContent = "copy"; }, 1500);
-      }, function () { getSelection().selectAllChildren(block); });
-    });
-    block.parentElement.appendChild(button);
-  });
-})();
-"""
-
 
 def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
     """Write ``report.html`` into a panel's directory.
@@ -167,31 +138,16 @@ def render(panel: Json) -> str:
 
 @cache
 def _template() -> Any:
-    jinja2 = load("jinja2", "report")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    markup = load("markupsafe", "report")
-
-    def soft(text: Any) -> Any:
-        """Allow line breaks after underscores."""
-        safe = str(markup.escape(text))
-        return markup.Markup(safe.replace("_", "_<wbr>"))
-
-    environment.filters.update(
-        soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href,
-        success_of=success_of, line_words=line_words,
-    )  # fmt: skip
+    environment = page_environment()
+    environment.filters.update(href=_href, success_of=success_of, line_words=line_words)
     source = resources.files("integ_gym.eval").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
 
 def _context(panel: Panel) -> dict[str, Any]:
-    digest = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
     return {
+        **page_parts(),
         "panel": panel,
-        "script": load("markupsafe", "report").Markup(_SCRIPT),
-        "script_hash": f"sha256-{digest}",
         "tiles": _tiles(panel),
         "cards": [_card(panel, gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],
         "success": _matrix(panel, _success_cells),

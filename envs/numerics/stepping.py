@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,13 +10,17 @@ import numpy.typing as npt
 
 from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.ops import SCALAR, Component
+from integ_gym.envs.engines.interface import Motion
+from integ_gym.envs.ops import SCALAR, Component, Components
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array
 """(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
+
+OneStep = Callable[[Components, Components, float], tuple[Components, Components]]
+"""(q, v, control) to (q, v) after one step."""
 
 
 class Advance(Protocol):
@@ -62,6 +66,39 @@ def advance(
     except ArithmeticError:
         return np.full(len(state), np.nan)
     return np.array(join_state(motion.q, motion.v))
+
+
+def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
+    """One step of an integrator as a function.
+
+    Args:
+        integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
+        plant: with numbers as parameters.
+        dt: step, s.
+
+    Raises:
+        ValueError: for an unknown integrator.
+    """
+    moved = one_motion(integrator, plant, dt)
+
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+        motion = moved(q, v, control)
+        return motion.q, motion.v
+
+    return advanced
+
+
+def one_motion(
+    integrator: str, plant: Plant, dt: float
+) -> Callable[[Components, Components, float], Motion]:
+    """As :func:`one_step`, with the solver's report."""
+    engine = engine_of(integrator, PlantSystem(plant), dt)
+
+    def moved(q: Components, v: Components, control: float) -> Motion:
+        motion: Motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+        return motion
+
+    return moved
 
 
 def advance_lanes(

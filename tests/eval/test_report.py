@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,6 +22,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import report_example as example
+from browsing import assert_fits, browser, complaints
 
 from integ_gym.eval import figures, report
 from integ_gym.eval.report_data import Panel, compact, fixed, seconds
@@ -429,70 +428,11 @@ def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
 
 # In a browser -----------------------------------------------------------------------------------
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
-    "--enable-logging=stderr", "--virtual-time-budget=8000",
-)  # fmt: skip
-MEASURE = """<script>
-(function () {
-  var root = document.documentElement, errors = 0;
-  addEventListener("error", function () { errors += 1; });
-  addEventListener("load", function () {
-    parent.postMessage([NAME, innerWidth, root.scrollWidth, errors].join("|"), "*");
-  });
-})();
-</script>"""
-
-
-def browser(directory: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a browser without a window and with a fresh profile."""
-    program = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if program is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"none of {', '.join(BROWSERS)} is installed")
-        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
-    profile = f"--user-data-dir={directory / 'profile'}"
-    command = [program, *FLAGS, profile, *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, encoding="utf-8", timeout=120, check=True
-    )
-
-
-def complaints(run: subprocess.CompletedProcess[str]) -> list[str]:
-    """What a page wrote to the console, errors among it."""
-    return [line for line in run.stderr.splitlines() if "CONSOLE" in line]
-
 
 @pytest.mark.slow
 def test_pages_fit_a_desktop_and_a_phone(tmp_path: Path) -> None:
-    """Frames as wide as the screens, because a window cannot be made as narrow as a phone."""
-    widths, frames = (1280, 390), []
-    for number, name in enumerate(PANELS):
-        html = re.sub(r"<meta http-equiv[^>]*>", "", report.render(panel_of(name)))
-        measured = html.replace("<head>", "<head>" + MEASURE.replace("NAME", f"'{number}'"))
-        (tmp_path / f"{number}.html").write_text(measured, "utf-8")
-        frames += [
-            f'<iframe src="{number}.html" width="{w}" height="800"></iframe>' for w in widths
-        ]
-    listen = (
-        '<script>addEventListener("message", function (event) {'
-        'document.title += event.data + ";"; });</script>'
-    )
-    wrapper = tmp_path / "frames.html"
-    style = "<style>iframe { border: 0; display: block; }</style>"
-    wrapper.write_text(f"<!DOCTYPE html><title></title>{style}{listen}{''.join(frames)}", "utf-8")
-    run = browser(tmp_path, "--window-size=1300,900", "--dump-dom", wrapper.as_uri())
-    title = re.search(r"<title>(.*?)</title>", run.stdout)
-    assert title is not None
-    found = sorted(line.split("|") for line in title[1].split(";") if line)
-    assert len(found) == len(PANELS) * len(widths)
-    for page, inner, scrolled, errors in found:
-        assert int(inner) in widths
-        assert int(scrolled) <= int(inner), list(PANELS)[int(page)]
-        assert int(errors) == 0
-    assert complaints(run) == []
+    pages = {name: report.render(panel_of(name)) for name in PANELS}
+    assert_fits(tmp_path, pages)
 
 
 @pytest.mark.slow
