@@ -22,6 +22,8 @@ from integ_gym.envs.numerics.stepping import (
     advance_lanes,
     engine_of,
     jacobian,
+    one_motion,
+    one_step,
 )
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
