@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -60,7 +61,7 @@ def advance(
 
 
 def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
-    """One step of an integrator as a function.
+    """One step of an integrator as a function; NaN where its solver does not converge.
 
     Args:
         integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
@@ -71,10 +72,11 @@ def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
         ValueError: for an unknown integrator.
     """
     engine = engine_of(integrator, PlantSystem(plant), dt)
+    lost = (math.nan,) * len(plant.coordinates)
 
     def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
-        return motion.q, motion.v
+        return (motion.q, motion.v) if motion.converged else (lost, lost)
 
     return advanced
 
