@@ -22,7 +22,6 @@ from integ_gym.envs.numerics.stepping import (
     advance_lanes,
     engine_of,
     jacobian,
-    one_motion,
     one_step,
 )
 from integ_gym.envs.plants import PLANTS
@@ -161,9 +160,9 @@ def _matched(
     method: str, plant: Plant, dt: float, cases: Sequence[Case], names: Sequence[str]
 ) -> Match:
     """Comparison with the known maps, from where the engine's solver converges."""
-    moved = one_motion(method, plant, dt)
-    solved = [case for case in cases if moved(*case).converged]
-    return match(one_step(method, plant, dt), plant, dt, solved or cases, names)
+    taken = one_step(method, plant, dt)
+    solved = [case for case in cases if math.isfinite(taken(*case)[1][0])]
+    return match(taken, plant, dt, solved or cases, names)
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -10,7 +11,6 @@ import numpy.typing as npt
 
 from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.engines.interface import Motion
 from integ_gym.envs.ops import SCALAR, Component, Components
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
@@ -69,7 +69,7 @@ def advance(
 
 
 def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
-    """One step of an integrator as a function.
+    """One step of an integrator as a function; NaN where its solver does not converge.
 
     Args:
         integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
@@ -79,26 +79,14 @@ def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
     Raises:
         ValueError: for an unknown integrator.
     """
-    moved = one_motion(integrator, plant, dt)
+    engine = engine_of(integrator, PlantSystem(plant), dt)
+    lost = (math.nan,) * len(plant.coordinates)
 
     def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        motion = moved(q, v, control)
-        return motion.q, motion.v
+        motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+        return (motion.q, motion.v) if motion.converged else (lost, lost)
 
     return advanced
-
-
-def one_motion(
-    integrator: str, plant: Plant, dt: float
-) -> Callable[[Components, Components, float], Motion]:
-    """As :func:`one_step`, with the solver's report."""
-    engine = engine_of(integrator, PlantSystem(plant), dt)
-
-    def moved(q: Components, v: Components, control: float) -> Motion:
-        motion: Motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
-        return motion
-
-    return moved
 
 
 def advance_lanes(

@@ -129,6 +129,8 @@ def _limit_differences(line: Line) -> list[str]:
     limit, stated = line.speed_limit, line.subject.stated.max_speed
     if limit is None:
         return []
+    if limit.slowed:
+        return ["is slower than its map at high speeds"]
     if stated is None and limit.limit is not None:
         return [f"cuts speeds at {limit.limit:.4g} without saying so"]
     if stated is not None and limit.limit is None and limit.fastest > stated:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,13 @@ class Settable:
 
 
 def _taken(plant: Plant, step: OneStep, cases: list[Case]) -> Sample:
-    return Sample(plant, tuple(Transition(case, _end(step, case)) for case in cases))
+    """The control periods that end in a finite state."""
+    taken = (Transition(case, _end(step, case)) for case in cases)
+    return Sample(plant, tuple(one for one in taken if all(map(math.isfinite, _flat(one.end)))))
+
+
+def _flat(state: State) -> Iterator[float]:
+    return chain.from_iterable(state)
 
 
 def _end(step: OneStep, case: Case) -> State:

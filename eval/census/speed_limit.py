@@ -24,11 +24,13 @@ class SpeedLimit:
         limit: the speed to which all faster ones are cut; None: they are not.
         moves_by: whether positions advance with the `cut` or the `uncut` velocity; None without a
             limit, and where the map advances them with the earlier one.
+        slowed: whether it is slower than the map at high speeds, and not by a limit.
     """
 
     fastest: float
     limit: float | None = None
     moves_by: Literal["cut", "uncut"] | None = None
+    slowed: bool = False
 
 
 def find_speed_limit(sample: Sample, found: Found) -> SpeedLimit:
@@ -37,8 +39,10 @@ def find_speed_limit(sample: Sample, found: Found) -> SpeedLimit:
     cut = [one for one in sample.transitions if _is_cut(sample, found, one)]
     if not cut:
         return SpeedLimit(fastest)
-    speeds = sorted(max(map(abs, one.end[1])) for one in cut)
-    limit = speeds[len(speeds) // 2]
+    speeds = [max(map(abs, one.end[1])) for one in cut]
+    limit = max(speeds)
+    if limit - min(speeds) > CUT * limit:
+        return SpeedLimit(fastest, slowed=True)
     errors = {
         "cut": _largest(sample, found, cut, limit),
         "uncut": _largest(sample, found, cut, None),

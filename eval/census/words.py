@@ -61,6 +61,8 @@ def speed_limit(line: dict[str, Any], unit: str = "") -> str:
     limit = line["speed_limit"]
     if limit is None:
         return "–"
+    if limit["slowed"]:
+        return "slowed"
     if limit["limit"] is None:
         return f"none to {limit['fastest']:.3g}{unit}"
     moves = f", moves by the {limit['moves_by']} speed" if limit["moves_by"] else ""

@@ -53,6 +53,13 @@ def limited(limit: float, moves_by: str) -> Any:
     return step
 
 
+def dragged(q: Any, v: Any, control: float) -> Any:
+    """Semi-implicit Euler, 0.05 s, with a drag above 5 rad/s."""
+    (end,) = limited(1e9, "cut")(q, v, control)[1]
+    end -= 0.01 * max(0.0, abs(end) - 5.0) * end
+    return (q[0] + 0.05 * end,), (end,)
+
+
 def watched(step: Any, stated: Statement = SAID) -> Subject:
     """A subject of which only episodes can be seen, that begin beside hanging, moving."""
 

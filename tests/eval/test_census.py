@@ -192,6 +192,12 @@ def test_a_speed_limit_that_does_not_act_is_found_out() -> None:
     assert line.differences == ("said to cut speeds at 6, does not",)
 
 
+def test_drag_at_high_speed_is_found_out() -> None:
+    line = measure(planted.subject(planted.dragged))
+    assert line.found.identified
+    assert line.differences == ("is slower than its map at high speeds",)
+
+
 def test_watched_episodes_say_the_same_as_states_that_are_set() -> None:
     line = measure(planted.watched(one_step("stormer_verlet", planted.PENDULUM, 0.05)))
     assert line.found.map == "stormer_verlet"

@@ -85,14 +85,14 @@ def control_step(model: Any, substeps: int) -> OneStep:
     data, n = mujoco.MjData(model), int(model.nv)
     gear = float(model.actuator_gear[0, 0])
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.ctrl[0] = q, v, control / gear
         mujoco.mj_step(model, data, nstep=substeps)
         end = (*data.qpos.tolist(), *data.qvel.tolist())
         return end[:n], end[n:]
 
-    return step
+    return advanced
 
 
 def max_control(model: Any) -> float:

@@ -58,21 +58,21 @@ class Gymnasium:
 def _pendulum(env: Any) -> OneStep:
     env.reset(seed=0)
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         env.state = np.array([*q, *v])
         env.step(np.array([control], dtype=np.float32))
         return split_state(tuple(env.state.tolist()))
 
-    return step
+    return advanced
 
 
 def _cart_pole(env: Any) -> OneStep:
     env.reset(seed=0)
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         env.state, env.steps_beyond_terminated = np.array(join_state(q, v)), None
         env.force_mag = abs(control)
         env.step(int(control > 0.0))
         return split_state(tuple(float(x) for x in env.state))
 
-    return step
+    return advanced

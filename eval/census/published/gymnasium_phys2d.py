@@ -68,11 +68,11 @@ class GymnasiumPhys2d:
 def _pendulum(transition: Any, params: Any) -> OneStep:
     advance = import_module("jax").jit(lambda state, u: transition(state, u, None, params))
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         end = advance(single_precision(*q, *v), single_precision(control))
         return split_state(tuple(np.asarray(end).tolist()))
 
-    return step
+    return advanced
 
 
 def _cart_pole(transition: Any, params: Any) -> OneStep:
@@ -81,9 +81,9 @@ def _cart_pole(transition: Any, params: Any) -> OneStep:
 
     advance = import_module("jax").jit(pushed)
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         state, force = single_precision(*join_state(q, v)), single_precision(abs(control))[0]
         end = advance(state, int(control > 0.0), force)
         return split_state(tuple(np.asarray(end).tolist()))
 
-    return step
+    return advanced

@@ -69,11 +69,11 @@ def _pendulum(env: Any, params: Any) -> OneStep:
         end = env.step_env(key, state, torque, params)[1]
         return end.theta, end.theta_dot
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         theta, speed = advance(*single_precision(*q, *v), single_precision(control))
         return (float(theta),), (float(speed),)
 
-    return step
+    return advanced
 
 
 def _cart_pole(env: Any, params: Any) -> OneStep:
@@ -87,9 +87,9 @@ def _cart_pole(env: Any, params: Any) -> OneStep:
         end = env.step_env(key, state, action, params.replace(force_mag=force))[1]
         return end.x, end.theta, end.x_dot, end.theta_dot
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         *state, force = single_precision(*q, *v, abs(control))
         x, theta, x_dot, theta_dot = map(float, advance(*state, int(control > 0.0), force))
         return (x, theta), (x_dot, theta_dot)
 
-    return step
+    return advanced

@@ -67,11 +67,11 @@ def _step(env: Any) -> OneStep:
         end = env.step(start.replace(data=data), action).data
         return end.qpos, end.qvel
 
-    def step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         action = single_precision(control / gear)
         qpos, qvel = advance(single_precision(*q), single_precision(*v), action)
         return tuple(np.asarray(qpos).tolist()), tuple(np.asarray(qvel).tolist())
 
     still = (0.0,) * len(start.data.qpos)
-    step(still, still, 0.0)
-    return step
+    advanced(still, still, 0.0)
+    return advanced
