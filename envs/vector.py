@@ -53,8 +53,7 @@ from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
 class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
 
-    Arrays of `info` that hold one value for all lanes are read-only; all masks of a step are one
-    array.
+    Arrays of `info` that hold one value for all lanes, and its masks, are read-only.
 
     Args:
         num_envs: number of lanes.
@@ -198,7 +197,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
             observation, everything = self._reset_same_step(observation, info)
         else:
-            everything = self._told(info, np.ones(self.num_envs, dtype=bool))
+            everything = self._told(info, self._info.everyone)
         return observation, reward, terminated, truncated, everything
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
@@ -414,7 +413,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self._begin(lanes, {}, info)
         self._look_anew(observation, lanes)
         told = {
-            **self._told(info, np.ones(self.num_envs, dtype=bool)),
+            **self._told(info, self._info.everyone),
             "final_obs": final_obs,
             "_final_obs": done,
             "final_info": final_info,

@@ -39,6 +39,8 @@ class LaneInfo:
         self._lanes = lanes
         self._blank = {**BLANK, "solver_status": status}
         self._constants: dict[Any, Array] = {}
+        self.everyone = np.ones(lanes, dtype=bool)
+        self.everyone.flags.writeable = False
 
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""
