@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -22,8 +22,15 @@ from integ_gym.train.policy_stack import PolicyStack
 
 Array = npt.NDArray[Any]
 
+OnCell: TypeAlias = Callable[[Cell, int], None]
+"""Told of a cell that is finished and of the number of policies in it."""
+
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
+
+
+def quiet(cell: Cell, policies: int) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ def evaluate(
     conditions: Conditions,
     store: EvidenceStore,
     batch: str,
-    on_cell: Callable[[int], None] = lambda policies: None,
+    on_cell: OnCell = quiet,
 ) -> None:
     """Run all policies side by side, cell by cell, and commit all records as one batch.
 
@@ -105,7 +112,7 @@ def evaluate(
         conditions: what all cells share.
         store: where the records go.
         batch: name of the batch, which must not exist yet.
-        on_cell: told after every cell how many policies were in it.
+        on_cell: told after every cell which it was and how many policies were in it.
     """
     store.commit_all(batch, _tables(subjects, conditions, store, on_cell))
 
@@ -114,7 +121,7 @@ def _tables(
     subjects: Sequence[Subject],
     conditions: Conditions,
     store: EvidenceStore,
-    on_cell: Callable[[int], None],
+    on_cell: OnCell,
 ) -> Iterator[Any]:
     """The records of every cell, as soon as the replays are known that label its failures."""
     latencies = inference_latencies(subjects, conditions)
@@ -132,7 +139,7 @@ def _tables(
         policies = [subjects[place].policy for place in places]
         successes.note(cell, places, roll_out(recorder, policies, conditions).success)
         recorder.close()
-        on_cell(len(places))
+        on_cell(cell, len(places))
         waiting.append(_Played(cell, places, recorder))
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]

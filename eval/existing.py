@@ -21,6 +21,7 @@ from integ_gym.eval.cells import (
     Home,
     dividing_step,
 )
+from integ_gym.eval.engine_cells import NATIVE
 from integ_gym.eval.evaluation import Subject, conditions_of, outcomes_in
 from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
 from integ_gym.eval.matrix import Matrix, Row
@@ -267,7 +268,9 @@ def evaluate_existing(
         RunDirectoryError: for a directory that holds something else.
     """
     row = existing.policy.policy_id
-    directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
+    directory = RunDirectory(
+        out, {**spec.to_json(), "policy": existing.policy.content_hash}, spec.engine_versions()
+    )
     baselines = [make_baseline(name, nominal_setup(spec)) for name in spec.baselines]
     subjects = [
         Subject(existing.policy, spec.cells_of(existing.home), existing.home),
@@ -281,7 +284,7 @@ def evaluate_existing(
         waiting = not_evaluated(spec, directory, subjects)
         on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
         for batch in batches_of(spec, waiting, workers=1):
-            evaluate_batch(spec, directory, batch, on_cell)
+            evaluate_batch(spec, directory, batch, lambda _, policies: on_cell(policies))
         layout = make_layout(spec, _rows(existing, spec), {row: existing.home})
         matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
         panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
@@ -336,10 +339,11 @@ def _main(home: Home) -> Discretization:
 def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     home = _main(existing.home)
     period = home.control_period
-    integrators = grid.integrators or [n for n in INTEGRATORS.names() if n != "reference"]
+    ours = [n for n in INTEGRATORS.names() if n != "reference"]
+    integrators, engine = (grid.integrators, home.engine) if grid.integrators else (ours, NATIVE)
     coarsest = dividing_step({**existing.environment, "dt": period})
     dts = grid.dts or [coarsest / n for n in REFINEMENTS]
-    columns = [Discretization(i, dt, period, home.engine) for i in integrators for dt in dts]
+    columns = [Discretization(i, dt, period, engine) for i in integrators for dt in dts]
     return PanelSpec(
         name=f"evaluate {existing.policy.policy_id}",
         env_id=env_id,

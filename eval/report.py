@@ -42,6 +42,7 @@ from integ_gym.eval.report_data import (
     seconds,
     step,
 )
+from integ_gym.eval.report_engines import engine_lines
 from integ_gym.eval.report_remedy import costs_of, line_words, remedies_of, success_of
 from integ_gym.evidence.atomic import replace_file
 
@@ -154,6 +155,7 @@ def _context(panel: Panel) -> dict[str, Any]:
         "energy": _energy(panel),
         "gaps": _gaps(panel),
         "remedies": remedies_of(panel),
+        "engine_lines": engine_lines(panel),
         "costs": costs_of(panel),
         "rate_axis": RATE_AXIS,
         "ladders": _ladders(panel),
