@@ -224,8 +224,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             horizon=params.horizon,
             known_delay=self.structure.delay,
         )
-        integrator = setup.settings.integrator
-        engine = type(setup.engine)(system, integrator, params.dt)  # type: ignore[call-arg]
+        engine = setup.engine.at(system, params.dt)
         return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
 
     def start(self, drawn: Components, params: Params) -> Components:
@@ -314,7 +313,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """`info` of the environment after the transition that led here.
 
         The keys of the single environment's; ``solver_status`` is a code: 0 ok, 1 not converged,
-        2 diverged.
+        2 diverged, -1 not reported.
         """
         setup = self.setup_of(self._default(params))
         info = booked(setup, state.env, state.outcome)
@@ -439,8 +438,8 @@ def make(env_id: str, *, dtype: str = "float32", **arguments: Any) -> Functional
 
     Raises:
         TypeError: for an unknown argument.
-        ValueError: for an impossible value, an engine that is not native, or float64 outside JAX's
-            64-bit mode.
+        ValueError: for an impossible value, an engine outside JAX or its own stops, or float64
+            outside JAX's 64-bit mode.
         ModuleNotFoundError: without JAX, with the command that installs it.
     """
     return FunctionalEnv(env_id, dtype=dtype, **arguments)
@@ -477,10 +476,15 @@ def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
         TypeError, ValueError: see :func:`make`.
     """
     setup = environment_setup(env_id, arguments)
-    if setup.settings.engine != "native":
+    if not setup.engine.batched:
         raise ValueError(
-            f"the functional environment has engine 'native' only, got {setup.settings.engine!r}; "
-            "use gym.make or gym.make_vec for other engines"
+            "the functional environment needs an engine made of JAX's operations, 'native' or "
+            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
+        )
+    if setup.system.engine_stops is not None:
+        raise ValueError(
+            "the functional environment has no `contact`='engine': MuJoCo fixes what its stops "
+            "weigh when it reads a model; use 'compliant', or gym.make or gym.make_vec"
         )
     return setup
 
