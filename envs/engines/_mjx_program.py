@@ -70,7 +70,8 @@ class Program:
 
             n = self.dof
             nothing = jnp.zeros((self.lanes, 2 * n)), jnp.zeros((n, n)), jnp.zeros(n)
-            return jax.lax.fori_loop(0, used, lane, nothing)
+            end: tuple[Array, ...] = jax.lax.fori_loop(0, used, lane, nothing)
+            return end
 
         return jax.jit(run)
 
