@@ -475,16 +475,16 @@ def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     Raises:
         TypeError, ValueError: see :func:`make`.
     """
+    if arguments.get("contact") == "engine":
+        raise ValueError(
+            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
+            "in every engine, or gym.make or gym.make_vec"
+        )
     setup = environment_setup(env_id, arguments)
     if not setup.engine.batched:
         raise ValueError(
             "the functional environment needs an engine made of JAX's operations, 'native' or "
             f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
-        )
-    if setup.system.engine_stops is not None:
-        raise ValueError(
-            "the functional environment has no `contact`='engine': MuJoCo fixes what its stops "
-            "weigh when it reads a model; use 'compliant', or gym.make or gym.make_vec"
         )
     return setup
 

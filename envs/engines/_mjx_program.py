@@ -23,21 +23,29 @@ LANES = 64
 """Lanes of one call: one compiled program serves any number up to this, one after the other."""
 
 
-def numbers(mechanism: Mechanism, dt: Component) -> list[Component]:
-    """What a program's model is made of: step, gravity, and four numbers for each link."""
-    links = [(x.mass, x.centre, x.inertia, x.damping) for x in mechanism.links]
-    return [dt, mechanism.gravity, *(number for link in links for number in link)]
+def numbers(mechanism: Mechanism, dt: Component, stop: Sequence[Component]) -> list[Component]:
+    """What a program's model is made of.
 
-
-def program_of(mechanism: Mechanism, integrator: str, stops: Stops | None) -> Program:
-    """The program that serves all mechanisms of these joints; with MuJoCo's stops, this one alone.
-
-    MuJoCo works out what its stops weigh when it reads a model, so that it has to be the right one.
+    Args:
+        mechanism: four numbers for each link are taken from it.
+        dt: step, s.
+        stop: of a limited joint, the limit and the inverse of its inertia at 0; else empty.
     """
-    if stops is None:
-        likeness = [Link(x.coordinate, x.joint, 1.0, 1.0, 1.0, 1.0) for x in mechanism.links]
-        mechanism = Mechanism(tuple(likeness), 1.0)
-    return _program(mjcf(mechanism, 1.0, integrator, stops))
+    links = [(x.mass, x.centre, x.inertia, x.damping) for x in mechanism.links]
+    return [dt, mechanism.gravity, *(number for link in links for number in link), *stop]
+
+
+def program_of(mechanism: Mechanism, integrator: str, stopped: int | None) -> Program:
+    """The program that serves all mechanisms of these joints.
+
+    Args:
+        mechanism: how many joints there are, and of what kind.
+        integrator: MuJoCo's name.
+        stopped: which joint has MuJoCo's own stops; or None.
+    """
+    links = tuple(Link(x.coordinate, x.joint, 1.0, 1.0, 1.0, 1.0) for x in mechanism.links)
+    stops = None if stopped is None else Stops(stopped, 1.0, 1.0, 1.0)
+    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator, stops), stopped)
 
 
 class Program:
@@ -45,13 +53,14 @@ class Program:
 
     Args:
         text: a model in MuJoCo's format; see :func:`numbers` for what is replaced in it.
+        stopped: which joint is limited; or None.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, stopped: int | None) -> None:
         made = mujoco.MjModel.from_xml_string(text)
         with jax.enable_x64(True):
             model, data = mjx.put_model(made, impl="jax"), mjx.make_data(made, impl="jax")
-        self.dof, self.lanes = made.nv, LANES
+        self.dof, self.lanes, self._stopped = made.nv, LANES, stopped
         self.solref, self.solimp = made.jnt_solref.copy(), made.jnt_solimp.copy()
         self._model, self._data = jax.tree.map(np.asarray, (model, data))
 
@@ -104,17 +113,24 @@ class Program:
         return jnp.concatenate([q, v]), mass, bias
 
     def _model_of(self, values: Array) -> Any:
-        model = jax.tree.map(_own, self._model)
-        mass, centre, inertia, damping = values[2:].reshape(-1, 4).T
+        model, joint = jax.tree.map(_own, self._model), self._stopped
+        end = 2 + 4 * self.dof
+        mass, centre, inertia, damping = values[2:end].reshape(-1, 4).T
         inertia = jnp.maximum(inertia, SMALLEST_INERTIA)
-        return model.replace(
-            opt=model.opt.replace(
-                timestep=values[0], gravity=jnp.array([0.0, 0.0, -1.0]) * values[1]
-            ),
+        down = jnp.array([0.0, 0.0, -1.0])
+        model = model.replace(
+            opt=model.opt.replace(timestep=values[0], gravity=values[1] * down),
             body_mass=model.body_mass.at[1:].set(mass),
             body_ipos=model.body_ipos.at[1:, 2].set(centre),
             body_inertia=model.body_inertia.at[1:].set(inertia[:, None]),
             dof_damping=damping,
+        )
+        if joint is None:
+            return model
+        limit, weight = values[end:]
+        return model.replace(
+            jnt_range=model.jnt_range.at[joint].set(limit * jnp.array([-1.0, 1.0])),
+            dof_invweight0=model.dof_invweight0.at[joint].set(weight),
         )
 
 
@@ -124,5 +140,5 @@ def _own(leaf: Any) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _program(text: str) -> Program:
-    return Program(text)
+def _program(text: str, stopped: int | None) -> Program:
+    return Program(text, stopped)

@@ -12,7 +12,7 @@ from integ_gym.envs.engines._lanes import LanesEngine
 from integ_gym.envs.engines._quiet import quiet
 from integ_gym.envs.engines._rigid import Array
 from integ_gym.envs.extras import load
-from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.ops import SCALAR, Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
 
 
@@ -41,10 +41,12 @@ class MjxEngine(LanesEngine):
         from integ_gym.envs.engines._mjx_program import numbers, program_of
 
         self._jax, self._numbers = jax, numbers
-        self._program = program_of(self.mechanism, self.integrator, self.system.engine_stops)
+        stops = self.system.engine_stops
+        stopped = None if stops is None else stops.coordinate
+        self._program = program_of(self.mechanism, self.integrator, stopped)
         self._cpu = jax.devices("cpu")[0]
-        self._values = self._placed(numbers(self.mechanism, self.dt))
-        self._still = self._placed(numbers(self.mechanism, 0.0))
+        self._values = self._placed(numbers(self.mechanism, self.dt, self._stop()))
+        self._still = self._placed(numbers(self.mechanism, 0.0, self._stop()))
 
     def at(self, system: PlantSystem, dt: Component) -> MjxEngine:
         """The same engine for other values of the parameters, traced or arrays of JAX's."""
@@ -92,13 +94,22 @@ class MjxEngine(LanesEngine):
         """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
         if not isinstance(q[0], self._jax.Array):
             return super().travel(ops, q, v, force, count)
-        values = self._numbers(self.mechanism, self.dt)
+        values = self._numbers(self.mechanism, self.dt, ())
 
         def step(_: Component, state: tuple[Component, ...]) -> tuple[Component, ...]:
             return self._program.step(values, (*state, *force))
 
         ends = ops.repeat(count, step, (*q, *v))
         return ends[: len(q)], ends[len(q) :], 0, 0.0, True
+
+    def _stop(self) -> tuple[float, ...]:
+        """Limit of the limited joint and inverse of its inertia at 0, by which MuJoCo weighs it."""
+        stops, plant = self.system.engine_stops, self.system.plant
+        if stops is None:
+            return ()
+        at_zero = plant.mass_matrix(SCALAR, (0.0,) * len(plant.coordinates))
+        weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
+        return stops.limit, float(weight)
 
     def _placed(self, values: list[Component]) -> Any:
         with self._jax.enable_x64(True):

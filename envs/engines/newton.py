@@ -21,13 +21,6 @@ FEATHERSTONE = "featherstone"
 
 _MUJOCO = {f"mujoco_{name.lower()}": one_step_map for name, one_step_map in MAPS.items()}
 
-_KERNELS = (
-    "newton._src.sim.articulation",
-    "newton._src.solvers.featherstone.kernels",
-    "newton._src.solvers.mujoco.kernels",
-)
-"""Modules whose kernels come with their derivatives, which take most of the time to compile."""
-
 
 class NewtonEngine(WarpEngine):
     """Newton's solvers, in float32, on the CPU; all lanes of a vector environment at once.
@@ -41,6 +34,12 @@ class NewtonEngine(WarpEngine):
     extra: ClassVar[str] = "newton"
     own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {FEATHERSTONE: "symplectic_euler", **_MUJOCO}
+    KERNELS: ClassVar[tuple[str, ...]] = (
+        "newton._src.sim.articulation",
+        "newton._src.solvers.featherstone.kernels",
+        "newton._src.solvers.mujoco.kernels",
+    )
+    """Modules whose kernels come with derivatives, which take most of the time to compile."""
 
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""
@@ -162,11 +161,11 @@ class NewtonEngine(WarpEngine):
     def _without_derivatives(self) -> Iterator[None]:
         """Compile kernels as they are used here; whoever wants derivatives still gets them."""
         options, warp = "enable_backward", self._warp
-        kept = [warp.get_module_options(module=name)[options] for name in _KERNELS]
-        for name in _KERNELS:
+        kept = [warp.get_module_options(module=name)[options] for name in self.KERNELS]
+        for name in self.KERNELS:
             warp.set_module_options({options: False}, module=name)
         try:
             yield
         finally:
-            for name, value in zip(_KERNELS, kept, strict=True):
+            for name, value in zip(self.KERNELS, kept, strict=True):
                 warp.set_module_options({options: value}, module=name)
