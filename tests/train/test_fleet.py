@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from engine_cases import needs
 from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
@@ -343,6 +344,24 @@ def test_plan_groups_what_compiles_together():
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], 2)) == 2
     assert plan([], 2) == []
+
+
+@pytest.mark.slow
+def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
+    """Without damping MJX's Euler is symplectic Euler: the policy is that of our integrator."""
+    needs("mjx")
+    theirs = {"engine": "mjx", "integrator": "Euler", "duration": 0.5}
+    ours = {"integrator": "symplectic_euler", "duration": 0.5}
+    configs = [_config(total_steps=128, n_epochs=1, env_arguments=own) for own in (theirs, ours)]
+    context = EpisodeContext("run", "cell", phase="training", training_seed=0)
+    (mjx,) = train_chunk(configs[:1], [TrainingEvidence(tmp_path, "batch", context)])
+    (native,) = train_chunk(configs[1:])
+    for name, value in native.weights.items():
+        np.testing.assert_allclose(mjx.weights[name], value, atol=1e-5, err_msg=name)
+    told = {(r["engine"], r["solver_status"]) for r in EvidenceStore(tmp_path).records()}
+    assert told == {("mjx", "not_reported")}
+    policy = write_outcome(configs[0], mjx, tmp_path)
+    assert policy.card["discretization"]["engine"] == "mjx"
 
 
 WORK = """
