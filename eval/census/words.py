@@ -8,7 +8,7 @@ from integ_gym.eval.report_data import compact, step
 
 UNKNOWN = "no known map"
 EXACT = 1e-9
-"""Energy errors below this share are not told apart from none."""
+"""Energy errors below this share are not said to the digit."""
 
 
 def applied(line: dict[str, Any]) -> str:
@@ -45,7 +45,7 @@ def percent(value: float | None, sign: bool = False) -> str:
     """A share in per cent."""
     if value is None:
         return "diverged"
-    return "0 %" if abs(value) < EXACT else f"{compact(100.0 * value, 2, sign)} %"
+    return "< 10⁻⁷ %" if abs(value) < EXACT else f"{compact(100.0 * value, 2, sign)} %"
 
 
 def energy(line: dict[str, Any]) -> tuple[str, str]:

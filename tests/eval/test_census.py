@@ -18,6 +18,7 @@ from integ_gym.cli import main
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.eval.census import words
 from integ_gym.eval.census.engines import engine_subjects
 from integ_gym.eval.census.measure import Line, measure
 from integ_gym.eval.census.observed import nearest_turn
@@ -294,3 +295,51 @@ def test_unknown_names_are_refused(
 ) -> None:
     assert main(["census", *given, "--out", str(tmp_path)]) == 2
     assert guess in capsys.readouterr().err
+
+
+DOCS = (Path(__file__).parents[2] / "docs" / "census.md").read_text(encoding="utf-8")
+
+
+def cells_with(*texts: str) -> list[list[str]]:
+    """Rows of the page's tables that contain all of some texts."""
+    rows = (line for line in DOCS.splitlines() if line.startswith("|"))
+    return [
+        [cell.strip() for cell in row.strip("|").split(" | ")]
+        for row in rows
+        if all(text in row for text in texts)
+    ]
+
+
+def test_the_published_result_is_what_is_measured(census: Path) -> None:
+    document = json.loads((census / "census.json").read_text("utf-8"))
+    for line in document["lines"]:
+        end, largest = words.energy(line)
+        error = words.error(line["found"]["truth_defect"])
+        if line["source"] == "Gymnasium":
+            (row,) = cells_with(f"`{line['name']}` | Gymnasium {line['version']} |")
+            expected = [f"`{words.applied(line)}`", words.found_steps(line), error, end, largest]
+            assert [row[2], row[3], *row[5:8]] == expected
+            assert row[8:] == [words.speed_limit(line), words.stated(line)]
+        elif line["source"] == "native":
+            rows = cells_with(f"| `{line['found']['map']}` |", f"native `{line['name']}`")
+            row = rows[("pendulum", "cart_pole").index(line["plant"])]
+            assert row[4] == end
+
+
+def test_every_library_is_in_the_published_result() -> None:
+    for library, environments in EXPECTED.items():
+        title = PUBLISHED.load(library).title
+        for name in environments:
+            assert cells_with(f"`{name}` | {title} "), (title, name)
+
+
+def test_the_documented_library_is_found_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = re.findall(r"^```python\n(# my_library.*?)^```", DOCS, re.DOTALL | re.MULTILINE)
+    (tmp_path / "my_library.py").write_text(block, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    given = ["--published", "my_library:MyLibrary", "--out", str(tmp_path / "out")]
+    assert main(["census", *given]) == 0
+    (said,) = re.findall(r"^```text\n(.*?)\n```", DOCS, re.DOTALL | re.MULTILINE)
+    assert said in capsys.readouterr().out

@@ -20,7 +20,7 @@ class Gymnax:
 
     title: ClassVar[str] = "gymnax"
     modules: ClassVar[tuple[str, ...]] = ("gymnax",)
-    install: ClassVar[str] = "pip install --no-deps gymnax; pip install flax seaborn"
+    install: ClassVar[str] = "pip install 'gymnax<1' six"
 
     def subjects(self) -> Iterator[Subject]:
         """`Pendulum-v1` and `CartPole-v1`."""
