@@ -102,7 +102,9 @@ def read_existing(
     obs_stats: Path | None = None,
     own_code: bool = False,
 ) -> Existing:
-    """A policy from its file, with what its side-car says; see :func:`load_policy` and :func:`describe`.
+    """A policy from its file, with what its side-car says.
+
+    See :func:`load_policy` and :func:`describe`.
 
     Args:
         path: the zip that SB3 wrote.

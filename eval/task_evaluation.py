@@ -137,10 +137,12 @@ class _Play:
         task, first = self.spec.environment_of(cell), self.conditions.episode_seed
         latency = inference_latency(self.subject.policy, task.reset(seed=first)[0][None])
         context = context_of(self.subject, cell, self.conditions, latency)
-        with RecordEvidence(task, self.store, context, commit_on_close=False) as env:
-            seeds = range(first, first + self.conditions.episodes)
-            success = tuple(self._episode(env, seed) for seed in seeds)
-            return env.take(_replays(at_home)), success
+        env = RecordEvidence(task, self.store, context, commit_on_close=False)
+        seeds = range(first, first + self.conditions.episodes)
+        success = tuple(self._episode(env, seed) for seed in seeds)
+        table = env.take(_replays(at_home))
+        env.close()
+        return table, success
 
     def _episode(self, env: RecordEvidence, seed: int) -> bool:
         observation, info = env.reset(seed=seed)

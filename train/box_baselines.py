@@ -15,13 +15,18 @@ BOX_BASELINES = ("random", "zero")
 """Names of the baselines that `box_baselines` makes."""
 
 
-def box_baselines(space: spaces.Box, *, seed: int = 0) -> list[Policy]:
+def box_baselines(space: spaces.Space[Any], *, seed: int = 0) -> list[Policy]:
     """One policy for each of `BOX_BASELINES`.
 
     Args:
-        space: actions, shape (action_dim,), finite bounds.
+        space: actions: a `Box` of shape (action_dim,) with finite bounds.
         seed: of `random`.
+
+    Raises:
+        TypeError: for another space.
     """
+    if not isinstance(space, spaces.Box):
+        raise TypeError(f"these baselines are for a Box of actions, got {space}")
     return [RandomInBox(space, seed), ZeroInBox(space)]
 
 
