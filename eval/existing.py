@@ -414,7 +414,7 @@ def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
 
 
 def facts_of(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
+    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, workers: int = 1
 ) -> dict[str, Any]:
     """What the artefact says of the evaluation beside its outcome."""
     row = existing.policy.policy_id
@@ -438,5 +438,5 @@ def facts_of(
                 for name in spec.baselines
             },
         },
-        "cost": cost_of(directory, [], workers=1),
+        "cost": cost_of(directory, [], workers),
     }

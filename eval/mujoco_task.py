@@ -70,9 +70,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     load("mujoco", "mujoco")
     from gymnasium.envs.mujoco import MujocoEnv
 
-    wanted = (
-        f"`--env` takes {', '.join(ENVIRONMENTS)} or a MuJoCo task of Gymnasium's: Hopper-v5, …"
-    )
+    wanted = f"--env takes {', '.join(ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"
     try:
         env = gym.make(env_id, **arguments)
     except (gym.error.Error, TypeError, ValueError, OSError, ImportError) as error:

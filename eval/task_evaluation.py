@@ -57,7 +57,8 @@ def evaluate_task(
     with directory.opened():
         _run(spec, directory, begin(existing, spec, directory, baselines, on_cell), on_cell)
         layout, matrix = outcome(existing, spec, directory)
-        panel = build_artefact(layout, matrix, facts_of(existing, spec, directory, command))
+        facts = facts_of(existing, spec, directory, command, _workers(spec))
+        panel = build_artefact(layout, matrix, facts)
         panel["answer"] += f" {_returns(existing, spec, matrix)}"
         panel["warnings"] = _doubts(existing, spec, directory, matrix)
         for doubt in panel["warnings"]:
@@ -75,7 +76,7 @@ def _run(
     """Evaluate policies, each finished by one commit."""
     if not waiting:
         return
-    with Progress().pool(min(cores(), len(spec.grid))) as pool:
+    with Progress().pool(_workers(spec)) as pool:
         try:
             for subject in waiting:
                 run = partial(_evaluate, spec, pool)
@@ -83,6 +84,10 @@ def _run(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _workers(spec: TaskPanel) -> int:
+    return min(cores(), len(spec.grid))
 
 
 def _evaluate(
