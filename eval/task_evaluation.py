@@ -171,6 +171,8 @@ def _returns(existing: Existing, spec: TaskPanel, matrix: Matrix) -> str:
     cells = [cell.name for cell in spec.columns()]
     means = {name: float(matrix.values(row, name, "return").mean()) for name in cells}
     low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
+    if means[low] == means[high]:
+        return f"Its mean return is {means[home]:.1f} on each of them."
     return (
         f"Its mean return is {means[home]:.1f} at home, and between {means[low]:.1f} ({low}) and "
         f"{means[high]:.1f} ({high})."

@@ -117,14 +117,17 @@ def test_at_home_it_is_what_stable_baselines3_gets_in_the_stock_task(run, balanc
 
 @pytest.mark.slow
 def test_starts_are_paired_and_the_cells_differ(run):
+    """MuJoCo's Euler takes damping implicitly, which is all that implicitfast does here."""
     starts = {
         tuple(map(str, _column(run, "initial_state", policy, cell)))
         for policy in ("balance", "random", "zero")
         for cell in (*CELLS, HOME)
     }
     assert len(starts) == 1
-    energies = {tuple(_column(run, "energy_end", "zero", cell)) for cell in (*CELLS, HOME)}
-    assert len(energies) >= 4
+    energies = {cell: tuple(_column(run, "energy_end", "zero", cell)) for cell in (*CELLS, HOME)}
+    assert len(set(energies.values())) == 3
+    for dt in ("0.02", "0.01"):
+        assert energies[f"mujoco Euler dt={dt}"] == energies[f"mujoco implicitfast dt={dt}"]
 
 
 @pytest.mark.slow
