@@ -180,10 +180,12 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     if rates[low] == rates[high]:
         return (
             f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
-            "discretizations, the reference among them."
+            f"discretizations{', the reference among them' if layout.reference else ''}."
         )
+    anchor, where = layout.reference, "the reference"
+    if anchor is None:
+        anchor, where = next(iter(layout.rows[0].shares)), "its home"
     return (
-        f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "
-        f"{len(rates)} discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} "
-        f"({high})."
+        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
+        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
     )

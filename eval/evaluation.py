@@ -133,7 +133,7 @@ def _tables(
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
         contexts = [
-            _context(subjects[place], cell, conditions, latencies[place]) for place in places
+            context_of(subjects[place], cell, conditions, latencies[place]) for place in places
         ]
         recorder = _recorder(cell, contexts, conditions, store)
         policies = [subjects[place].policy for place in places]
@@ -209,10 +209,11 @@ def inference_latencies(
     environment = _environment(subjects[0].cells[0], conditions, 1)
     observation, _ = environment.reset(seed=conditions.episode_seed)
     environment.close()
-    return [_latency(subject.policy, observation) for subject in subjects]
+    return [inference_latency(subject.policy, observation) for subject in subjects]
 
 
-def _latency(policy: Policy, observation: Array) -> tuple[float, float]:
+def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:
+    """Mean and 99th percentile of the time of one decision about observations (1, n), ns."""
     times = []
     for _ in range(LATENCY_SAMPLES):
         start = time.perf_counter_ns()
@@ -225,9 +226,17 @@ def _environment(cell: Cell, conditions: Conditions, lanes: int) -> Any:
     return gym.make_vec(conditions.env_id, num_envs=lanes, **cell.arguments(conditions.environment))
 
 
-def _context(
+def context_of(
     subject: Subject, cell: Cell, conditions: Conditions, latency: tuple[float, float]
 ) -> EpisodeContext:
+    """What the episodes of one policy in one cell are for.
+
+    Args:
+        subject: the policy.
+        cell: where.
+        conditions: what all cells share.
+        latency: mean and 99th percentile of the time of a decision, ns.
+    """
     return EpisodeContext(
         run_id=conditions.run_id,
         cell=cell.name,

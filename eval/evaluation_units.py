@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.cells import Cell
-from integ_gym.eval.evaluation import OnCell, Subject, conditions_of, evaluate, quiet
+from integ_gym.eval.evaluation import (
+    Conditions,
+    OnCell,
+    Subject,
+    conditions_of,
+    evaluate,
+    quiet,
+)
 from integ_gym.eval.expected_time import cell_seconds, cell_timing
 from integ_gym.eval.run_directory import RunDirectory, key_of
 from integ_gym.eval.spec import PanelSpec
@@ -32,6 +39,10 @@ MEMORY = 1 << 30
 
 COPIES = 6
 """How often a cell's rows are in memory: as they come, by episode, as a table, as a row group."""
+
+
+Evaluation: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore, str, OnCell], None]
+"""See :func:`integ_gym.eval.evaluation.evaluate`."""
 
 
 class Evaluated(NamedTuple):
@@ -100,6 +111,7 @@ def evaluate_batch(
     directory: RunDirectory,
     batch: Sequence[Subject],
     on_cell: OnCell = quiet,
+    run: Evaluation = evaluate,
 ) -> None:
     """Evaluate policies in all their cells and mark that as finished.
 
@@ -108,12 +120,13 @@ def evaluate_batch(
         directory: held by the caller.
         batch: the policies.
         on_cell: told after every cell which it was and how many policies were in it.
+        run: what evaluates them.
     """
     hashes = _hashes(batch)
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
     start = time.time()
-    evaluate(batch, conditions_of(spec), EvidenceStore(directory.evidence), unit, on_cell)
+    run(batch, conditions_of(spec), EvidenceStore(directory.evidence), unit, on_cell)
     directory.finish(unit, _key(spec, hashes), start, policies=hashes)
 
 

@@ -111,7 +111,7 @@ def make_layout(spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Home
         homes=homes,
         cells=cells,
         cells_of={name: tuple(c.name for c in own) for name, own in own_cells.items()},
-        reference=spec.columns()[-1].name,
+        reference=next((c.name for c in spec.columns() if c.kind == "reference"), None),
         family=spec.family,
         compare=spec.compare,
     )

@@ -21,6 +21,7 @@ from integ_gym.eval import verdict as rules
 from integ_gym.eval.page import page_environment, page_parts
 from integ_gym.eval.report_data import (
     CLASS_WORDS,
+    NONE,
     PASS,
     VERDICT_ORDER,
     Cell,
@@ -152,6 +153,7 @@ def _context(panel: Panel) -> dict[str, Any]:
         "tiles": _tiles(panel),
         "cards": [_card(panel, gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],
         "success": _matrix(panel, _success_cells),
+        "returns": _returns(panel),
         "energy": _energy(panel),
         "gaps": _gaps(panel),
         "remedies": remedies_of(panel),
@@ -438,6 +440,29 @@ def ink_on(background: str) -> str:
 
 def _channels(colour: str) -> tuple[int, int, int]:
     return int(colour[:2], 16), int(colour[2:4], 16), int(colour[4:6], 16)
+
+
+def _returns(panel: Panel) -> dict[str, Any] | None:
+    """Matrix of returns, where no truth judges success; None if the panel has none."""
+    shown = [e.returns.estimate for e in panel.entries.values() if e.returns is not None]
+    if panel.truth is not None or not shown:
+        return None
+    low, high = min(shown), max(shown)
+
+    def shade(entry: Entry) -> Shade:
+        return _return_cell(entry, low, high)
+
+    return {"blocks": _matrix(panel, shade), "low": low, "high": high}
+
+
+def _return_cell(entry: Entry, low: float, high: float) -> Shade:
+    value = None if entry.returns is None else entry.returns.estimate
+    title = f"{entry.row.name}, evaluated on {entry.cell.name}: return {compact(value, 4)}"
+    if value is None:
+        return Shade(NONE, "", "empty", (), title, entry, entry.home)
+    background = success_colour((value - low) / (high - low) if high > low else 1.0)
+    style = f"background:{background};color:{ink_on(background)}"
+    return Shade(compact(value, 3), style, "", (), title, entry, entry.home)
 
 
 def _energy(panel: Panel) -> dict[str, Any] | None:

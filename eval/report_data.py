@@ -548,6 +548,14 @@ class Panel:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What to conclude from the classes against the reference, the surest first."""
+        if self.truth is None:
+            return (
+                Finding(
+                    "missing",
+                    "There is no truth column here: this page shows where discretizations "
+                    "disagree, not which of them is right.",
+                ),
+            )
         if not self.trust:
             return (
                 Finding(

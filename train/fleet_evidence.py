@@ -86,7 +86,7 @@ class EpisodeAssembler:
         self._opened = np.full(lanes, _now())
         self._draws = np.zeros(lanes, dtype=np.int64)
         self._places = [layout.place(name) for name in first_entries(layout)]
-        self._quiet = layout.place(STATUS), STATUS_CODES[quiet_status(setup)]
+        self._quiet = layout.place(STATUS), STATUS_CODES[quiet_status(setups[0])]
         self._next_index = evidence.context.first_episode
         self._clock = _now()
 
