@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import copy
 import hashlib
 import re
 import subprocess
@@ -236,6 +237,30 @@ def test_ladders_keep_the_two_control_periods_apart() -> None:
     assert set(ladder.following) == {
         "explicit_euler", "symplectic_euler", "rk4", "implicit_euler",
     }  # fmt: skip
+
+
+def test_ladders_leave_out_engines_that_a_row_was_not_trained_on() -> None:
+    panel = copy.deepcopy(panel_of("full"))
+    for cell in panel["cells"]:
+        if cell["integrator"] == "stormer_verlet":
+            cell["engine"] = "mujoco"
+    read = Panel(panel)
+    assert "mujoco stormer_verlet" in [group.label for group in read.groups]
+    assert all("rk4" in ladder.fixed for ladder in read.ladders)
+    assert not any("mujoco stormer_verlet" in ladder.fixed for ladder in read.ladders)
+
+
+def test_engines_have_a_section_where_a_panel_has_them() -> None:
+    line = {
+        "engine": "drake", "integrator": "radau1", "map": "implicit_euler", "dt": 0.05,
+        "twin": "implicit_euler dt=0.05", "success": 0.25, "twin_success": 0.5, "differing": 7,
+        "episodes": 28, "largest": 0.75,
+    }  # fmt: skip
+    alone = {**line, "integrator": "runge_kutta5", "twin": None, "differing": None}
+    page = report.render({**panel_of("full"), "engine_agreement": [line, alone]})
+    for text in ('id="engines"', "drake radau1", "7 of 28", "0.75"):
+        assert text in page
+    assert 'id="engines"' not in report.render(panel_of("full"))
 
 
 def test_checks_compare_the_same_discretization() -> None:
