@@ -242,12 +242,12 @@ def test_ladders_keep_the_two_control_periods_apart() -> None:
 def test_ladders_leave_out_engines_that_a_row_was_not_trained_on() -> None:
     panel = copy.deepcopy(panel_of("full"))
     for cell in panel["cells"]:
-        if cell["integrator"] == "stormer_verlet":
+        if cell["integrator"] == "implicit_midpoint":
             cell["engine"] = "mujoco"
     read = Panel(panel)
-    assert "mujoco stormer_verlet" in [group.label for group in read.groups]
+    assert "mujoco implicit_midpoint" in [group.label for group in read.groups]
     assert all("rk4" in ladder.fixed for ladder in read.ladders)
-    assert not any("mujoco stormer_verlet" in ladder.fixed for ladder in read.ladders)
+    assert not any("mujoco implicit_midpoint" in ladder.fixed for ladder in read.ladders)
 
 
 def test_engines_have_a_section_where_a_panel_has_them() -> None:
