@@ -116,8 +116,8 @@ def _promise(diagnosis: Diagnosis, integrator: str, changes: dict[float, Array])
 
 
 def _bounded(changes: dict[float, Array], limit: float) -> Expectation:
-    """At the steps, in s, below the limit of stability."""
-    stable = [change for dt, change in changes.items() if dt < limit]
+    """At the steps, in s, below the limit of stability; at all where there is no stable step."""
+    stable = [change for dt, change in changes.items() if limit == 0.0 or dt < limit]
     if not stable:
         return undeclared("nothing: every step is above its limit of stability")
     return Expectation(

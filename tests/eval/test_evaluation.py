@@ -83,7 +83,7 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    evaluate(subjects, conditions, store, "together", counted.append)
+    evaluate(subjects, conditions, store, "together", lambda _, policies: counted.append(policies))
     assert sum(counted) == sum(len(subject.cells) for subject in subjects)
     for place, subject in enumerate(subjects):
         evaluate([subject], conditions, store, f"alone-{place}")
