@@ -47,7 +47,17 @@ def load(module: str, extra: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
-        raise missing(error.name, extra) from None
+        package = error.name.partition(".")[0]
+        raise missing(error.name if _imports(package) else package, extra) from None
+
+
+def _imports(package: str) -> bool:
+    """Whether a package can be imported; what is missing is then a module of it."""
+    try:
+        importlib.import_module(package)
+    except ModuleNotFoundError:
+        return False
+    return True
 
 
 def missing(package: str, *extras: str) -> ModuleNotFoundError:
