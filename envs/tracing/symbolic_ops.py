@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.envs.ops import SCALAR, Carry
-from integ_gym.envs.tracing.symbols import NotTraceable, Symbol, Trace, is_boolean, same
+from integ_gym.envs.tracing.symbols import NotTraceable, Symbol, is_boolean, same
 from integ_gym.envs.tracing.trace import Trace
 
 
