@@ -41,11 +41,12 @@ class PanelError(RuntimeError):
     """A unit of work that failed, in one sentence."""
 
 
-def check_spec(spec: PanelSpec) -> None:
+def check_spec(spec: PanelSpec, workers: int = 1) -> None:
     """Check what only the trainer and the baselines know.
 
     Raises:
-        SpecError: for unknown hyperparameters or baselines.
+        SpecError: for unknown hyperparameters or baselines, or what the trainer cannot train.
+        ModuleNotFoundError: if it needs an extra that is missing.
     """
     for name in ("env_id", "env_arguments", "seed"):
         if name in spec.training:
@@ -60,7 +61,7 @@ def check_spec(spec: PanelSpec) -> None:
             else:
                 make_baseline(unit.row, nominal_setup(spec))
         if spec.fleet:
-            check_fleet(spec)
+            check_fleet(spec, workers)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
@@ -94,13 +95,14 @@ def run_panel(
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
         PanelError: if a unit of work fails; what was finished stays.
     """
-    check_spec(spec)
+    workers = workers or cores()
+    check_spec(spec, workers)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     finished = None if policies is None else FinishedPolicies(policies, spec)
     with directory.opened():
         if finished is not None:
             finished.bring(directory)
-        _run_units(spec, directory, workers or cores(), progress)
+        _run_units(spec, directory, workers, progress)
         finish(directory)
     return directory
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,8 +22,10 @@ EXAMPLES = """\
 examples:
   integ-gym panel --out runs/panel        the built-in quick panel
   integ-gym panel --out runs/panel        again: finishes what was interrupted
-  integ-gym panel --trainer fleet --out runs/fleet
-                                          all policies at once, compiled
+  integ-gym panel --trainer sb3 --out runs/sb3
+                                          with stable-baselines3, one policy after the other
+  integ-gym panel --memory-gib 4 --workers 8 --out runs/panel
+                                          8 processes that train within 4 GiB together
   integ-gym panel engines --out runs/engines
                                           the same policies on every installed engine
   integ-gym panel engines --policies runs/panel --out runs/engines
@@ -47,7 +50,13 @@ def parser() -> argparse.ArgumentParser:
     add("--out", required=True, type=Path, metavar="DIR", help="the panel's directory")
     add(
         "--trainer", choices=TRAINERS,
-        help="stable-baselines3, or the compiled fleet trainer; default: the specification's",
+        help="the compiled fleet trainer, or stable-baselines3; default: the specification's, "
+        f"or else {PanelSpec.trainer}",
+    )  # fmt: skip
+    add(
+        "--memory-gib", type=float, metavar="GIB",
+        help="memory that the fleet's processes may take together; default: the specification's, "
+        "or else a share for each, see docs/fleet.md",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
@@ -67,6 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     spec = _spec(arguments.spec)
     if arguments.trainer:
         spec = replace(spec, trainer=arguments.trainer)
+    if arguments.memory_gib is not None:
+        spec = replace(spec, memory_gib=_memory(arguments.memory_gib))
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     words += ["--trainer", arguments.trainer] if arguments.trainer else []
     words += ["--policies", str(arguments.policies)] if arguments.policies else []
@@ -90,6 +101,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"  {verdict['verdict']:<13}{verdict['name']}: {verdict['reason']}")
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     return 0
+
+
+def _memory(gib: float) -> float:
+    if not 0.0 < gib < math.inf:
+        raise ValueError(f"--memory-gib must be a finite number above 0, got {gib}")
+    return gib
 
 
 def _spec(given: str | None) -> PanelSpec:

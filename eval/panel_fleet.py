@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import require
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
@@ -22,23 +21,25 @@ from integ_gym.eval.units import (
 from integ_gym.train.sidecar import TrainedPolicy
 
 
-def check_fleet(spec: PanelSpec) -> None:
-    """Check that the fleet can train every policy of a panel.
+def check_fleet(spec: PanelSpec, workers: int) -> None:
+    """Check that so many workers can train every policy of a panel.
 
     Raises:
-        ModuleNotFoundError: without the extra, with the command that installs it.
+        ModuleNotFoundError: without the extra, with the command that installs it and another way.
         TypeError, ValueError: for a run that it cannot train.
     """
-    require("fleet")
-    for trained in spec.trained_on():
-        if not ENGINES.load(trained.engine).batched:
-            raise ValueError(
-                f"the fleet cannot train on {trained.name!r}: engine {trained.engine!r} is not "
-                'made of JAX\'s operations; use `trainer = "sb3"`'
-            )
-    from integ_gym.train import fleet
+    try:
+        require("fleet")
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f'{error}; or train with stable-baselines3: --trainer sb3, or `trainer = "sb3"` in '
+            "the specification",
+            name=error.name,
+        ) from None
+    from integ_gym.train.fleet_plan import plan
 
-    fleet.plan([training_config(spec, unit) for unit in _trained(units_of(spec))], workers=1)
+    configs = [training_config(spec, unit) for unit in _trained(units_of(spec))]
+    plan(configs, workers, memory_gib=spec.memory_gib)
 
 
 def train_units(
@@ -82,6 +83,7 @@ def train_units(
         evidence=evidence,
         progress=progress,
         workers=workers,
+        memory_gib=spec.memory_gib,
         on_trained=partial(_mark, spec, directory, waiting, time.time()),
     )
 

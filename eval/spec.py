@@ -37,7 +37,7 @@ BUILT_IN = ("quick", "engines")
 BASELINES = ("random", "zero", "handmade")
 """Policies without training that every panel holds its rows against."""
 
-TRAINERS = ("sb3", "fleet")
+TRAINERS = ("fleet", "sb3")
 
 LARGEST_SEED = 2**32 - 1
 
@@ -67,8 +67,10 @@ class PanelSpec:
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
-    trainer: str = "sb3"
-    """`sb3` (stable-baselines3) or `fleet` (compiled; all policies at once)."""
+    trainer: str = "fleet"
+    """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
+    memory_gib: float | None = None
+    """What the fleet's processes may take together, GiB; it changes no result."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20
@@ -245,7 +247,7 @@ _KEYS = (
     "name", "question", "env_id", "control_period", "seeds", "episodes", "episode_seed",
     "baselines", "family", "compare", "ladder", "environment", "training", "trainer", "train",
     "evaluate",
-    "perturbations",
+    "memory_gib", "perturbations",
 )  # fmt: skip
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
@@ -270,6 +272,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         family=tuple(_pair("family", pair) for pair in _list(data, "family")),
         compare=tuple(_pair("compare", pair) for pair in _list(data, "compare")),
         trainer=_text("trainer", data.get("trainer", PanelSpec.trainer)),
+        memory_gib=_positive("memory_gib", data["memory_gib"]) if "memory_gib" in data else None,
         ladder=_flag(data, "ladder", True),
         episodes=_integer("episodes", data.get("episodes", 20)),
         episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),

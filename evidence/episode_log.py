@@ -15,9 +15,6 @@ from integ_gym.evidence.summary import summarise
 
 Array = npt.NDArray[Any]
 
-_ROWS_AT_ONCE = 1 << 16
-"""Episodes wait for so many rows until they are summarised together."""
-
 
 @dataclass(frozen=True, slots=True)
 class EpisodeHead:
@@ -67,10 +64,14 @@ class EpisodeLog:
     Args:
         layout: what the entries of a row are.
         contexts: what the episodes are for; each belongs to one of them.
+        rows_at_once: episodes wait for so many rows until they are summarised together.
     """
 
-    def __init__(self, layout: Layout, contexts: Sequence[EpisodeContext]) -> None:
+    def __init__(
+        self, layout: Layout, contexts: Sequence[EpisodeContext], rows_at_once: int = 1 << 16
+    ) -> None:
         self.layout = layout
+        self._rows_at_once = rows_at_once
         self.contexts = tuple(contexts)
         self._parts: list[Episodes] = []
         self._heads: list[EpisodeHead] = []
@@ -92,7 +93,7 @@ class EpisodeLog:
         self._heads += heads
         self._pending.append((rows, counts))
         self._pending_rows += rows.shape[1]
-        if self._pending_rows >= _ROWS_AT_ONCE:
+        if self._pending_rows >= self._rows_at_once:
             self._summarise()
 
     def episodes(self) -> Episodes:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import math
 import os
 import platform
 import sys
@@ -35,6 +34,7 @@ from integ_gym.envs.mixture import Mixture
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
 from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, first_entries
+from integ_gym.train.fleet_plan import Chunk, Kind, kind_of, plan
 from integ_gym.train.fleet_program import Algorithm, FleetProgram, Knobs, Learner, Trail
 from integ_gym.train.network import initial_stack, state_dict
 from integ_gym.train.ppo import PPOConfig
@@ -45,55 +45,8 @@ from integ_gym.train.worker import Progress, cores, report_work
 
 Array = NDArray[Any]
 
-MOST_POLICIES = {"cpu": 10, "gpu": 512}
-"""Policies of one chunk; more do not fit a core's cache, or a GPU's memory."""
-
-DECISION_BYTES = 400
-"""Memory that one decision of a rollout takes."""
-
-MEMORY = {"cpu": 1 << 30, "gpu": 8 << 30}
-"""Budget of one chunk's rollout, bytes."""
-
-
 _CPU_FLAGS = ("--xla_cpu_multi_thread_eigen=false", "--xla_backend_optimization_level=1")
 """One thread; and a compiler that takes half the time for code that is as fast here."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What runs of one chunk have in common.
-
-    Attributes:
-        structure: of the environment, or of the mixture.
-        sizes: of observation and hidden layers.
-        algorithm: structure of the learner.
-        substeps: integration steps per decision, of each member of a mixture.
-        rollouts: in a whole run.
-    """
-
-    structure: Hashable
-    sizes: tuple[int, ...]
-    algorithm: Algorithm
-    substeps: tuple[int, ...]
-    rollouts: int
-
-
-@dataclass(frozen=True)
-class Chunk:
-    """Runs that are trained together.
-
-    Attributes:
-        kind: what they have in common.
-        places: which of the configurations they are.
-    """
-
-    kind: Kind
-    places: tuple[int, ...]
-
-    @property
-    def decisions(self) -> int:
-        """Decisions of all its policies."""
-        return len(self.places) * self.kind.rollouts * self.kind.algorithm.rollout
 
 
 @dataclass(frozen=True)
@@ -120,6 +73,7 @@ def train_fleet(
     evidence: Sequence[TrainingEvidence] | None = None,
     progress: bool = True,
     workers: int | None = None,
+    memory_gib: float | None = None,
     cache_dir: str | Path | None = None,
     force: bool = False,
     on_trained: Callable[[int, TrainedPolicy], None] = lambda place, trained: None,
@@ -132,6 +86,7 @@ def train_fleet(
         evidence: where the training episodes of each are recorded; None: nowhere.
         progress: show a bar on stderr.
         workers: processes; by default one per GPU, or one per core.
+        memory_gib: see :func:`integ_gym.train.fleet_plan.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
         force: replace policies that are already there.
         on_trained: told the place of every policy in `configs` once it and its evidence are
@@ -150,7 +105,7 @@ def train_fleet(
         )
     gpus = _gpu_count()
     workers = workers or gpus or cores()
-    chunks = plan(configs, workers, "gpu" if gpus else "cpu")
+    chunks = plan(configs, workers, "gpu" if gpus else "cpu", memory_gib)
     folders = [claim_folder(out, force) for out in out_dirs]
     if not chunks:
         return []
@@ -178,25 +133,6 @@ def train_fleet(
     return [trained[place] for place in range(len(configs))]
 
 
-def plan(configs: Sequence[PPOConfig], workers: int, device: str = "cpu") -> list[Chunk]:
-    """Split runs into chunks that can be compiled as one, enough of them for all workers.
-
-    Raises:
-        TypeError, ValueError: for a run that the fleet cannot train.
-    """
-    groups: dict[Kind, list[int]] = {}
-    for place, config in enumerate(configs):
-        groups.setdefault(_kind(config), []).append(place)
-    chunks = []
-    for kind, places in groups.items():
-        fitting = MEMORY[device] // (DECISION_BYTES * kind.algorithm.rollout)
-        most = max(1, min(MOST_POLICIES[device], fitting))
-        share = round(workers * len(places) / len(configs))
-        count = min(len(places), max(share, math.ceil(len(places) / most)))
-        chunks += [Chunk(kind, tuple(part.tolist())) for part in np.array_split(places, count)]
-    return sorted(chunks, key=lambda chunk: -chunk.decisions)
-
-
 def train_chunk(
     configs: Sequence[PPOConfig],
     evidence: Sequence[TrainingEvidence] | None = None,
@@ -212,7 +148,7 @@ def train_chunk(
     Raises:
         ValueError: if they are of different kinds.
     """
-    kinds = {_kind(config) for config in configs}
+    kinds = {kind_of(config) for config in configs}
     if len(kinds) != 1:
         raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
     with jax.enable_x64(False):
@@ -409,29 +345,6 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
         last_episodes=outcome.last_episodes,
     )
     return write_policy(folder, zip_bytes, card, env.action_space)
-
-
-def _kind(config: PPOConfig) -> Kind:
-    """What a run shares with those that it can be trained with.
-
-    Raises:
-        TypeError, ValueError: for a run that the fleet cannot train.
-    """
-    env = functional.make(config.env_id, **config.env_arguments)
-    env.check_lanes(config.n_envs)
-    algorithm = Algorithm(
-        config.n_envs,
-        config.n_steps,
-        config.batch_size,
-        config.n_epochs,
-        config.activation,
-        config.normalize_advantage,
-        config.target_kl is not None,
-    )
-    sizes = (len(env.setup.task.observation_names), *config.net_arch)
-    rollouts = config.rounded_steps // config.rollout
-    substeps = tuple(setup.timing.substeps for setup in env.setups)
-    return Kind(env.structure, sizes, algorithm, substeps, rollouts)
 
 
 _programs: dict[tuple[Hashable, Algorithm, bool], FleetProgram] = {}

@@ -24,6 +24,10 @@ from integ_gym.evidence.table import record_table
 Array = NDArray[Any]
 
 
+ROWS_AT_ONCE = 1 << 13
+"""Rows of finished episodes that are summarised together, for each policy."""
+
+
 @dataclass(frozen=True)
 class TrainingEvidence:
     """Where the training episodes of one policy are recorded, and what is said about them.
@@ -80,7 +84,7 @@ class EpisodeAssembler:
         self._env_id = env_id
         self._setups = [(setup, 0) for setup in setups]
         self._layout = layout
-        self._log = EpisodeLog(layout, [self._context])
+        self._log = EpisodeLog(layout, [self._context], ROWS_AT_ONCE)
         self._seed = seed
         self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
         self._opened = np.full(lanes, _now())

@@ -249,8 +249,8 @@ class FleetProgram:
         algorithm: the structure of the learner.
         entries: entries of an evidence row, in order; empty for no evidence.
         first_entries: those that are not zero after a reset.
-        in_turn: whether policies learn one after the other, each of which fits a core's cache, or
-            all at once.
+        in_turn: one after the other where all at once is no faster, as on a core of a CPU: its
+            cache holds one policy at a time.
     """
 
     def __init__(
@@ -412,10 +412,23 @@ class FleetProgram:
         return jnp.clip(control, -limit, limit)
 
     def _again(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
-        """All transitions of the rollout at once, and the observations before and after them.
+        """All transitions of the rollout, and the observations before and after them.
 
-        The scan keeps states and actions only; this gives everything that follows from them.
+        The scan keeps states and actions only; this gives everything that follows from them. All at
+        once, every transition would take as many iterations as the one that takes most of them.
         """
+        if not self.in_turn:
+            return self._transitions(steps, params)
+
+        def one(step: _Step) -> Any:
+            alone = self._transitions(jax.tree.map(lambda x: x[None], step), params)
+            after, outcome, *observed = alone
+            return jax.tree.map(lambda x: x[0], (after, outcome, *map(_steps_first, observed)))
+
+        after, outcome, before, later = jax.lax.map(one, steps)
+        return after, outcome, _steps_first(before), _steps_first(later)
+
+    def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         own = self.env.lane_params(params, steps.member)
         control = self._control(steps.action, own)
         after, outcome = self.env.advance(steps.env, control, own)
@@ -645,6 +658,11 @@ def _unpacked(part: Array, sizes: tuple[int, int]) -> Batch:
         part[:, rest + 1],
         part[:, rest + 2],
     )
+
+
+def _steps_first(values: Array) -> Array:
+    """(k, n_steps, …) to (n_steps, k, …), and back."""
+    return jnp.swapaxes(values, 0, 1)
 
 
 def _flat(values: Array) -> Array:

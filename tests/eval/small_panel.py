@@ -8,6 +8,7 @@ env_id = "IntegPendulum-v0"
 control_period = 0.05
 seeds = [0, 1]
 episodes = 3
+trainer = "sb3"
 baselines = ["random", "zero", "handmade"]
 family = [["rk4 dt=0.05", "reference dt=0.05"]]
 compare = [["rk4 dt=0.05", "explicit_euler dt=0.05"]]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from small_panel import TOML
 
 import integ_gym.eval
+from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.eval.panel import check_spec
 from integ_gym.eval.spec import SpecError, built_in_spec, parse_spec, read_spec
 from integ_gym.eval.units import units_of
@@ -43,6 +45,39 @@ def test_quick_panel_is_what_it_says():
 @pytest.mark.parametrize("path", SPECS, ids=lambda p: p.name)
 def test_published_specifications_are_valid(path):
     check_spec(read_spec(path))
+
+
+def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
+    data = _small()
+    del data["trainer"]
+    spec = parse_spec({**data, "memory_gib": 8}, "test")
+    assert (spec.trainer, spec.memory_gib) == ("fleet", 8.0)
+    assert spec.to_json() == parse_spec(data, "test").to_json()
+    check_spec(spec, workers=2)
+    with pytest.raises(SpecError, match="`memory_gib`=1 does not hold one policy in each of 2"):
+        check_spec(replace(spec, memory_gib=1.0), workers=2)
+    monkeypatch.setattr("integ_gym.envs.extras.find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError) as caught:
+        check_spec(spec)
+    message = str(caught.value)
+    assert 'jax is not installed; run: pip install "integ-gym[fleet]"; or train with' in message
+    assert '--trainer sb3, or `trainer = "sb3"` in the specification' in message
+    check_spec(replace(spec, trainer="sb3"))
+
+
+class OwnEngine(NativeEngine):
+    """An engine of a user's own."""
+
+    batched = False
+
+
+def test_what_the_fleet_cannot_train_is_refused_with_the_other_trainer():
+    train = [{"integrator": "rk4", "dt": 0.05, "engine": f"{__name__}:OwnEngine"}]
+    changes = {"trainer": "fleet", "train": train, "evaluate": train, "family": [], "compare": []}
+    spec = parse_spec(_small(**changes), "test")
+    with pytest.raises(SpecError, match=r"not made of JAX's operations; use --trainer sb3"):
+        check_spec(spec)
+    check_spec(replace(spec, trainer="sb3"))
 
 
 def test_there_are_published_specifications():
@@ -127,6 +162,8 @@ def test_units_are_rows_times_seeds():
         ({"evaluate": [{"integrator": "rk4", "dt": float("nan")}]}, ["`dt` must be a finite"]),
         ({"baselines": [1]}, ["`baselines` must be made of names"]),
         ({"trainer": "sb4"}, ["unknown trainer", "fleet, sb3"]),
+        ({"memory_gib": 0}, ["memory_gib", "above 0"]),
+        ({"memory_gib": "4 GiB"}, ["memory_gib", "above 0"]),
         ({"ladder": "false"}, ["`ladder` must be true or false, got 'false'"]),
         ({"perturbations": ["mass"]}, ["every perturbation must be a table", "'mass'"]),
         ({"name": 3}, ["`name` must be made of names"]),

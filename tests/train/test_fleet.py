@@ -18,11 +18,13 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
 from integ_gym.envs import functional
+from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train import fleet
-from integ_gym.train.fleet import plan, train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet_evidence import TrainingEvidence
+from integ_gym.train.fleet_plan import LONGEST, PROGRAM_BYTES, kind_of, plan
 from integ_gym.train.fleet_program import (
     ACTIVATIONS,
     Adam,
@@ -145,7 +147,7 @@ def test_an_update_is_that_of_sb3(env_id, overrides):
 def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     """SB3's buffer, filled from a fleet's rollout by SB3's rules, holds the same numbers."""
     config = _config(env_id, env_arguments={"duration": 0.3}, learning_rate=1e-3)
-    trainer = fleet._Trainer(fleet._kind(config), [config], None)
+    trainer = fleet._Trainer(kind_of(config), [config], None)
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
     _, steps = jax.jit(program._collect)(learner, learner.keys, params)
@@ -255,7 +257,7 @@ def test_policies_do_not_depend_on_their_neighbours(pair):
 @pytest.mark.parametrize("overrides", [{}, {"target_kl": 1e-4}], ids=["plain", "early stop"])
 def test_policies_learn_the_same_in_turn_and_at_once(overrides):
     configs = [_config(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
-    trainer = fleet._Trainer(fleet._kind(configs[0]), configs, None)
+    trainer = fleet._Trainer(kind_of(configs[0]), configs, None)
     env, algorithm = trainer._program.env, trainer._program.algorithm
     stacks = []
     for in_turn in (True, False):
@@ -339,7 +341,6 @@ def test_plan_groups_what_compiles_together():
     cart = [_config("IntegCartPole-v0")]
     chunks = plan([*pendulum, *cart], 2)
     assert sorted(p for c in chunks for p in c.places) == list(range(51))
-    assert all(len(c.places) <= fleet.MOST_POLICIES["cpu"] for c in chunks)
     assert len({c.kind for c in chunks}) == 3
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], 2)) == 2
@@ -362,6 +363,55 @@ def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
     assert told == {("mjx", "not_reported")}
     policy = write_outcome(configs[0], mjx, tmp_path)
     assert policy.card["discretization"]["engine"] == "mjx"
+
+
+def test_chunks_take_about_a_minute():
+    """Long runs are trained a few at a time, so that a kill costs little."""
+    seeds = range(60)
+    short, long = (
+        plan([_config(seed=s, n_steps=1024, n_epochs=10, total_steps=n) for s in seeds], 2)
+        for n in (10_000, 3_000_000)
+    )
+    assert len(short) == 2
+    assert len(long) > 10
+    for chunk in (*short, *long):
+        assert len(chunk.places) * chunk.kind.seconds <= LONGEST or len(chunk.places) == 1
+    fine = _config(env_arguments={"dt": 0.0125, "control_period": 0.05}, total_steps=10_000)
+    assert kind_of(fine).seconds > kind_of(_config(total_steps=10_000)).seconds
+    assert len(plan([_config(seed=s) for s in range(2000)], 1, "gpu")) == 4
+
+
+def test_chunks_fit_the_memory():
+    configs = [_config(seed=seed, n_steps=1024) for seed in range(40)]
+    held = kind_of(configs[0]).bytes
+    for policies in (1, 3, 20):
+        gib = 2 * (PROGRAM_BYTES + policies * held) / 2**30
+        chunks = plan(configs, 2, memory_gib=gib)
+        assert max(len(chunk.places) for chunk in chunks) <= policies
+        assert len(chunks) == max(2, -(-40 // policies))
+    with pytest.raises(ValueError, match=r"does not hold one policy in each of 2 processes"):
+        plan(configs, 2, memory_gib=1.0)
+
+
+class StepByStep(ExplicitEuler):
+    """An integrator that looks at the state, as only the worlds of numbers allow."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        half = 0.5 * dt if float(v[0]) > 5.0 else dt
+        return super().step(ops, system, q, v, losses, control, half)
+
+
+def test_what_the_fleet_cannot_train_is_refused_with_the_remedy():
+    own = f"{__name__}:StepByStep"
+    for arguments, fragment in (
+        ({"engine": "mujoco", "integrator": "Euler"}, "engine 'mujoco', which is not made of"),
+        ({"mixture": [{"engine": "drake", "integrator": "rk3"}]}, "engine 'drake'"),
+        ({"integrator": own}, f"cannot compile IntegPendulum-v0 with {own}"),
+    ):
+        with pytest.raises(ValueError, match=r"--trainer sb3") as caught:
+            plan([_config(env_arguments=arguments)], 1)
+        assert fragment in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
 WORK = """
