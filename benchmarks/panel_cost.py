@@ -1,0 +1,248 @@
+"""What a panel's training costs: the fleet beside stable-baselines3 in one run.
+
+    python benchmarks/panel_cost.py [--only panel single policies steps share] [--json FILE]
+
+panel      policies per minute with evidence, process start and compilation included, against one
+           process of stable-baselines3 and against one per core, at equal settings
+single     one policy on one core, compilation excluded
+policies   growth over 1, 2, 4 … 64 policies on one core, with memory
+steps      growth over dt, dt/2 and dt/4 at a fixed control period
+share      of the measured peak of small float32 matrix products that updates reach, and what
+           takes the rest of the time
+
+`panel` and `single` compare wall times: run them on an idle machine. The others count processor
+time.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import results
+import training_cost
+from tqdm import tqdm
+
+from integ_gym.train.fleet_plan import GIB_PER_WORKER, kind_of
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.worker import cores
+
+EXAMPLES = """\
+examples:
+  python benchmarks/panel_cost.py --json cost.json       everything; 10 minutes on 2 idle cores
+  python benchmarks/panel_cost.py --only share policies  two parts of it
+  python benchmarks/panel_cost.py --policies 8 --steps 20000
+                                                         a quick look
+"""
+
+SETTINGS: dict[str, Any] = {
+    "env_arguments": {"integrator": "rk4", "dt": 0.05, "control_period": 0.05},
+    "n_envs": 4,
+    "n_steps": 1024,
+    "batch_size": 64,
+    "n_epochs": 10,
+}
+GROWTH = (1, 2, 4, 8, 16, 32, 64)
+DIVISIONS = (1, 2, 4)
+INTEGRATORS = ("symplectic_euler", "rk4", "implicit_midpoint")
+TOGETHER = 8
+"""Policies of a chunk where their number is not what is varied."""
+
+WANTED = {"one process": 20.0, "one per core": 10.0, "single": 15.0}
+"""How many times as fast the fleet should be at least."""
+
+PACKAGES = ("integ-gym", "jax", "jaxlib", "stable-baselines3", "torch", "numpy")
+
+Rows = list[list[str]]
+
+
+class Costs:
+    """The measurements, each made once.
+
+    Args:
+        policies: of the panel.
+        steps: decisions of each.
+        runs: of stable-baselines3 in each process.
+        on_measured: called after every measurement.
+    """
+
+    def __init__(
+        self, policies: int, steps: int, runs: int, on_measured: Callable[[], Any]
+    ) -> None:
+        self._on_measured = on_measured
+        self.config = PPOConfig.of("IntegPendulum-v0", total_steps=steps, **SETTINGS)
+        self.policies = policies
+        self.runs = runs
+
+    def seeds(self, count: int, **arguments: Any) -> list[PPOConfig]:
+        """Runs that differ in their seed, with some of the environment's arguments replaced."""
+        given = {**self.config.env_arguments, **arguments}
+        return [replace(self.config, seed=seed, env_arguments=given) for seed in range(count)]
+
+    def measured(self, measure: Callable[..., Any], *arguments: Any) -> Any:
+        """What ``measure`` gives."""
+        found = measure(*arguments)
+        self._on_measured()
+        return found
+
+    def alone(self, measure: Callable[..., Any], *arguments: Any) -> Any:
+        """What ``measure`` gives in a process of its own."""
+        return self.measured(training_cost.in_one_process, measure, *arguments)
+
+    @cached_property
+    def rollouts(self) -> int:
+        """Of one policy."""
+        return self.config.rounded_steps // self.config.rollout
+
+    @cached_property
+    def sb3(self) -> float:
+        """One process of stable-baselines3, s per policy."""
+        seconds = self.measured(training_cost.sb3_seconds, self.config, 1, self.runs)
+        return float(seconds) / self.runs
+
+    def panel(self) -> tuple[dict[str, Any], Rows]:
+        """The whole panel."""
+        runs = self.seeds(self.policies)
+        found = self.measured(training_cost.fleet_seconds, runs, cores())
+        fleet = found["seconds"] / self.policies
+        beside = self.measured(training_cost.sb3_seconds, self.config, cores(), self.runs)
+        beside /= self.runs * cores()
+        content = {
+            "policies": self.policies,
+            "seconds_per_policy": {"fleet": fleet, "sb3": self.sb3, "sb3 per core": beside},
+            "worker_mib": found["worker_mib"],
+            "budget_mib": 1024.0 * GIB_PER_WORKER["cpu"],
+        }
+        rows = [
+            _rate(f"fleet, {cores()} processes, {self.policies} policies", fleet),
+            _rate("sb3, one process", self.sb3, self.sb3 / fleet, WANTED["one process"]),
+            _rate(f"sb3, {cores()} processes", beside, beside / fleet, WANTED["one per core"]),
+        ]
+        return content, rows
+
+    def single(self) -> tuple[dict[str, Any], Rows]:
+        """One policy on one core."""
+        found = self.alone(training_cost.rollout_cost, self.seeds(1))
+        fleet = self.rollouts * found["wall"]
+        content = {"seconds": {"fleet": fleet, "sb3": self.sb3}}
+        rows = [
+            _rate("fleet, one policy on one core", fleet),
+            _rate("sb3, one process", self.sb3, self.sb3 / fleet, WANTED["single"]),
+        ]
+        return content, rows
+
+    def growth(self) -> tuple[list[dict[str, float]], Rows]:
+        """Cost over the number of policies."""
+        measured = []
+        for count in GROWTH:
+            found = self.alone(training_cost.rollout_cost, self.seeds(count))
+            measured.append({"policies": count, **found})
+        first = measured[0]["cpu"]
+        rows = [
+            [
+                f"{row['policies']} policies",
+                f"{self.rollouts * row['cpu'] / row['policies']:.2f}",
+                f"{row['cpu'] / first:.2f}",
+                f"{row['mib']:.0f}",
+            ]
+            for row in measured
+        ]
+        return measured, rows
+
+    def steps(self) -> tuple[list[dict[str, Any]], Rows]:
+        """Cost over the integration step."""
+        measured: list[dict[str, Any]] = []
+        for integrator in INTEGRATORS:
+            for division in DIVISIONS:
+                dt = self.config.env_arguments["control_period"] / division
+                runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
+                found = self.alone(training_cost.rollout_cost, runs)
+                measured.append({"integrator": integrator, "dt": dt, **found})
+        coarse = {row["integrator"]: row["cpu"] for row in reversed(measured)}
+        rows = [
+            [
+                f"{row['integrator']} dt={row['dt']:g}",
+                f"{self.rollouts * row['cpu'] / TOGETHER:.2f}",
+                f"{row['cpu'] / coarse[row['integrator']]:.2f}",
+                f"{row['mib']:.0f}",
+            ]
+            for row in measured
+        ]
+        return measured, rows
+
+    def share(self) -> tuple[dict[str, Any], Rows]:
+        """Share of the peak, and what takes the rest."""
+        runs = self.seeds(TOGETHER)
+        peak = self.alone(training_cost.small_matrix_peak)
+        parts = self.alone(training_cost.part_seconds, runs)
+        whole = self.alone(training_cost.rollout_cost, runs)["cpu"]
+        sizes = (*kind_of(self.config).sizes, 1)
+        arithmetic = TOGETHER * training_cost.update_flops(self.config, sizes) / peak
+        parts["evidence and bookkeeping"] = max(0.0, whole - sum(parts.values()))
+        shown = {"updates: matrix products at the peak": arithmetic}
+        shown["updates: all else"] = parts["updates"] - arithmetic
+        shown |= {name: seconds for name, seconds in parts.items() if name != "updates"}
+        content = {
+            "peak_flops": peak,
+            "share_of_updates": arithmetic / parts["updates"],
+            "share_of_all": arithmetic / whole,
+            "seconds": shown,
+        }
+        scale = self.rollouts / TOGETHER
+        rows = [[name, f"{scale * s:.3f}", f"{s / whole:.0%}"] for name, s in shown.items()]
+        rows.append([f"all, at a peak of {peak / 1e9:.0f} GFLOP/s", f"{scale * whole:.3f}", "100%"])
+        return content, rows
+
+
+PARTS: Mapping[str, tuple[Callable[[Costs], tuple[Any, Rows]], Sequence[str]]] = {
+    "panel": (Costs.panel, ("panel", "s per policy", "policies/min", "fleet is", "at least")),
+    "single": (Costs.single, ("single", "s per policy", "policies/min", "fleet is", "at least")),
+    "policies": (Costs.growth, ("policies", "s per policy", "cost / 1", "MiB")),
+    "steps": (Costs.steps, ("steps", "s per policy", "cost / dt", "MiB")),
+    "share": (Costs.share, ("share", "s per policy", "of all")),
+}
+
+
+def _rate(name: str, seconds: float, ratio: float | None = None, least: float = 0.0) -> list[str]:
+    told = ["", ""] if ratio is None else [f"{ratio:.1f} times", f"{least:g}"]
+    return [name, f"{seconds:.2f}", f"{60.0 / seconds:.1f}", *told]
+
+
+def count(parts: Sequence[str]) -> int:
+    """Measurements of some parts; stable-baselines3's one process is measured once."""
+    each = {"panel": 2, "single": 1, "policies": len(GROWTH), "share": 3}
+    each["steps"] = len(INTEGRATORS) * len(DIVISIONS)
+    return sum(each[name] for name in parts) + bool({"panel", "single"} & set(parts))
+
+
+def main() -> None:
+    """Print the tables; write JSON where asked."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--only", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART")
+    add("--policies", type=int, default=40, metavar="N", help="of the panel (default: 40)")
+    add("--steps", type=int, default=100_000, metavar="N", help="of each policy (default: 100000)")
+    add("--runs", type=int, default=2, metavar="N", help="of sb3 per process (default: 2)")
+    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
+    given = parser.parse_args()
+    found, tables = {}, []
+    with tqdm(total=count(given.only), unit="measurement") as bar:
+        costs = Costs(given.policies, given.steps, given.runs, bar.update)
+        for name in given.only:
+            measure, header = PARTS[name]
+            found[name], rows = measure(costs)
+            tables.append((header, rows))
+            results.write(given.json, {"settings": SETTINGS, "parts": found}, PACKAGES)
+    for header, rows in tables:
+        print()
+        results.print_table(header, rows)
+
+
+if __name__ == "__main__":
+    main()
