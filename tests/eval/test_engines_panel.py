@@ -242,7 +242,7 @@ def _trained_on_mujoco(**changes):
 
 def test_the_fleet_refuses_an_engine_that_is_not_made_of_jax():
     needs("mujoco")
-    with pytest.raises(SpecError, match='use `trainer = "sb3"`'):
+    with pytest.raises(SpecError, match="made of JAX's operations; use --trainer sb3"):
         check_spec(parse_spec(_trained_on_mujoco(trainer="fleet"), "panel.toml"))
 
 
