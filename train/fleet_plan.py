@@ -181,6 +181,8 @@ def kind_of(config: PPOConfig) -> Kind:
 
 
 def _check_engine(config: PPOConfig) -> None:
+    if config.env_arguments.get("contact") == "engine":
+        raise ValueError(f"the fleet cannot train with `contact`='engine'; {REMEDY}")
     members = [config.env_arguments, *config.env_arguments.get("mixture", ())]
     for engine in (str(member["engine"]) for member in members if "engine" in member):
         if not ENGINES.load(engine).batched:

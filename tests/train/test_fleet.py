@@ -406,6 +406,7 @@ def test_what_the_fleet_cannot_train_is_refused_with_the_remedy():
     for arguments, fragment in (
         ({"engine": "mujoco", "integrator": "Euler"}, "engine 'mujoco', which is not made of"),
         ({"mixture": [{"engine": "drake", "integrator": "rk3"}]}, "engine 'drake'"),
+        ({"contact": "engine"}, "`contact`='engine'"),
         ({"integrator": own}, f"cannot compile IntegPendulum-v0 with {own}"),
     ):
         with pytest.raises(ValueError, match=r"--trainer sb3") as caught:
