@@ -1,111 +1,188 @@
-"""Steps per second of single and vector environments beside Gymnasium's own, in one run.
+"""Steps per second of single, vector and compiled environments beside their peers, in one run.
 
-    python benchmarks/env_throughput.py [--seconds 1.0] [--json FILE]
+    python benchmarks/env_throughput.py [--only single vector scan] [--seconds 2.0] [--json FILE]
 
-Random actions, drawn before the clock starts; resets included. Ratios are against Gymnasium's
-environment of the same kind in the same run.
+Peers: Gymnasium, and with `pip install --group bench` EnvPool and gymnax; without them their rows
+say so. Random actions, drawn before the clock starts; resets, and in ours the whole `info`,
+included. Environments of one task and number of lanes take turns, and a rate is that of a fast
+turn. Ratios are to Gymnasium's environment of the same kind and number of lanes, and to EnvPool's
+with 1024 lanes and a thread per core; the last column is what one of them should be at least.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import tempfile
-import time
-from collections.abc import Callable
-from importlib.metadata import version
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
+import results
+from rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
 from integ_gym.evidence import EpisodeContext, RecordEvidence
+from integ_gym.train.worker import cores
 
-ACTIONS = 256
-LANES = (64, 1024)
-INTEGRATORS = ("symplectic_euler", "rk4", "implicit_midpoint", "reference")
+TASKS = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}
+LANES = (16, 64, 1024)
+MANY = 1024
+INTEGRATORS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint", "reference")
+SCANNED = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint")
+SCAN_LANES, SCAN_STEPS = 4096, 2000
+"""Per process."""
 
+KINDS = ("single", "vector", "scan")
+PACKAGES = ("integ-gym", "gymnasium", "numpy", "jax", "jaxlib", "envpool", "gymnax")
 
-def single_rate(environment: gym.Env[Any, Any], seconds: float) -> float:
-    """Control steps per second of one environment."""
-    environment.action_space.seed(0)
-    actions = [environment.action_space.sample() for _ in range(ACTIONS)]
-    environment.reset(seed=0)
-
-    def advance() -> int:
-        for action in actions:
-            _, _, terminated, truncated, _ = environment.step(action)
-            if terminated or truncated:
-                environment.reset()
-        return ACTIONS
-
-    return _rate(advance, seconds)
-
-
-def vector_rate(environment: Any, seconds: float) -> float:
-    """Control steps per second, summed over lanes."""
-    environment.action_space.seed(0)
-    actions = [environment.action_space.sample() for _ in range(16)]
-    environment.reset(seed=0)
-
-    def advance() -> int:
-        for action in actions:
-            environment.step(action)
-        return len(actions) * int(environment.num_envs)
-
-    return _rate(advance, seconds)
+WANTED = {
+    ("single", "IntegPendulum-v0", "", 1): ("gymnasium", 1.3),
+    ("single", "IntegPendulum-v0", "with evidence", 1): ("gymnasium", 0.8),
+    ("single", "IntegCartPole-v0", "", 1): ("gymnasium", 1.3),
+    ("single", "IntegCartPole-v0", "with evidence", 1): ("gymnasium", 0.8),
+    ("vector", "IntegPendulum-v0", "symplectic_euler", MANY): ("envpool", 15.0),
+    ("vector", "IntegPendulum-v0", "rk4", MANY): ("envpool", 5.0),
+    ("scan", "IntegPendulum-v0", "symplectic_euler", SCAN_LANES): ("envpool", 60.0),
+}
+"""Which ratio should be at least how large, by kind, environment, detail and lanes."""
 
 
-def _rate(advance: Callable[[], int], seconds: float) -> float:
-    advance()
-    steps, start = 0, time.perf_counter()
-    while time.perf_counter() - start < seconds:
-        steps += advance()
-    return steps / (time.perf_counter() - start)
+@dataclass
+class Row:
+    """The rate of one environment.
+
+    Attributes:
+        kind: single, vector or scan.
+        package: whose environment it is.
+        environment: its id.
+        detail: integrator, or what else is special.
+        lanes: environments advanced together; of a scan: per process.
+        steps_per_second: of all processes; None where the package is not installed.
+        steps_per_core_second: of a scan, per second of processor time.
+        ratios: to the peers' environments of the same task.
+        wanted: a peer, and what the ratio to it should be at least.
+    """
+
+    kind: str
+    package: str
+    environment: str
+    detail: str
+    lanes: int
+    steps_per_second: float | None
+    steps_per_core_second: float | None = None
+    ratios: dict[str, float] = field(default_factory=dict)
+    wanted: tuple[str, float] | None = None
 
 
-def measure(seconds: float) -> list[dict[str, Any]]:
-    """One row per environment: name, lanes, steps/s and the ratio to Gymnasium's."""
-    rows = []
-    for ours, stock in (("IntegPendulum-v0", "Pendulum-v1"), ("IntegCartPole-v0", "CartPole-v1")):
-        base = single_rate(gym.make(stock), seconds)
-        rows.append(_row(stock, 1, base, base))
-        rows.append(_row(ours, 1, single_rate(gym.make(ours), seconds), base))
-        with tempfile.TemporaryDirectory() as store:
-            context = EpisodeContext("benchmark", "single")
-            recorded = RecordEvidence(gym.make(ours), store, context, commit_on_close=False)
-            rows.append(_row(f"{ours} with evidence", 1, single_rate(recorded, seconds), base))
-        for lanes in LANES:
-            base = vector_rate(gym.make_vec(stock, num_envs=lanes), seconds)
-            rows.append(_row(stock, lanes, base, base))
-            for integrator in INTEGRATORS:
-                environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator)
-                name = f"{ours} {integrator}"
-                rows.append(_row(name, lanes, vector_rate(environment, seconds), base))
+def single_rows(task: str, seconds: float) -> Iterator[Row]:
+    """One environment, without and with evidence."""
+    ours = TASKS[task]
+    with tempfile.TemporaryDirectory() as store:
+        context = EpisodeContext("benchmark", "single")
+        recorded = RecordEvidence(gym.make(ours), store, context, commit_on_close=False)
+        contenders = {
+            ("gymnasium", task, ""): single(gym.make(task)),
+            ("integ-gym", ours, ""): single(gym.make(ours)),
+            ("integ-gym", ours, "with evidence"): single(recorded),
+        }
+        for (package, environment, detail), rate in rates(contenders, seconds).items():
+            yield Row("single", package, environment, detail, 1, rate)
+
+
+def vector_rows(task: str, seconds: float) -> Iterator[Row]:
+    """Many environments as arrays."""
+    ours = TASKS[task]
+    for lanes in LANES:
+        contenders = {}
+        if lanes < MANY or gym.spec(task).vector_entry_point is not None:
+            stock = gym.make_vec(task, num_envs=lanes)
+            contenders["gymnasium", task, ""] = vector(stock, lanes)
+        if lanes == MANY:
+            pool = envpool(task, lanes, cores())
+            if pool is None:
+                yield Row("vector", "envpool", task, "", lanes, None)
+            else:
+                contenders["envpool", task, f"{cores()} threads"] = pool
+        for integrator in INTEGRATORS:
+            environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator)
+            contenders["integ-gym", ours, integrator] = vector(environment, lanes)
+        for (package, name, detail), rate in rates(contenders, seconds).items():
+            yield Row("vector", package, name, detail, lanes, rate)
+
+
+def scan_rows(tasks: list[str]) -> Iterator[Row]:
+    """Compiled rollouts on all cores."""
+    from scanned import scanned_rates
+
+    cases = [case for t in tasks for case in ((t, None), *((TASKS[t], n) for n in SCANNED))]
+    measured = scanned_rates(cases, SCAN_LANES, SCAN_STEPS)
+    for (environment, integrator), found in zip(cases, measured, strict=True):
+        package = "gymnax" if integrator is None else "integ-gym"
+        detail = integrator or ""
+        if found is None:
+            yield Row("scan", package, environment, detail, SCAN_LANES, None)
+        else:
+            yield Row("scan", package, environment, detail, SCAN_LANES, **found)
+
+
+def measure(kinds: list[str], seconds: float) -> Iterator[Row]:
+    """All rows."""
+    for task in TASKS:
+        if "single" in kinds:
+            yield from single_rows(task, seconds)
+        if "vector" in kinds:
+            yield from vector_rows(task, seconds)
+        elif "scan" in kinds:
+            pool = envpool(task, MANY, cores())
+            rate = None if pool is None else rates({"envpool": pool}, seconds)["envpool"]
+            yield Row("vector", "envpool", task, f"{cores()} threads", MANY, rate)
+    if "scan" in kinds:
+        yield from scan_rows(list(TASKS))
+
+
+def compared(rows: list[Row]) -> list[Row]:
+    """The rows with their ratios and what is wanted of them."""
+    stock = {(r.kind, r.environment, r.lanes): r for r in rows if r.package == "gymnasium"}
+    pools = {r.environment: r for r in rows if r.package == "envpool"}
+    tasks = {ours: task for task, ours in TASKS.items()}
+    for row in rows:
+        task = tasks.get(row.environment, row.environment)
+        peers = {"gymnasium": stock.get((row.kind, task, row.lanes))}
+        if row.kind != "single":
+            peers["envpool"] = pools.get(task)
+        for name, peer in peers.items():
+            if row.steps_per_second and peer is not None and peer.steps_per_second:
+                row.ratios[name] = row.steps_per_second / peer.steps_per_second
+        row.wanted = WANTED.get((row.kind, row.environment, row.detail, row.lanes))
     return rows
 
 
-def _row(name: str, lanes: int, rate: float, base: float) -> dict[str, Any]:
-    return {"environment": name, "lanes": lanes, "steps_per_second": rate, "ratio": rate / base}
+def cells(row: Row) -> list[str]:
+    """A row of the printed table."""
+    rate = row.steps_per_second
+    ratios = [f"{row.ratios[n]:.2f}" if n in row.ratios else "" for n in ("gymnasium", "envpool")]
+    wanted = "" if row.wanted is None else f"{row.wanted[0]} {row.wanted[1]:g}"
+    return [
+        row.kind, row.environment, row.package, row.detail, str(row.lanes),
+        "not installed" if rate is None else f"{rate:,.0f}", *ratios, wanted,
+    ]  # fmt: skip
 
 
 def main() -> None:
     """Print the table; write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=1.0, help="time per row, s")
+    parser.add_argument("--only", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND")
+    parser.add_argument("--seconds", type=float, default=2.0, help="time per row, s")
     parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
-    rows = measure(arguments.seconds)
-    print(f"{'environment':<40}{'lanes':>7}{'steps/s':>14}{'ratio':>8}")
-    for row in rows:
-        rate, ratio = row["steps_per_second"], row["ratio"]
-        print(f"{row['environment']:<40}{row['lanes']:>7}{rate:>14,.0f}{ratio:>8.2f}")
-    if arguments.json:
-        versions = {name: version(name) for name in ("integ-gym", "gymnasium", "numpy")}
-        content = {"rows": rows, "versions": versions, "platform": platform.platform()}
-        arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    rows = compared(list(measure(arguments.only, arguments.seconds)))
+    header = (
+        "kind", "environment", "package", "", "lanes", "steps/s", "/ gymnasium", "/ envpool",
+        "at least",
+    )  # fmt: skip
+    results.print_table(header, map(cells, rows))
+    results.write(arguments.json, {"rows": [asdict(row) for row in rows]}, PACKAGES)
 
 
 if __name__ == "__main__":

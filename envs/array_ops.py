@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.ops import Carry, repeat
+from integ_gym.envs.ops import Carry, Components, repeat
 
 Array = npt.NDArray[Any]
 
@@ -19,6 +19,7 @@ class ArrayOps:
     epsilon = float(np.finfo(np.float64).eps)
     sin = staticmethod(np.sin)
     cos = staticmethod(np.cos)
+    floor = staticmethod(np.floor)
     sqrt = staticmethod(np.sqrt)
     tanh = staticmethod(np.tanh)
     where = staticmethod(np.where)
@@ -27,6 +28,10 @@ class ArrayOps:
     isfinite = staticmethod(np.isfinite)
     any = staticmethod(np.any)
     repeat = staticmethod(repeat)
+
+    @staticmethod
+    def usually(condition: Array, /) -> Array:
+        return condition
 
     @staticmethod
     def while_loop(
@@ -39,6 +44,17 @@ class ArrayOps:
             carry = proposed if np.all(active) else _select(active, proposed, carry)
             active = condition(carry)
         return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """One lane after the other."""
+        columns = [a.tolist() for a in np.broadcast_arrays(*arguments)]
+        results = zip(*map(function, *columns), strict=True)
+        return tuple(
+            [np.array(x, dtype=bool if t else float) for x, t in zip(results, truths, strict=True)]
+        )
 
 
 def _select(active: Array, proposed: Carry, carry: Carry) -> Carry:

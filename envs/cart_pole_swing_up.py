@@ -78,7 +78,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     | `integrator` | `"rk4"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
     | `dt` | 0.02 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
-    | `engine` | `"native"` | | what advances the plant |
+    | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
     | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
     | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
@@ -86,6 +86,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
     | `start` | `"hanging"` | | `hanging` or `upright` |
+    | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
     | `cart_mass` | 1.0 | kg | of the cart |
     | `mass` | 0.1 | kg | of the pole |
@@ -126,7 +127,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     | `success` | | true at the end of an episode that succeeded |
     | `solver_iterations` | | most iterations of any sub-step |
     | `solver_residual` | | largest scaled residual of any sub-step |
-    | `solver_status` | | `ok`, `not_converged` or `diverged` |
+    | `solver_status` | | `ok`, `not_converged`, `diverged`, or `not_reported` by an engine that does not tell |
 
     ## Version History
 

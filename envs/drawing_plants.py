@@ -21,6 +21,7 @@ from integ_gym.envs.drawing_canvas import (
     polar,
     tint,
 )
+from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
@@ -53,7 +54,7 @@ def draw_pendulum(canvas: Canvas, setup: Setup, state: Sequence[float], torque: 
     """Rod or bob, the goal around upright, and an arc arrow that leaves the rod with the torque."""
     theta, theta_dot = state
     hinge, reach = (250.0, 250.0), 172.0
-    near = abs(wrapped(theta)) < NEAR_UPRIGHT
+    near = abs(wrapped(SCALAR, theta)) < NEAR_UPRIGHT
     _goal(canvas, hinge, reach + 28.0, NEAR_UPRIGHT, near)
     canvas.arc(hinge, (reach + 27.0, reach + 29.0), (0.0, 2.0 * math.pi), FAINT)
     canvas.arc(hinge, (reach + 25.0, reach + 31.0), (-NEAR_UPRIGHT, NEAR_UPRIGHT), GREEN)
@@ -76,7 +77,7 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     _track(canvas, hinge[1] + 27.0, end)
     _track_stops(canvas, hinge[1], scale, setup)
     reach = pole_reach(setup.plant, scale)
-    near = abs(wrapped(theta)) <= goal and abs(x) <= end
+    near = abs(wrapped(SCALAR, theta)) <= goal and abs(x) <= end
     _goal(canvas, hinge, reach + 16.0, goal, near)
     _trail(canvas, hinge, reach, 9.0, -theta, -theta_dot)
     _force(canvas, hinge, relative(force, setup))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from operator import itemgetter
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -11,20 +12,24 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from integ_gym.envs.info import reset_info
-from integ_gym.envs.ops import FLOAT32_MAX, SCALAR, Components
-from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import join_state, split_state, state_names
-from integ_gym.envs.scalar_step import ScalarStep, plain_step, traced_step
+from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.settings import Setup, build_setup
+from integ_gym.envs.starts import draw_start
+from integ_gym.envs.steps import (
+    WARM_UP,
+    ScalarStart,
+    ScalarStep,
+    plain_start,
+    plain_step,
+    traced_start,
+    traced_step,
+)
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import EnvState, initial_state, top_speed
+from integ_gym.envs.transition import EnvState
 
 Observation = npt.NDArray[np.float32]
-
-WARM_UP = 50
-"""Steps of an environment after which the rest are traced: shorter lives are not worth it."""
 
 
 class IntegEnv(gym.Env[Observation, Any]):
@@ -55,10 +60,13 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.action_space = action_space(self.setup)
         self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
         self._discrete = self.setup.task.discrete
+        self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
+        self._in_order = _interleaved(len(self.setup.plant.coordinates))
         self._state: EnvState | None = None
         self._control = 0.0
         self._sampled = True
+        self._start: ScalarStart = plain_start(self.setup)
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
@@ -81,7 +89,7 @@ class IntegEnv(gym.Env[Observation, Any]):
     def state_components(self) -> Components:
         """The same as floats, which takes less time."""
         current = self._current()
-        return join_state(current.q, current.v)
+        return self._in_order((*current.q, *current.v))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -97,16 +105,16 @@ class IntegEnv(gym.Env[Observation, Any]):
             ValueError: for a bound or state that is not possible.
         """
         super().reset(seed=seed)
-        start = draw_start(self.setup, self.np_random, options or {})
-        q, v = split_state(start)
-        if "state" not in (options or {}):
+        options = options or {}
+        q, v = split_state(draw_start(self.setup, self.np_random, options))
+        if "state" not in options:
             q = self.setup.system.confined(SCALAR, q)
-        self._state = initial_state(SCALAR, self.setup, q, v)
+        state, observation, info = self._start(q, v)
+        self._state = EnvState._make(state)
         self._control, self._sampled = 0.0, True
         if self.render_mode == "human":
             self.render()
-        observation = self.setup.task.observe(SCALAR, q, v)
-        return self._observed(observation), reset_info(self._state)
+        return self._observed(observation), info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance one control period; see the environment's docstring for ``info``.
@@ -161,7 +169,10 @@ class IntegEnv(gym.Env[Observation, Any]):
     def _read_action(self, action: Any) -> float:
         if self._discrete is None:
             return box_action(action)
-        return discrete_action(action, self._discrete)
+        try:
+            return self._choices[action]
+        except (KeyError, TypeError):
+            return discrete_action(action, self._discrete)
 
     def _first_steps(self, state: EnvState, action: float) -> tuple[Any, ...]:
         """Steps until it pays to have them traced."""
@@ -169,6 +180,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         plain = plain_step(self.setup)
         if self._steps_to_trace <= 0:
             self._step = traced_step(self.setup) or plain
+            self._start = traced_start(self.setup) or self._start
         return plain(state, action)
 
     def _observed(self, observation: Components) -> Observation:
@@ -221,42 +233,10 @@ def observation_space(setup: Setup) -> spaces.Box:
     return spaces.Box(-high, high, dtype=np.float32)
 
 
-def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
-    """A start in state order, drawn or given as option ``state``."""
-    known = ("state", "reset_mask", *setup.task.start_options)
-    for name in options:
-        if name not in known:
-            raise ValueError(unknown_name("reset option", name, known))
-    if "state" in options:
-        return checked_state(setup, options["state"])
-    return checked_state(setup, setup.task.draw_start(rng, setup.settings.start, options))
-
-
-def checked_state(setup: Setup, state: Any) -> Components:
-    """A start state as floats.
-
-    Raises:
-        ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
-    """
-    names = state_names(setup.plant)
-    try:
-        values = np.asarray(state, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r}"
-        ) from None
-    if values.shape != (len(names),):
-        raise ValueError(
-            f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
-            f"got shape {values.shape}"
-        )
-    fastest = top_speed(setup)
-    if not (np.abs(values) <= FLOAT32_MAX).all() or (np.abs(values[1::2]) > fastest).any():
-        raise ValueError(
-            f"a start state must be finite, with speeds up to {fastest:g}, got "
-            f"{tuple(values.tolist())}; mend the reset option `state` or the start's bounds"
-        )
-    return tuple(values.tolist())
+def _interleaved(count: int) -> Callable[[Components], Components]:
+    """From (q0, q1, …, v0, v1, …) to state order."""
+    order = [place for k in range(count) for place in (k, count + k)]
+    return itemgetter(*order)
 
 
 def box_action(action: Any) -> float:

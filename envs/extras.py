@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import importlib
+from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from typing import Any
 
 EXTRAS = {
+    "casadi": ("casadi",),
+    "dart": ("dartpy",),
+    "drake": ("pydrake",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
+    "mjx": ("mujoco.mjx", "jax"),
+    "mujoco": ("mujoco", "imageio"),
+    "mujoco_warp": ("mujoco_warp",),
+    "newton": ("newton", "mujoco_warp"),
+    "pinocchio": ("pinocchio",),
+    "pybullet": ("pybullet",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
+    "sapien": ("sapien",),
     "train": (
         "stable_baselines3",
         "torch",
@@ -34,10 +45,19 @@ def load(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if error.name is None or error.name.partition(".")[0] != package:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
-        raise missing(package, extra) from None
+        package = error.name.partition(".")[0]
+        raise missing(error.name if _imports(package) else package, extra) from None
+
+
+def _imports(package: str) -> bool:
+    """Whether a package can be imported; what is missing is then a module of it."""
+    try:
+        importlib.import_module(package)
+    except ModuleNotFoundError:
+        return False
+    return True
 
 
 def missing(package: str, *extras: str) -> ModuleNotFoundError:
@@ -48,12 +68,26 @@ def missing(package: str, *extras: str) -> ModuleNotFoundError:
     )
 
 
+def missing_modules(extra: str) -> list[str]:
+    """Modules of an extra that are not installed; none of an extra that needs nothing."""
+    return [module for module in EXTRAS.get(extra, ()) if not _installed(module)]
+
+
+def _installed(module: str) -> bool:
+    """Whether there is a module; unlike `find_spec`, imports none that it lies in."""
+    top, *inner = module.split(".")
+    spec = find_spec(top)
+    for name in inner:
+        spec = spec and PathFinder.find_spec(name, spec.submodule_search_locations)
+    return spec is not None
+
+
 def require(*extras: str) -> None:
     """Check, without importing them, that the modules of some extras are installed.
 
     Raises:
         ModuleNotFoundError: in one line, with the command that installs what is missing.
     """
-    lacking = {name: m for name in extras for m in EXTRAS[name] if find_spec(m) is None}
+    lacking = {name: m for name in extras for m in missing_modules(name)}
     if lacking:
         raise missing(", ".join(sorted(set(lacking.values()))), *sorted(lacking))

@@ -13,9 +13,11 @@ horizon and start range are values, not structure: one compiled function serves 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from fractions import Fraction
 from functools import cached_property
+from itertools import repeat
 from types import NoneType
 from typing import Any, NamedTuple
 
@@ -29,6 +31,7 @@ from integ_gym.envs.ops import Component, Components
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
+from integ_gym.envs.starts import GivenNumbers
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.timing import Timing
 from integ_gym.envs.transition import EnvState, Outcome, initial_state, transition
@@ -39,9 +42,10 @@ DTYPES = ("float32", "float64")
 class Params(NamedTuple):
     """What may differ between environments that share one program.
 
-    Every entry is a number, or an array that broadcasts against the lanes; ``substeps`` is one
-    number. Given to a compiled function as an argument, it can take any value; the loop over
-    sub-steps then also keeps XLA from computing a motion anew for everything that depends on it.
+    Every entry is a number, or an array that broadcasts against the lanes. Where ``substeps`` is an
+    array, lanes with fewer wait for those with more. Given to a compiled function as an argument,
+    it can take any value; the loop over sub-steps then also keeps XLA from computing a motion anew
+    for everything that depends on it.
     """
 
     dt: Component
@@ -74,6 +78,8 @@ class FuncState(NamedTuple):
     """What the last transition brought; zeros after a reset."""
     noise: Components
     """Noise of the last sample on each state component, SI; empty without sensor noise."""
+    member: Components = ()
+    """In a mixture: the member that each lane has drawn, int32; else empty."""
 
 
 class TimeStep(NamedTuple):
@@ -128,7 +134,10 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
 
     Attributes:
         setup: plant, task, timing and engine with the constructor's values.
+        setups: all that an episode may run on; more than one in a mixture.
+        shares: of each of them.
         structure: what a compiled function depends on.
+        start_size: numbers that a start is made of.
         default_params: the constructor's values.
     """
 
@@ -146,11 +155,15 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
                 "float64 needs JAX's 64-bit mode; make and use the environment inside "
                 "`with jax.enable_x64(True):`"
             )
+        self.env_id = env_id
         self._arguments = arguments
         self._dtype = dtype
         self._ops = JaxOps(dtype)
         self.setup = _checked_setup(env_id, arguments)
-        self.structure = self._structure_of(env_id, self.setup)
+        self.setups: tuple[Setup, ...] = (self.setup,)
+        self.shares: tuple[Fraction, ...] = (Fraction(1),)
+        self.start_size = 2 * len(self.setup.plant.coordinates)
+        self.structure: Hashable = self._structure_of(env_id, self.setup)
         self.observation_space = observation_space(self.setup)
         self.action_space = action_space(self.setup)
         super().__init__()
@@ -169,14 +182,25 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             TypeError: for an unknown argument.
             ValueError: for an impossible value, or one that needs another program.
         """
-        setup = _checked_setup(self.structure.env_id, {**self._arguments, **arguments})
-        structure = self._structure_of(self.structure.env_id, setup)
-        if structure != self.structure:
-            raise ValueError(
-                f"these arguments need another program ({structure}) than this environment's "
-                f"({self.structure}); make another environment"
-            )
+        setup = _checked_setup(self.env_id, {**self._arguments, **arguments})
+        self._check_structure(self._structure_of(self.env_id, setup))
         return self._params_of(setup)
+
+    def columns(self, params: Sequence[Any]) -> Any:
+        """Values of several environments, each with so many sub-steps, as columns.
+
+        Returns:
+            Entries of shape (environments, 1), which broadcast against (environments, lanes).
+        """
+        joined = jax.tree.map(lambda *values: np.array(values)[:, None], *params)
+        return joined._replace(substeps=params[0].substeps)
+
+    def check_lanes(self, count: int) -> None:
+        """Check that so many lanes can be advanced together.
+
+        Raises:
+            ValueError: if a mixture cannot share them out.
+        """
 
     def initial(
         self, rng: Any, params: Params | None = None, lanes: tuple[int, ...] = ()
@@ -190,21 +214,40 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """
         params = self._default(params)
         start_key, noise_key = jax.random.split(rng)
-        size = len(params.start_low)
-        drawn = jax.random.uniform(start_key, (size, *lanes), self._dtype)
-        return self._first(self.begin(self.start(tuple(drawn), params), params), noise_key, params)
+        drawn = jax.random.uniform(start_key, (self.start_size, *lanes), self._dtype)
+        return self._first(*self.fresh(tuple(drawn), params), noise_key, params)
 
-    def initial_from(self, state: Any, rng: Any, params: Params | None = None) -> FuncState:
+    def initial_from(
+        self, state: Any, rng: Any, params: Params | None = None, member: Components = ()
+    ) -> FuncState:
         """An episode that starts in a given state.
 
         Args:
             state: in Gymnasium's order, SI units, shape (*lanes, n).
             rng: JAX key, for the sensor noise.
             params: defaults to the environment's own.
+            member: in a mixture: (the member of each lane,), int32, shape ``lanes``.
         """
         start = tuple(jnp.moveaxis(jnp.asarray(state, self._dtype), -1, 0))
         params = self._default(params)
-        return self._first(self.begin(start, params), rng, params)
+        begun = self.begin(start, self.lane_params(params, member))
+        return self._first(begun, member, rng, params)
+
+    def lane_params(self, params: Params, member: Components) -> Any:
+        """The values that hold in every lane, for what is asked of a state: ``params`` itself.
+
+        In a mixture they depend on what each lane has drawn; see `FuncState.member`.
+        """
+        return params
+
+    def fresh(self, drawn: Components, params: Any) -> tuple[EnvState, Components]:
+        """Episodes that start anew, and in a mixture what they have drawn.
+
+        Args:
+            drawn: ``start_size`` numbers from [0, 1), components of one shape.
+            params: values.
+        """
+        return self.begin(self.start(drawn, params), params), ()
 
     def setup_of(self, params: Params) -> Setup:
         """Plant, task, timing and engine with these values."""
@@ -222,10 +265,9 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             latency=setup.timing.latency,
             sensor=params.sensor,
             horizon=params.horizon,
-            known_delay=self.structure.delay,
+            known_delay=setup.timing.delay,
         )
-        integrator = setup.settings.integrator
-        engine = type(setup.engine)(system, integrator, params.dt)  # type: ignore[call-arg]
+        engine = setup.engine.at(system, params.dt)
         return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
 
     def start(self, drawn: Components, params: Params) -> Components:
@@ -277,18 +319,20 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self, state: FuncState, action: Any, rng: Any, params: Params | None = None
     ) -> FuncState:
         """The state after one control period under ``action``; ``rng`` is for sensor noise."""
-        env, outcome = self.advance(state.env, self._control(action), self._default(params))
+        own = self.lane_params(self._default(params), state.member)
+        env, outcome = self.advance(state.env, self._control(action), own)
         noise = state.noise
         if noise:
             fresh = self._drawn_noise(rng, jnp.shape(outcome.sampled))
             noise = tuple(
                 jnp.where(outcome.sampled, a, b) for a, b in zip(fresh, noise, strict=True)
             )
-        return FuncState(env, outcome, noise)
+        return FuncState(env, outcome, noise, state.member)
 
     def observation(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
         """The last sensor sample, float32, shape (*lanes, obs)."""
-        observed = self.observe(state.env, state.noise, self._default(params))
+        own = self.lane_params(self._default(params), state.member)
+        observed = self.observe(state.env, state.noise, own)
         return jnp.moveaxis(jnp.stack(observed), 0, -1)
 
     def reward(
@@ -314,11 +358,12 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """`info` of the environment after the transition that led here.
 
         The keys of the single environment's; ``solver_status`` is a code: 0 ok, 1 not converged,
-        2 diverged.
+        2 diverged, -1 not reported.
         """
-        setup = self.setup_of(self._default(params))
+        setup = self.setup_of(self.lane_params(self._default(params), state.member))
         info = booked(setup, state.env, state.outcome)
-        return {**info, "solver_status": state.outcome.status}
+        drawn = dict(zip(("mixture_index",), state.member, strict=False))
+        return {**info, "solver_status": state.outcome.status, **drawn}
 
     def transition_info(
         self,
@@ -401,11 +446,19 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             task={name: number(x) for name, x in _numbers(setup.task).items()},
         )
 
-    def _first(self, env: EnvState, rng: Any, params: Params) -> FuncState:
+    def _check_structure(self, structure: Hashable) -> None:
+        if structure != self.structure:
+            raise ValueError(
+                f"these arguments need another program ({structure}) than this environment's "
+                f"({self.structure}); make another environment"
+            )
+
+    def _first(self, env: EnvState, member: Components, rng: Any, params: Params) -> FuncState:
         """The state at time 0: nothing is booked."""
-        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], params), env)
+        own = self.lane_params(params, member)
+        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
-        return FuncState(env, nothing, self._drawn_noise(rng, jnp.shape(env.q[0])))
+        return FuncState(env, nothing, self._drawn_noise(rng, jnp.shape(env.q[0])), member)
 
     def _control(self, action: Any) -> Component:
         values = jnp.asarray(action, self._dtype)
@@ -429,33 +482,33 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
 
 
-def make(env_id: str, *, dtype: str = "float32", **arguments: Any) -> FunctionalEnv:
+def make(
+    env_id: str,
+    *,
+    dtype: str = "float32",
+    mixture: Sequence[Mapping[str, Any]] | None = None,
+    **arguments: Any,
+) -> FunctionalEnv:
     """The functional form of an environment.
 
     Args:
         env_id: a registered id.
         dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
+        mixture: as for ``gym.make_vec``; see
+            :class:`integ_gym.envs.functional_mixture.FunctionalMixture` for what is drawn when.
         arguments: those of ``gym.make``, but for ``render_mode``.
 
     Raises:
         TypeError: for an unknown argument.
-        ValueError: for an impossible value, an engine that is not native, or float64 outside JAX's
-            64-bit mode.
+        ValueError: for an impossible value, an engine outside JAX or its own stops, or float64
+            outside JAX's 64-bit mode.
         ModuleNotFoundError: without JAX, with the command that installs it.
     """
-    return FunctionalEnv(env_id, dtype=dtype, **arguments)
+    if mixture is None:
+        return FunctionalEnv(env_id, dtype=dtype, **arguments)
+    from integ_gym.envs.functional_mixture import FunctionalMixture
 
-
-class _Share:
-    """Stands for a generator whose every uniform draw is the same share of its interval."""
-
-    def __init__(self, share: float) -> None:
-        self.share = share
-
-    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
-        """The same point of every interval."""
-        point = np.asarray(low) + self.share * (np.asarray(high) - np.asarray(low))
-        return point if size is None else np.broadcast_to(point, size)
+    return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
 
 
 def start_range(setup: Setup) -> tuple[Components, Components]:
@@ -465,7 +518,7 @@ def start_range(setup: Setup) -> tuple[Components, Components]:
     its draws.
     """
     task, start = setup.task, setup.settings.start
-    corners = (task.draw_start(_Share(share), start, {}) for share in (0.0, 1.0))
+    corners = (task.draw_start(GivenNumbers(repeat(x)), start, {}) for x in (0.0, 1.0))
     low, high = corners
     return low, high
 
@@ -476,11 +529,16 @@ def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     Raises:
         TypeError, ValueError: see :func:`make`.
     """
-    setup = environment_setup(env_id, arguments)
-    if setup.settings.engine != "native":
+    if arguments.get("contact") == "engine":
         raise ValueError(
-            f"the functional environment has engine 'native' only, got {setup.settings.engine!r}; "
-            "use gym.make or gym.make_vec for other engines"
+            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
+            "in every engine, or gym.make or gym.make_vec"
+        )
+    setup = environment_setup(env_id, arguments)
+    if not setup.engine.batched:
+        raise ValueError(
+            "the functional environment needs an engine made of JAX's operations, 'native' or "
+            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
         )
     return setup
 

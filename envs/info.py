@@ -7,8 +7,10 @@ from typing import Any
 from integ_gym.envs.ops import Component, Ops
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import (
+    AWAY,
     DIVERGED,
     NOT_CONVERGED,
+    NOT_REPORTED,
     OK,
     STATUS_NAMES,
     EnvState,
@@ -16,7 +18,12 @@ from integ_gym.envs.transition import (
 )
 
 
-def reset_info(state: EnvState) -> dict[str, Any]:
+def quiet_status(setup: Setup) -> str:
+    """Solver status where no step has been taken."""
+    return STATUS_NAMES[OK if setup.engine.reports else NOT_REPORTED]
+
+
+def reset_info(state: EnvState, status: str = STATUS_NAMES[OK]) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     return {
         "time": 0.0,
@@ -33,12 +40,16 @@ def reset_info(state: EnvState) -> dict[str, Any]:
         "sensor_time": 0.0,
         "penetration": 0.0,
         "contact_force": 0.0,
-        "goal_since": float(state.goal_since),
+        "goal_since": state.goal_since,
         "success": False,
         "solver_iterations": 0,
         "solver_residual": 0.0,
-        "solver_status": STATUS_NAMES[OK],
+        "solver_status": status,
     }
+
+
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
+"""What is told about a reset, but for what depends on the start."""
 
 
 def step_info(ops: Ops, setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
@@ -74,4 +85,5 @@ def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
 
 def _status_name(ops: Ops, status: Component) -> Any:
     bad = ops.where(status == NOT_CONVERGED, STATUS_NAMES[NOT_CONVERGED], STATUS_NAMES[DIVERGED])
-    return ops.where(status == OK, STATUS_NAMES[OK], bad)
+    fine = ops.where(status == OK, STATUS_NAMES[OK], STATUS_NAMES[NOT_REPORTED])
+    return ops.where(status <= OK, fine, bad)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.extras import missing
-from integ_gym.envs.ops import Carry, Component
+from integ_gym.envs.ops import Carry, Component, Components
 
 try:
     import jax
@@ -28,6 +28,7 @@ class JaxOps:
 
     sin = staticmethod(jnp.sin)
     cos = staticmethod(jnp.cos)
+    floor = staticmethod(jnp.floor)
     sqrt = staticmethod(jnp.sqrt)
     tanh = staticmethod(jnp.tanh)
     where: ClassVar[Any] = staticmethod(jnp.where)
@@ -39,6 +40,11 @@ class JaxOps:
     def __init__(self, dtype: str = "float64") -> None:
         self.epsilon = float(np.finfo(dtype).eps)
         self.dtype = dtype
+
+    @staticmethod
+    def usually(condition: Component, /) -> Component:
+        """The condition itself."""
+        return condition
 
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry
@@ -60,11 +66,36 @@ class JaxOps:
     def repeat(
         self, count: int | jax.Array, body: Callable[[Component, Carry], Carry], carry: Carry
     ) -> Carry:
-        """``lax.fori_loop``, whose count may be traced; a single application is inlined."""
+        """``lax.fori_loop``, whose count may be traced; a single application is inlined.
+
+        Where lanes have counts of their own, those that are done wait for the others.
+        """
         if isinstance(count, int) and count == 1:
             return body(0, carry)
+        if jnp.ndim(count):
+            body, count = _until_done(count, body), jnp.max(count)
         shapes = jax.eval_shape(lambda c: body(0, c), carry)
         start = jax.tree.map(
             lambda x, like: jnp.broadcast_to(x, like.shape).astype(like.dtype), carry, shapes
         )
         return jax.lax.fori_loop(0, count, body, start)  # type: ignore[no-any-return]
+
+    def foreign(
+        self, function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """Not possible: only what is made of JAX's own operations can be compiled."""
+        raise TypeError("an engine outside JAX cannot be compiled; use its NumPy environment")
+
+
+def _until_done(
+    count: Component, body: Callable[[Component, Carry], Carry]
+) -> Callable[[Component, Carry], Carry]:
+    """``body`` in the lanes that have not had it ``count`` times."""
+
+    def applied(index: Component, carry: Carry) -> Carry:
+        kept: Carry = jax.tree.map(
+            lambda new, old: jnp.where(index < count, new, old), body(index, carry), carry
+        )
+        return kept
+
+    return applied

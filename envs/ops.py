@@ -34,6 +34,9 @@ class Ops(Protocol):
 
     def cos(self, x: Component, /) -> Component: ...
 
+    def floor(self, x: Component, /) -> Component:
+        """The largest whole number that is not above ``x``, as a component."""
+
     def sqrt(self, x: Component, /) -> Component: ...
 
     def tanh(self, x: Component, /) -> Component: ...
@@ -52,6 +55,12 @@ class Ops(Protocol):
     def any(self, condition: Component, /) -> Component:
         """Whether ``condition`` holds in at least one lane."""
 
+    def usually(self, condition: Component, /) -> Component:
+        """``condition``, of which it is known that it holds in every lane but for rare cases.
+
+        Code that is written for the usual case takes it for True, and hands the others back.
+        """
+
     def while_loop(
         self,
         condition: Callable[[Carry], Component],
@@ -66,6 +75,17 @@ class Ops(Protocol):
 
     def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
         """Apply ``body(index, carry)`` for index 0 … count - 1."""
+
+    def foreign(
+        self,
+        function: Callable[..., Components],
+        arguments: Components,
+        truths: tuple[bool, ...],
+    ) -> Components:
+        """Call a function of floats that is made of other than these operations.
+
+        ``truths`` has one entry per result: whether it is a truth value.
+        """
 
 
 def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Carry:
@@ -104,6 +124,14 @@ class ScalarOps:
             return math.nan
 
     @staticmethod
+    def floor(x: float, /) -> float:
+        return x // 1.0
+
+    @staticmethod
+    def usually(condition: bool, /) -> bool:
+        return condition
+
+    @staticmethod
     def sqrt(x: float, /) -> float:
         try:
             return math.sqrt(x)
@@ -129,6 +157,12 @@ class ScalarOps:
         while condition(carry):
             carry = body(carry)
         return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        return function(*arguments)
 
 
 SCALAR = ScalarOps()

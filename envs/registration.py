@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from integ_gym.envs.environment import IntegEnv, make_setup
+from integ_gym.envs.mixture import Mixture, make_mixture
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.settings import Setup
 
@@ -46,3 +48,17 @@ def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
         TypeError, ValueError: for what the environment's constructor refuses.
     """
     return make_setup(environment_class(env_id), arguments)
+
+
+def environment_mixture(env_id: str, arguments: Mapping[str, Any]) -> Mixture:
+    """The discretizations that an id and the arguments of its vector environment stand for.
+
+    Args:
+        env_id: a registered id.
+        arguments: constructor arguments, ``mixture`` included or not.
+
+    Raises:
+        TypeError, ValueError: for what the environment's constructor refuses.
+    """
+    others = {name: value for name, value in arguments.items() if name != "mixture"}
+    return make_mixture(partial(environment_setup, env_id), others, arguments.get("mixture"))

@@ -26,7 +26,7 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
     """``size`` numbers uniform between the options ``low`` and ``high``.
 
     Args:
-        rng: a ``numpy.random.Generator``.
+        rng: a ``numpy.random.Generator``, or what stands for it.
         options: reset options; without bounds ±``half_width``.
 
     Raises:
@@ -35,4 +35,4 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
     low, high = number(options, "low", -half_width), number(options, "high", half_width)
     if not (isfinite(low) and isfinite(high) and low <= high):
         raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
-    return tuple(float(x) for x in rng.uniform(low=low, high=high, size=(size,)))
+    return tuple(rng.uniform(low=low, high=high, size=(size,)))

@@ -52,6 +52,12 @@ class Settings:
         None, "rad/s, m/s", "clip on every velocity; None: no clip", optional(positive)
     )
     start: str = parameter("", "", "start distribution", text)
+    contact: str = parameter(
+        "compliant",
+        "",
+        "law of the stops: ours, or the engine's own",
+        one_of("compliant", "engine"),
+    )
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,11 @@ class Setup:
     task: Task
     system: PlantSystem
     engine: Engine
+
+    @property
+    def fingerprinted(self) -> str:
+        """The plant on which the engine's fingerprint is taken."""
+        return self.task.plant
 
     def arguments(self) -> dict[str, Any]:
         """All constructor arguments with their values, defaults included."""
@@ -111,7 +122,7 @@ def build_setup(
     )
     the_plant = _parse(plant, values)
     _check_speed_limit(settings)
-    system = PlantSystem(the_plant, settings.max_speed)
+    system = _system(the_plant, settings)
     engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
@@ -152,6 +163,14 @@ def _with_start(settings: Settings, task: type[Any]) -> Settings:
     if start not in task.starts:
         raise ValueError(unknown_name("start", start, task.starts))
     return Settings(**{**vars(settings), "start": start})
+
+
+def _system(plant: Plant, settings: Settings) -> PlantSystem:
+    if settings.contact == "engine" and getattr(plant, "stops", None) is None:
+        raise ValueError(
+            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
+        )
+    return PlantSystem(plant, settings.max_speed, engine_stops=settings.contact == "engine")
 
 
 def _check_speed_limit(settings: Settings) -> None:

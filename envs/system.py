@@ -14,31 +14,42 @@ class PlantSystem:
     Args:
         plant: the continuous-time plant.
         max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
+        engine_stops: whether the stops are left to the engine.
 
     Attributes:
-        stops: the plant's stops, or None.
+        stops: the plant's stops, or None where there are none of ours.
+        engine_stops: the plant's stops where the engine has them act by its own law, else None.
         steep: whether there are stops or friction.
         kinked: whether there are stops.
-        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops.
+        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops of
+            either kind.
     """
 
-    def __init__(self, plant: Plant, max_speed: Component | None = None) -> None:
+    def __init__(
+        self, plant: Plant, max_speed: Component | None = None, engine_stops: bool = False
+    ) -> None:
         self.plant = plant
         self.max_speed = max_speed
-        self.stops: Stops | None = getattr(plant, "stops", None)
+        stops: Stops | None = getattr(plant, "stops", None)
+        self.stops = None if engine_stops else stops
+        self.engine_stops = stops if engine_stops else None
         self.kinked = self.stops is not None
-        self.no_losses: Components = (0.0,) if self.stops is None else (0.0, 0.0)
+        self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
         self.steep = self.stops is not None or self._friction is not None
         self._before = (0.0,) * plant.actuated
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
         self._jacobian = getattr(plant, "jacobian", None)
 
+    def generalized(self, control: Component) -> Components:
+        """The control as a generalized force, one entry per coordinate."""
+        return (*self._before, control, *self._after)
+
     def rates(
         self, ops: Ops, q: Components, v: Components, control: Component
     ) -> tuple[Components, Components]:
         """Accelerations and the power of each loss component, W."""
-        force = (*self._before, control, *self._after)
+        force = self.generalized(control)
         plant = self.plant
         if not self.steep:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
@@ -51,7 +62,7 @@ class PlantSystem:
         """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
         if self._jacobian is None:
             return None
-        force = (*self._before, control, *self._after)
+        force = self.generalized(control)
         if not self.steep:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
         force, _ = self._resisted(ops, q, v, force)
@@ -80,25 +91,35 @@ class PlantSystem:
         return self.plant.energy(ops, q, v) + self.stops.contact(ops, q, v).energy
 
     def confined(self, ops: Ops, q: Components) -> Components:
-        """``q`` between the stops."""
-        return q if self.stops is None else self.stops.confined(ops, q)
+        """``q`` between the stops, ours or the engine's."""
+        stops = self.engine_stops if self.stops is None else self.stops
+        return q if stops is None else stops.confined(ops, q)
+
+    def resistance(self, ops: Ops, q: Components, v: Components) -> tuple[Components, Components]:
+        """Generalized forces of friction and stops, and the power of each loss component by them.
+
+        The plant's own damping is not among them.
+        """
+        force: Components = (0.0,) * len(v)
+        rubbed: Component = 0.0
+        if self._friction is not None:
+            force = self._friction.forces(ops, v)
+            for x, f in zip(v, force, strict=True):
+                rubbed = rubbed - f * x
+        if self.stops is None:
+            return force, (rubbed, *self.no_losses[1:])
+        contact = self.stops.contact(ops, q, v)
+        i = self.stops.coordinate
+        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
+        return force, (rubbed, contact.dissipated)
 
     def _resisted(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> tuple[Components, Components]:
         """Force with friction and contact, and the power of each loss component."""
-        dissipated = self.plant.dissipation(ops, q, v)
-        if self._friction is not None:
-            drag = self._friction.forces(ops, v)
-            for x, f in zip(v, drag, strict=True):
-                dissipated = dissipated - f * x
-            force = tuple([a + b for a, b in zip(force, drag, strict=True)])
-        if self.stops is None:
-            return force, (dissipated,)
-        contact = self.stops.contact(ops, q, v)
-        i = self.stops.coordinate
-        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
-        return force, (dissipated, contact.dissipated)
+        resisting, losses = self.resistance(ops, q, v)
+        total = tuple([a + b for a, b in zip(force, resisting, strict=True)])
+        return total, (self.plant.dissipation(ops, q, v) + losses[0], *losses[1:])
 
     def _force_slopes(self, ops: Ops, q: Components, v: Components) -> list[Components]:
         """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction and contact, for each coordinate j."""

@@ -13,8 +13,9 @@ from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.interface import Command
 from integ_gym.envs.timing import Timing
 
-OK, NOT_CONVERGED, DIVERGED = 0, 1, 2
-STATUS_NAMES = ("ok", "not_converged", "diverged")
+OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
+STATUS_NAMES = ("ok", "not_converged", "diverged", "not_reported")
+"""By code: what is not reported is the last, and the least of the codes."""
 
 AWAY = -1.0
 """`goal_since` while the state is not at the goal."""
@@ -113,6 +114,7 @@ def transition(
     """
     orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
     motion = _advance(ops, setup, state, orders)
+    motion = motion._replace(finite=ops.usually(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
 
@@ -130,7 +132,8 @@ def _with_fallback(
     ops: Ops, setup: Setup, state: EnvState, command: Command
 ) -> tuple[Component, Component]:
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
-    return ops.where(command.valid, command.control, held), _negated(command.valid)
+    valid = ops.usually(command.valid)
+    return ops.where(valid, command.control, held), _negated(valid)
 
 
 def _segments(
@@ -197,7 +200,7 @@ def _outcome(
     dissipated = ops.where(ok, motion.losses[0], 0.0)
     clip_loss = ops.where(ok, motion.clip_loss, 0.0)
     contact_loss = penetration = contact_force = 0.0
-    if setup.system.stops is not None:
+    if len(motion.losses) > 1:
         contact_loss = ops.where(ok, motion.losses[1], 0.0)
         penetration = ops.where(ok, motion.penetration, 0.0)
         contact_force = ops.where(ok, motion.contact_force, 0.0)
@@ -224,10 +227,16 @@ def _outcome(
         fallback_used=orders.fallback_used,
         iterations=motion.iterations,
         solver_residual=ops.where(ok, motion.residual, 0.0),
-        status=ops.where(ok, ops.where(motion.converged, OK, NOT_CONVERGED), DIVERGED),
+        status=ops.where(ok, _solved(ops, setup, motion), DIVERGED),
         penetration=penetration,
         contact_force=contact_force,
     )
+
+
+def _solved(ops: Ops, setup: Setup, motion: Motion) -> Component:
+    """Status of a motion that has not diverged."""
+    fine = OK if setup.engine.reports else NOT_REPORTED
+    return ops.where(motion.converged, fine, NOT_CONVERGED)
 
 
 def _reward(

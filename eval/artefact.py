@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
+from integ_gym.eval.cells import Cell, Discretization
 from integ_gym.eval.matrix import Matrix, Row
+from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.remedy import remedies
 from integ_gym.eval.run_directory import package_versions
-from integ_gym.eval.spec import Cell, Discretization
 from integ_gym.eval.statistics import rate_interval
 from integ_gym.eval.verdict import (
-    LEARNED,
-    Comparison,
     Judgement,
     PolicyCell,
     compare_policies,
@@ -24,40 +24,6 @@ from integ_gym.eval.verdict import (
 SCHEMA_VERSION = 1
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""
-
-
-@dataclass(frozen=True)
-class PanelLayout:
-    """Rows and cells of a panel, and what was declared about them.
-
-    Attributes:
-        rows: all rows.
-        homes: training discretization by row name.
-        cells: all cells by name.
-        cells_of: names of the cells that a row was evaluated in.
-        reference: name of the reference cell.
-        family: declared comparisons (row, cell).
-        compare: declared pairs of rows.
-    """
-
-    rows: tuple[Row, ...]
-    homes: Mapping[str, Discretization]
-    cells: Mapping[str, Cell]
-    cells_of: Mapping[str, tuple[str, ...]]
-    reference: str
-    family: Sequence[tuple[str, str]] = ()
-    compare: Sequence[tuple[str, str]] = ()
-
-    def native(self, cell: str) -> str | None:
-        """The row that was trained in a cell, if there is one."""
-        if self.cells[cell].perturbation is not None:
-            return None
-        wanted = self.cells[cell].discretization
-        return next((row for row, home in self.homes.items() if home == wanted), None)
-
-    def reference_of(self, cell: str) -> str | None:
-        """The reference cell, where it has the same plant and control period."""
-        return self.reference if self.cells[cell].kind in ("grid", "reference") else None
 
 
 def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -96,24 +62,14 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]
             for j, (row, cell) in zip(judgements, layout.family, strict=True)
         ],
         "policy_comparisons": [_compare(layout, matrix, a, b) for a, b in layout.compare],
+        "remedies": remedies(layout, matrix),
         "failures": _spread(failures),
         "failures_total": len(failures),
     }
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
-    comparisons = []
-    for row, cell in layout.family:
-        native, home = layout.native(cell), matrix.rows[row].home
-        assert home is not None
-        comparisons.append(
-            Comparison(
-                name=f"{row} → {cell}",
-                home=matrix.rates(row, home),
-                native=None if native in (None, row) else matrix.rates(str(native), cell),
-                transferred=matrix.rates(row, cell),
-            )
-        )
+    comparisons = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
     return judge_family(comparisons) if comparisons else ()
 
 
@@ -122,33 +78,37 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> dict[str, A
 
     The finest step of both rows' own integrators decides, and so does the reference.
     """
-    own = {layout.homes[a].integrator, layout.homes[b].integrator}
+    homes = [d for name in (a, b) for d in layout.homes[name].shares]
+    own = {(d.engine, d.integrator) for d in homes}
     cells = []
     for name in layout.cells_of[a]:
         cell = layout.cells[name]
         if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
             continue
         role: Any = cell.role
-        if role == "quarter_step" and cell.discretization.integrator not in own:
+        place = cell.discretization
+        if role == "quarter_step" and (place.engine, place.integrator) not in own:
             role = None
         cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
     return {"a": a, "b": b, **asdict(compare_policies(cells))}
 
 
 def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
-    home = layout.homes.get(row.name)
-    rates = None if row.home is None else matrix.rates(row.name, row.home)
+    trained = layout.homes.get(row.name)
+    home = trained if isinstance(trained, Discretization) else None
+    rates = matrix.home_rates(row.name)
     return {
         "name": row.name,
         "kind": row.kind,
         "home": row.home,
+        "shares": dict(row.shares),
         "integrator": home.integrator if home else None,
         "dt": home.dt if home else None,
-        "control_period": home.control_period if home else None,
+        "control_period": trained.control_period if trained else None,
         "seeds": len(row.policies),
         "policies": [facts["policies"][policy] for policy in row.policies],
         "home_success": None if rates is None else asdict(rate_interval(rates)),
-        "learned": None if rates is None else bool(rates.mean() >= LEARNED),
+        "learned": matrix.learned(row.name),
         "training_steps": facts.get("training_steps") if row.kind == "trained" else None,
     }
 
@@ -204,8 +164,9 @@ def _answer(layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement]
 def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
     """The largest loss in words."""
     row, cell = pair
-    home = matrix.rows[row].home or cell
-    at_home, there = matrix.rates(row, home).mean(), matrix.rates(row, cell).mean()
+    home = matrix.home_rates(row)
+    assert home is not None
+    at_home, there = home.mean(), matrix.rates(row, cell).mean()
     quantity = judgement.quantity.replace("_", " ")
     return (
         f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home "
@@ -221,10 +182,12 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     if rates[low] == rates[high]:
         return (
             f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
-            "discretizations, the reference among them."
+            f"discretizations{', the reference among them' if layout.reference else ''}."
         )
+    anchor, where = layout.reference, "the reference"
+    if anchor is None:
+        anchor, where = next(iter(layout.rows[0].shares)), "its home"
     return (
-        f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "
-        f"{len(rates)} discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} "
-        f"({high})."
+        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
+        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
     )

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import energies
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.drift_figure import draw_drift
 from integ_gym.eval.figure_style import png
-from integ_gym.eval.numerics import energies
 from integ_gym.eval.report_data import compact
 from integ_gym.evidence.atomic import replace_file
 

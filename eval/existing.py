@@ -4,42 +4,47 @@ from __future__ import annotations
 
 import math
 import re
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.registration import environment_setup
-from integ_gym.envs.vector import DISCRETIZATION
+from integ_gym.envs.mixture import DISCRETIZATION, Mixture
+from integ_gym.envs.registration import environment_mixture, environment_setup
 from integ_gym.eval.artefact import build_artefact
-from integ_gym.eval.evaluation import Subject, evaluate, outcomes_in
+from integ_gym.eval.cells import (
+    Cell,
+    Discretization,
+    DiscretizationMixture,
+    Home,
+    dividing_step,
+)
+from integ_gym.eval.engine_cells import NATIVE
+from integ_gym.eval.evaluation import Subject, conditions_of, outcomes_in
+from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
 from integ_gym.eval.matrix import Matrix, Row
-from integ_gym.eval.panel import conditions_of, nominal_setup
+from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.panel_artefact import (
     cost_of,
     evaluation_records,
     make_layout,
-    whereabouts,
+    shares_of,
     write_outputs,
 )
-from integ_gym.eval.run_directory import RunDirectory, key_of
-from integ_gym.eval.spec import (
-    BASELINES,
-    Cell,
-    Discretization,
-    PanelSpec,
-    dividing_step,
-    standard_perturbations,
-)
+from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.run_directory import RunDirectory
+from integ_gym.eval.spec import BASELINES, PanelSpec, standard_perturbations
 from integ_gym.evidence.atomic import replace_file
-from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy import MlpPolicy, Policy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
 from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, has_sidecar, read_trained
+
+Array = npt.NDArray[Any]
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
@@ -58,7 +63,7 @@ class Existing:
 
     Attributes:
         policy: what acts.
-        home: discretization it was trained on.
+        home: discretization or mixture that it was trained on.
         environment: constructor arguments of its training environment, without the discretization.
         origin: where the two come from, in words.
         files: what it was read from, by the name to keep it under.
@@ -66,7 +71,7 @@ class Existing:
     """
 
     policy: MlpPolicy
-    home: Discretization
+    home: Home
     environment: Mapping[str, Any]
     origin: str
     files: Mapping[str, Path] = field(default_factory=dict)
@@ -98,7 +103,9 @@ def read_existing(
     obs_stats: Path | None = None,
     own_code: bool = False,
 ) -> Existing:
-    """A policy from its file, with what its side-car says; see :func:`load` and :func:`describe`.
+    """A policy from its file, with what its side-car says.
+
+    See :func:`load_policy` and :func:`describe`.
 
     Args:
         path: the zip that SB3 wrote.
@@ -107,7 +114,7 @@ def read_existing(
         obs_stats: JSON file of VecNormalize's statistics.
         own_code: see :func:`describe`.
     """
-    policy, card = load(path, obs_stats)
+    policy, card = load_policy(path, obs_stats)
     name = path.stem if card is None else str(card.get("policy_id", path.stem))
     files = {POLICY_FILE: path}
     files |= {} if card is None else {SIDECAR_FILE: path.with_suffix(".json")}
@@ -117,7 +124,9 @@ def read_existing(
     return replace(existing, files=files, seed=None if card is None else card.get("seed"))
 
 
-def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str, Any] | None]:
+def load_policy(
+    path: Path, obs_stats: Path | None = None
+) -> tuple[MlpPolicy, dict[str, Any] | None]:
     """A policy and its side-car, the JSON file of the same name; None where there is none.
 
     Raises:
@@ -149,10 +158,10 @@ def describe(
         own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
 
     Raises:
-        ValueError: if the side-car is damaged, of another environment or of a mixture, or names
-            code that may not be run; or if ``given`` holds what the evaluation varies.
+        ValueError: if the side-car is damaged or of another environment, or names code that may
+            not be run; or if ``given`` holds what the evaluation varies.
     """
-    for name in DISCRETIZATION:
+    for name in (*DISCRETIZATION, "mixture"):
         if name in given:
             raise ValueError(
                 f"`{name}` is what the evaluation varies, and the policy's home comes from its "
@@ -165,16 +174,26 @@ def describe(
         arguments = _trained_on(card, env_id, own_code)
         origin = "the side-car beside the policy"
     arguments.update(given)
-    setup = environment_setup(env_id, arguments)
-    home = Discretization(
-        setup.settings.integrator,
-        setup.settings.dt,
-        setup.timing.control_period,
-        setup.settings.engine,
-    )
-    environment = {name: v for name, v in arguments.items() if name not in home.arguments()}
+    mixture = environment_mixture(env_id, arguments)
+    varied = (*DISCRETIZATION, "mixture")
+    environment = {name: value for name, value in arguments.items() if name not in varied}
+    setup = mixture.setups[0]
     policy.check_spaces(observation_space(setup), action_space(setup))
-    return Existing(policy, home, environment, origin)
+    return Existing(policy, _home(mixture), environment, origin)
+
+
+def _home(mixture: Mixture) -> Home:
+    """What a training environment's episodes run on, a discretization named twice counted once."""
+    weights: dict[Discretization, float] = {}
+    for setup, share in zip(mixture.setups, mixture.shares, strict=True):
+        settings = setup.settings
+        member = Discretization(
+            settings.integrator, settings.dt, setup.timing.control_period, settings.engine
+        )
+        weights[member] = weights.get(member, 0.0) + float(share)
+    if len(weights) == 1:
+        return next(iter(weights))
+    return DiscretizationMixture("its mixture", tuple(weights.items()))
 
 
 def row_name(name: str) -> str:
@@ -207,17 +226,28 @@ def _can_be_made(baseline: str, spec: PanelSpec) -> bool:
     return True
 
 
-def work(spec: PanelSpec, home: Discretization) -> int:
-    """Cells that :func:`evaluate_existing` runs, baselines included."""
+def work(spec: PanelSpec, home: Home) -> int:
+    """Cells that :func:`evaluate_existing` runs, added up over the policy and the baselines."""
     return len(spec.cells_of(home)) + len(spec.baselines) * len(spec.cells_of(None))
 
 
 def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
     """Doubt where the policy is no better than random on its own discretization."""
-    home, conditions = Cell(existing.home, "grid"), conditions_of(spec)
+    home, conditions = Cell(_main(existing.home), "grid"), conditions_of(spec)
     random = make_baseline("random", nominal_setup(spec))
-    own = outcomes_in(home, existing.policy, conditions).returns
-    chance = outcomes_in(home, random, conditions).returns
+    own, chance = outcomes_in(home, [existing.policy, random], conditions).returns
+    return doubts_of(existing, home.name, own, chance)
+
+
+def doubts_of(existing: Existing, home: str, own: Array, chance: Array) -> list[str]:
+    """Doubt where a policy is no better than random.
+
+    Args:
+        existing: the policy.
+        home: name of its home cell.
+        own: its returns there, shape (episodes,).
+        chance: those of the random policy from the same starts.
+    """
     difference = own - chance
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
     if difference.mean() > 2.0 * error:
@@ -229,7 +259,7 @@ def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
         else "was it trained for long enough?"
     )
     return [
-        f"on its home discretization ({home.name}) the policy's return {own.mean():.1f} over "
+        f"on its home discretization ({home}) the policy's return {own.mean():.1f} over "
         f"{len(own)} episodes is {better} random's {chance.mean():.1f}; {remedy}"
     ]
 
@@ -239,7 +269,7 @@ def evaluate_existing(
     spec: PanelSpec,
     out: Path,
     command: str,
-    on_cell: Callable[[], None] = lambda: None,
+    on_cell: Callable[[int], None] = lambda policies: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> dict[str, Any]:
     """Evaluate a policy and the baselines, and write the usual directory.
@@ -249,7 +279,7 @@ def evaluate_existing(
         spec: what :func:`plan` made.
         out: directory.
         command: how to run this again, for the page.
-        on_cell: called after every cell.
+        on_cell: told after every cell how many policies were in it.
         on_doubt: called first, with each sentence that casts doubt on the result.
 
     Returns:
@@ -258,31 +288,61 @@ def evaluate_existing(
     Raises:
         RunDirectoryError: for a directory that holds something else.
     """
-    row = existing.policy.policy_id
-    directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
-    subjects = {row: Subject(existing.policy, existing.home)}
-    subjects |= {name: Subject(make_baseline(name, nominal_setup(spec))) for name in spec.baselines}
+    directory = directory_of(existing, spec, out)
+    baselines = [make_baseline(name, nominal_setup(spec)) for name in spec.baselines]
     with directory.opened():
         warnings = doubts(existing, spec)
         for doubt in warnings:
             on_doubt(doubt)
-        _keep(existing.files, directory.policies / row)
-        for name, subject in subjects.items():
-            _evaluate_once(name, subject, spec, directory, on_cell)
-        layout = make_layout(spec, _rows(existing, spec), {row: existing.home})
-        matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-        panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
+        for batch in batches_of(spec, begin(existing, spec, directory, baselines, on_cell), 1):
+            evaluate_batch(spec, directory, batch, lambda _, policies: on_cell(policies))
+        layout, matrix = outcome(existing, spec, directory)
+        panel = build_artefact(layout, matrix, facts_of(existing, spec, directory, command))
         panel["warnings"] = warnings
-        for entry in panel["matrix"]:
-            entry.update(whereabouts(entry, layout, directory.path))
-        write_outputs(panel, directory.path)
+        write_outputs(panel, layout, directory)
     return panel
 
 
-def _keep(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy the policy's files, so that the directory holds all that the result rests on."""
-    for name, source in files.items():
-        replace_file(folder / name, source.read_bytes())
+def directory_of(existing: Existing, spec: PanelSpec, out: Path) -> RunDirectory:
+    """The directory of one policy's evaluation; another policy in it is refused."""
+    content = {**spec.to_json(), "policy": existing.policy.content_hash}
+    return RunDirectory(out, content, spec.engine_versions())
+
+
+def begin(
+    existing: Existing,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    baselines: Sequence[Policy],
+    on_cell: Callable[[int], None],
+) -> list[Subject]:
+    """Keep the policy's files, and tell which of the policies have not been evaluated yet.
+
+    Args:
+        existing: the policy.
+        spec: the evaluation.
+        directory: held by the caller.
+        baselines: policies beside it.
+        on_cell: told how many cells are done already.
+    """
+    for name, source in existing.files.items():
+        replace_file(directory.policies / existing.policy.policy_id / name, source.read_bytes())
+    subjects = [
+        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
+        *(Subject(baseline, spec.cells_of(None)) for baseline in baselines),
+    ]
+    waiting = not_evaluated(spec, directory, subjects)
+    on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
+    return waiting
+
+
+def outcome(
+    existing: Existing, spec: PanelSpec, directory: RunDirectory
+) -> tuple[PanelLayout, Matrix]:
+    """Rows and cells of a finished evaluation, and what came out."""
+    homes = {existing.policy.policy_id: existing.home}
+    layout = make_layout(spec, _rows(existing, spec), homes)
+    return layout, Matrix(layout.rows, evaluation_records(directory), spec.episodes)
 
 
 def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -300,13 +360,7 @@ def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[st
             f"{config.get('env_id')}"
         )
     arguments = dict(given)
-    if "mixture" in arguments:
-        raise ValueError(
-            "the policy was trained on a mixture of discretizations and has no single home; move "
-            "its side-car away to take Gymnasium's own environment as its home, and repeat the "
-            "training's other arguments with --env-arg"
-        )
-    foreign = [v for v in arguments.values() if isinstance(v, str) and ":" in v]
+    foreign = [text for text in _texts(arguments) if ":" in text]
     if foreign and not own_code:
         raise ValueError(
             f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
@@ -315,19 +369,33 @@ def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[st
     return arguments
 
 
+def _texts(value: Any) -> list[str]:
+    """All texts in plain data, keys left out."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value
+    return [t for x in inner for t in _texts(x)] if isinstance(inner, Iterable) else []
+
+
+def _main(home: Home) -> Discretization:
+    """The discretization that most of the training ran on, the first of equals."""
+    return max(home.shares, key=lambda member: home.shares[member])
+
+
 def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
-    home = existing.home
+    home = _main(existing.home)
     period = home.control_period
-    integrators = grid.integrators or [n for n in INTEGRATORS.names() if n != "reference"]
+    ours = [n for n in INTEGRATORS.names() if n != "reference"]
+    integrators, engine = (grid.integrators, home.engine) if grid.integrators else (ours, NATIVE)
     coarsest = dividing_step({**existing.environment, "dt": period})
     dts = grid.dts or [coarsest / n for n in REFINEMENTS]
-    columns = [Discretization(i, dt, period, home.engine) for i in integrators for dt in dts]
+    columns = [Discretization(i, dt, period, engine) for i in integrators for dt in dts]
     return PanelSpec(
         name=f"evaluate {existing.policy.policy_id}",
         env_id=env_id,
         control_period=period,
         train=(),
-        grid=tuple(dict.fromkeys([*columns, home])),
+        grid=tuple(dict.fromkeys([*columns, *existing.home.shares])),
         seeds=(),
         environment=existing.environment,
         perturbations=standard_perturbations(
@@ -340,44 +408,19 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     )
 
 
-def _evaluate_once(
-    name: str,
-    subject: Subject,
-    spec: PanelSpec,
-    directory: RunDirectory,
-    on_cell: Callable[[], None],
-) -> None:
-    unit = _unit(name)
-    key = key_of(spec=spec.to_json(), policy=subject.policy.content_hash)
-    cells = spec.cells_of(subject.home)
-    if directory.finished(unit, key):
-        for _ in cells:
-            on_cell()
-        return
-    directory.discard_remains(unit)
-    start = time.time()
-    store = EvidenceStore(directory.evidence)
-    evaluate(subject, cells, conditions_of(spec), store, unit, on_cell)
-    directory.finish(unit, key, start, policy=subject.policy.content_hash)
-
-
-def _unit(name: str) -> str:
-    return f"evaluate-{name}"
-
-
 def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     row = existing.policy.policy_id
     return (
-        Row(row, "given", (row,), existing.home.name),
+        Row(row, "given", (row,), shares_of(existing.home)),
         *(Row(name, "baseline", (name,)) for name in spec.baselines),
     )
 
 
-def _facts(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
+def facts_of(
+    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, workers: int = 1
 ) -> dict[str, Any]:
+    """What the artefact says of the evaluation beside its outcome."""
     row = existing.policy.policy_id
-    units = [_unit(name) for name in (row, *spec.baselines)]
     return {
         "name": spec.name,
         "question": spec.question,
@@ -398,5 +441,5 @@ def _facts(
                 for name in spec.baselines
             },
         },
-        "cost": cost_of(directory, [], units, workers=1),
+        "cost": cost_of(directory, [], workers),
     }

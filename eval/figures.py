@@ -29,6 +29,7 @@ from integ_gym.eval.figure_style import (
     png,
     scheme_legend,
 )
+from integ_gym.eval.remedy_figure import draw_remedy
 from integ_gym.eval.report import (
     KIND_WORDS,
     difference_axis,
@@ -516,7 +517,8 @@ def _ladder(panel: Panel) -> Figure | None:
     figure = blank_figure(max(0.3 + across * unit, 6.9), top + down * (height + 1.02) + 0.1)
     high = float(figure.get_size_inches()[1])
     canvas = inch_canvas(figure)
-    about = "success of the same policies as the step shrinks; finer to the right, dashed: truth"
+    about = "success of the same policies as the step shrinks; finer to the right"
+    about += "" if panel.truth is None else ", dashed: truth"
     draw_heading(canvas, 0.3, "Refinement ladder", about)
     scheme_legend(canvas, schemes, float(figure.get_size_inches()[0]))
     for number, ladder in enumerate(ladders):
@@ -585,4 +587,5 @@ _FIGURES: Final[dict[str, Callable[[Panel], Figure | None]]] = {
     "energy_residual.png": _energy,
     "refinement_ladder.png": _ladder,
     "perturbations.png": _checks,
+    "remedy.png": draw_remedy,
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from integ_gym.eval.statistics import (
     rate_interval,
     unpaired_difference,
 )
-from integ_gym.eval.verdict import reference_class
+from integ_gym.eval.verdict import LEARNED, reference_class
 
 Array = npt.NDArray[Any]
 
@@ -39,13 +39,18 @@ class Row:
         name: of the row.
         kind: `trained`, `baseline` or `given`.
         policies: policy ids, one per training seed.
-        home: name of the home cell, or None.
+        shares: share of each cell that it was trained in; empty for what was not trained.
     """
 
     name: str
     kind: str
     policies: tuple[str, ...]
-    home: str | None = None
+    shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def home(self) -> str | None:
+        """Name of the home cell; None without one, or with the several of a mixture."""
+        return next(iter(self.shares)) if len(self.shares) == 1 else None
 
 
 class Matrix:
@@ -91,6 +96,24 @@ class Matrix:
         """Success rate of every seed, shape (seeds,)."""
         means: Array = self.values(row, cell, "success").mean(axis=1)
         return means
+
+    def home_rates(self, row: str) -> Array | None:
+        """Success rate of every seed at home, shape (seeds,), or None without a home.
+
+        Of a mixture: the mean over its members by their shares, which is the rate in the
+        distribution that it was trained on.
+        """
+        shares = self.rows[row].shares
+        if not shares or not all(self.has(row, cell) for cell in shares):
+            return None
+        parts = [share * self.rates(row, cell) for cell, share in shares.items()]
+        mean: Array = np.clip(np.sum(parts, axis=0), 0.0, 1.0)
+        return mean
+
+    def learned(self, row: str) -> bool | None:
+        """Whether a row succeeds at home; None without a home."""
+        home = self.home_rates(row)
+        return None if home is None else bool(home.mean() >= LEARNED)
 
     def entry(
         self, row: str, cell: str, native: str | None, reference: str | None
@@ -158,10 +181,10 @@ class Matrix:
         return _interval(mean_interval(means)) or _point(means[0])
 
     def _home_drop(self, row: str, cell: str) -> dict[str, Any] | None:
-        home = self.rows[row].home
-        if home is None or home == cell or not self.has(row, home):
+        home = self.home_rates(row)
+        if home is None or self.rows[row].home == cell:
             return None
-        return asdict(paired_difference(self.rates(row, home), self.rates(row, cell)).interval)
+        return asdict(paired_difference(home, self.rates(row, cell)).interval)
 
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> dict[str, Any] | None:
         if native is None or native == row or self.rows[row].kind == "baseline":

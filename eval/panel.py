@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +14,12 @@ from typing import Any
 from tqdm import tqdm
 
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.evaluation import Subject
+from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
+from integ_gym.eval.expected_time import cell_seconds, cells_seconds, training_decision_seconds
 from integ_gym.eval.panel_fleet import check_fleet, train_units
-from integ_gym.eval.run_directory import RunDirectory, key_of
+from integ_gym.eval.reuse import FinishedPolicies
+from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, SpecError
 from integ_gym.eval.units import (
     Unit,
@@ -32,12 +35,6 @@ from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import train
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
 from integ_gym.train.worker import Progress, cores, report_work
-
-STEPS_PER_SECOND = 7000.0
-"""Training decisions per second and core that the progress bar counts on."""
-
-CELL_SECONDS = 0.4
-"""Time of one evaluation cell that the progress bar counts on, s."""
 
 
 class PanelError(RuntimeError):
@@ -68,11 +65,6 @@ def check_spec(spec: PanelSpec) -> None:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
-def conditions_of(spec: PanelSpec) -> Conditions:
-    """What all cells of a panel's evaluation share."""
-    return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
-
-
 def nominal_setup(spec: PanelSpec) -> Any:
     """The unperturbed reference environment, from whose parameters baselines are designed."""
     truth = spec.columns()[-1]
@@ -85,6 +77,7 @@ def run_panel(
     *,
     workers: int | None = None,
     progress: bool = True,
+    policies: Path | None = None,
     finish: Callable[[RunDirectory], None] = lambda directory: None,
 ) -> RunDirectory:
     """Train and evaluate everything that is not finished yet.
@@ -94,6 +87,7 @@ def run_panel(
         out: its directory.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time.
+        policies: directory of a finished panel whose policies are taken instead of training.
         finish: called at the end, while the directory is still held.
 
     Raises:
@@ -101,8 +95,11 @@ def run_panel(
         PanelError: if a unit of work fails; what was finished stays.
     """
     check_spec(spec)
-    directory = RunDirectory(out, spec.to_json())
+    directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
+    finished = None if policies is None else FinishedPolicies(policies, spec)
     with directory.opened():
+        if finished is not None:
+            finished.bring(directory)
         _run_units(spec, directory, workers or cores(), progress)
         finish(directory)
     return directory
@@ -112,19 +109,27 @@ def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress:
     units = units_of(spec)
     if spec.fleet:
         train_units(spec, directory, units, workers, progress)
-    total = sum(_work(spec, unit) for unit in units)
     shared = Progress()
-    with shared.pool(workers) as pool, _bar(spec, total, progress) as bar:
+    with shared.pool(workers) as pool, _bar(spec, units, progress) as bar:
+        work = _Work(pool, shared, bar)
         try:
-            for done in _scheduled(spec, directory, units, pool):
-                bar.set_postfix_str(f"{done} of {len(units)} policies,", refresh=False)
-                bar.update(min(bar.total, shared.total()) - bar.n)
+            if not spec.fleet:
+                trained = [unit for unit in units if unit.home is not None]
+                work.do("training", _train_unit, {u.policy: (spec, directory, u) for u in trained})
+            subjects = [subject_of(spec, directory, unit) for unit in units]
+            waiting = not_evaluated(spec, directory, subjects)
+            work.skip(_evaluation_seconds(spec, subjects) - _evaluation_seconds(spec, waiting))
+            batches = batches_of(spec, waiting, workers)
+            work.do("evaluating", _evaluate, {_named(b): (spec, directory, b) for b in batches})
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _bar(spec: PanelSpec, total: float, shown: bool) -> Any:
+def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:
+    total = sum(cells_seconds(spec, spec.cells_of(unit.home)) for unit in units)
+    if not spec.fleet:
+        total += sum(_training_seconds(spec, unit) for unit in units if unit.home is not None)
     return tqdm(
         total=total,
         desc=f"panel {spec.name}",
@@ -135,45 +140,64 @@ def _bar(spec: PanelSpec, total: float, shown: bool) -> Any:
     )
 
 
-def _scheduled(
-    spec: PanelSpec, directory: RunDirectory, units: tuple[Unit, ...], pool: ProcessPoolExecutor
-) -> Iterator[int]:
-    """Run all units; yields the number of finished ones."""
-    running = {pool.submit(_run_unit, spec, directory, unit): unit for unit in units}
-    finished = 0
-    while running:
-        ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
-        for future in ended:
-            unit = running.pop(future)
-            try:
-                future.result()
-            except Exception as error:
-                raise PanelError(f"{unit.policy} failed: {error}; the rest is kept") from error
-            finished += 1
-        yield finished
+class _Work:
+    """Tasks given to a pool, and the bar that shows what is done of them.
+
+    Args:
+        pool: the pool.
+        shared: what its workers report.
+        bar: the bar.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor, shared: Progress, bar: Any) -> None:
+        self._pool = pool
+        self._shared = shared
+        self._bar = bar
+        self._skipped = 0.0
+
+    def skip(self, seconds: float) -> None:
+        """Count work that was done before."""
+        self._skipped += seconds
+
+    def do(
+        self, phase: str, task: Callable[..., None], arguments: Mapping[str, tuple[Any, ...]]
+    ) -> None:
+        """Run one task for each of ``arguments``, by name.
+
+        Raises:
+            PanelError: if one fails.
+        """
+        running = {self._pool.submit(task, *given): name for name, given in arguments.items()}
+        self._bar.set_postfix_str(f"{phase},", refresh=False)
+        while running:
+            ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in ended:
+                name = running.pop(future)
+                try:
+                    future.result()
+                except Exception as error:
+                    raise PanelError(f"{phase} {name} failed: {error}; the rest is kept") from error
+            done = self._shared.total() + self._skipped
+            self._bar.update(min(self._bar.total, done) - self._bar.n)
 
 
-def _run_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
-    """Train a policy, unless it is a baseline, and evaluate it."""
-    if unit.home is not None and not spec.fleet:
-        _train_unit(spec, directory, unit)
-    _evaluate_unit(spec, directory, unit)
+def _named(batch: Sequence[Subject]) -> str:
+    return ", ".join(subject.policy.policy_id for subject in batch)
 
 
-def _work(spec: PanelSpec, unit: Unit) -> float:
-    """Expected time of a unit on one core, s."""
-    trained_here = unit.home is not None and not spec.fleet
-    training = _training_seconds(spec, unit) if trained_here else 0.0
-    return training + CELL_SECONDS * len(spec.cells_of(unit.home))
+def _evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
 
 
 def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
-    return training_config(spec, unit).total_steps / STEPS_PER_SECOND
+    assert unit.home is not None
+    return training_config(spec, unit).total_steps * training_decision_seconds(unit.home)
 
 
 def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     """Train one policy and mark it finished, unless it is."""
-    config = training_config(spec, unit)
+    assert unit.home is not None
+    config, each = training_config(spec, unit), training_decision_seconds(unit.home)
     key = training_key(config)
     if is_trained(directory, unit, key):
         report_work(_training_seconds(spec, unit))
@@ -194,7 +218,7 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
         config,
         final,
         progress=False,
-        on_steps=_report_training,
+        on_steps=lambda steps: report_work(steps * each),
         wrap=recorded,
         tensorboard=False,
     )
@@ -202,36 +226,17 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     directory.finish(unit.training, key, start, policy=trained.content_hash)
 
 
-def _report_training(steps: int) -> None:
-    report_work(steps / STEPS_PER_SECOND)
-
-
-def _evaluate_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
-    """Evaluate one policy in all its cells and mark it finished, unless it is."""
-    subject = subject_of(spec, directory, unit)
-    cells = spec.cells_of(unit.home)
-    key = key_of(spec=spec.to_json(), policy=subject.policy.content_hash)
-    if directory.finished(unit.evaluation, key):
-        report_work(CELL_SECONDS * len(cells))
-        return
-    directory.discard_remains(unit.evaluation)
-    conditions = conditions_of(spec)
-    start = time.time()
-    evaluate(
-        subject,
-        cells,
-        conditions,
-        EvidenceStore(directory.evidence),
-        unit.evaluation,
-        on_cell=lambda: report_work(CELL_SECONDS),
+def _evaluate(spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject]) -> None:
+    evaluate_batch(
+        spec, directory, batch, lambda cell, n: report_work(n * cell_seconds(spec, cell))
     )
-    directory.finish(unit.evaluation, key, start, policy=subject.policy.content_hash)
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     """The policy of a unit, read from its file or built."""
+    cells = spec.cells_of(unit.home)
     if unit.home is None:
-        return Subject(make_baseline(unit.row, nominal_setup(spec)))
+        return Subject(make_baseline(unit.row, nominal_setup(spec)), cells)
     policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
     marker = directory.marker(unit.training)
     if marker is None or marker.get("policy") != card["content_hash"]:
@@ -239,4 +244,4 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
             f"policies/{unit.policy} is not the policy that this panel trained; restore it, or "
             "give another directory with --out"
         )
-    return Subject(replace(policy, policy_id=unit.policy), unit.home, unit.seed)
+    return Subject(replace(policy, policy_id=unit.policy), cells, unit.home, unit.seed)

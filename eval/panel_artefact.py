@@ -7,12 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import PanelLayout, build_artefact
+from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.cells import Home
+from integ_gym.eval.engine_agreement import agreement_answer, agreements
+from integ_gym.eval.evaluation_units import Evaluated, evaluated
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
+from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.report import write_report
 from integ_gym.eval.run_directory import RunDirectory, write_json
-from integ_gym.eval.spec import Discretization, PanelSpec
+from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.training_cost import training_costs
 from integ_gym.eval.units import Unit, training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 
@@ -23,6 +28,7 @@ def write_artefact(
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
     layout = layout_of(spec)
     matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
+    held = evaluated(directory)
     facts = {
         "name": spec.name,
         "question": spec.question,
@@ -30,23 +36,32 @@ def write_artefact(
         "protocol_gaps": spec.gaps(),
         "command": command,
         "training_steps": _training_steps(spec),
-        "policies": {unit.policy: _policy(unit, directory) for unit in units_of(spec)},
-        "cost": _cost(spec, directory, workers),
+        "training_costs": training_costs(
+            EvidenceStore(directory.evidence),
+            {row.name: row.policies for row in layout.rows if row.kind == "trained"},
+        ),
+        "policies": {unit.policy: _policy(unit, held) for unit in units_of(spec)},
+        "cost": cost_of(directory, [unit.training for unit in units_of(spec)], workers),
         "directory": str(directory.path),
         "seeds_total": len(spec.seeds),
     }
     panel = build_artefact(layout, matrix, facts)
-    for entry in panel["matrix"]:
-        entry.update(whereabouts(entry, layout, directory.path))
-    write_outputs(panel, directory.path)
+    panel["versions"] = directory.versions()
+    panel["engine_agreement"] = agreements(layout, matrix)
+    if not spec.family:
+        panel["answer"] = agreement_answer(panel["engine_agreement"]) or panel["answer"]
+    write_outputs(panel, layout, directory)
     return panel
 
 
-def write_outputs(panel: dict[str, Any], directory: Path) -> None:
-    """Write ``panel.json``, the figures and the page."""
-    write_json(directory / "panel.json", panel)
-    write_figures(panel, directory / "figures")
-    write_report(panel, directory)
+def write_outputs(panel: dict[str, Any], layout: PanelLayout, directory: RunDirectory) -> None:
+    """Write ``panel.json``, with where its records are, the figures and the page."""
+    held = evaluated(directory)
+    for entry in panel["matrix"]:
+        entry.update(_whereabouts(entry, layout, held, directory.path))
+    write_json(directory.path / "panel.json", panel)
+    write_figures(panel, directory.path / "figures")
+    write_report(panel, directory.path)
 
 
 def evaluation_records(directory: RunDirectory) -> list[dict[str, Any]]:
@@ -61,28 +76,31 @@ def layout_of(spec: PanelSpec) -> PanelLayout:
     groups: dict[str, list[Unit]] = {}
     for unit in units_of(spec):
         groups.setdefault(unit.row, []).append(unit)
-    order = [d.name for d in spec.train] + list(spec.baselines)
+    homes = {home.name: home for home in spec.train}
     rows = tuple(
         Row(
             name=name,
             kind="baseline" if name in spec.baselines else "trained",
             policies=tuple(unit.policy for unit in groups[name]),
-            home=None if name in spec.baselines else name,
+            shares=shares_of(homes.get(name)),
         )
-        for name in order
+        for name in (*homes, *spec.baselines)
     )
-    return make_layout(spec, rows, {d.name: d for d in spec.train})
+    return make_layout(spec, rows, homes)
 
 
-def make_layout(
-    spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Discretization]
-) -> PanelLayout:
+def shares_of(home: Home | None) -> dict[str, float]:
+    """Share of each cell, by name, that a policy was trained in."""
+    return {} if home is None else {d.name: share for d, share in home.shares.items()}
+
+
+def make_layout(spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Home]) -> PanelLayout:
     """Rows with the cells that each is evaluated in.
 
     Args:
         spec: the panel.
         rows: its rows.
-        homes: training discretization by row name.
+        homes: training discretization or mixture by row name.
     """
     own_cells = {row.name: spec.cells_of(homes.get(row.name)) for row in rows}
     cells = {cell.name: cell for cell in spec.columns()}
@@ -93,7 +111,7 @@ def make_layout(
         homes=homes,
         cells=cells,
         cells_of={name: tuple(c.name for c in own) for name, own in own_cells.items()},
-        reference=spec.columns()[-1].name,
+        reference=next((c.name for c in spec.columns() if c.kind == "reference"), None),
         family=spec.family,
         compare=spec.compare,
     )
@@ -104,22 +122,21 @@ def _training_steps(spec: PanelSpec) -> int:
     return training_config(spec, trained).total_steps
 
 
-def _policy(unit: Unit, directory: RunDirectory) -> dict[str, Any]:
-    marker = directory.marker(unit.evaluation) or {}
+def _policy(unit: Unit, held: Mapping[str, Evaluated]) -> dict[str, Any]:
     file = None if unit.home is None else f"policies/{unit.policy}/policy.zip"
-    return {"id": unit.policy, "seed": unit.seed, "hash": marker.get("policy"), "file": file}
+    policy_hash = held[unit.policy].policy_hash
+    return {"id": unit.policy, "seed": unit.seed, "hash": policy_hash, "file": file}
 
 
-def _cost(spec: PanelSpec, directory: RunDirectory, workers: int) -> dict[str, Any]:
-    training = [unit.training for unit in units_of(spec)]
-    evaluation = [unit.evaluation for unit in units_of(spec)]
-    return cost_of(directory, training, evaluation, workers)
+def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> dict[str, Any]:
+    """What a run took, interrupted runs included, s.
 
-
-def cost_of(
-    directory: RunDirectory, training: Sequence[str], evaluation: Sequence[str], workers: int
-) -> dict[str, Any]:
-    """What a run took, interrupted runs included, s."""
+    Args:
+        directory: of the run.
+        training: names of its training units.
+        workers: processes.
+    """
+    evaluation = sorted({there.unit for there in evaluated(directory).values()})
     return {
         "wall_seconds": round(directory.wall_seconds([*training, *evaluation]), 1),
         "workers": workers,
@@ -128,10 +145,12 @@ def cost_of(
     }
 
 
-def whereabouts(entry: dict[str, Any], layout: PanelLayout, path: Path) -> dict[str, Any]:
+def _whereabouts(
+    entry: Mapping[str, Any], layout: PanelLayout, held: Mapping[str, Evaluated], path: Path
+) -> dict[str, Any]:
     """Where the records behind an entry are, and the query that lists them."""
     row = next(row for row in layout.rows if row.name == entry["row"])
-    files = [f"evidence/evaluate-{policy}.parquet" for policy in row.policies]
+    files = list(dict.fromkeys(held[policy].file for policy in row.policies))
     policies = ", ".join(_quoted(policy) for policy in row.policies)
     sql = (
         "SELECT record_id, episode_index, success, failure_label FROM records "

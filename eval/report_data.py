@@ -137,7 +137,7 @@ class Row:
     index: int
     name: str
     kind: str
-    home: str | None
+    homes: tuple[str, ...]
     integrator: str | None
     control_period: float | None
     seeds: int
@@ -150,6 +150,11 @@ class Row:
     def baseline(self) -> bool:
         """Whether nobody trained it."""
         return self.kind == "baseline"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether it was trained on a mixture of discretizations."""
+        return len(self.homes) > 1
 
 
 @dataclass(frozen=True)
@@ -208,7 +213,7 @@ class Entry:
     @property
     def home(self) -> bool:
         """Whether the row was trained in this cell."""
-        return self.row.home == self.cell.name
+        return self.cell.name in self.row.homes
 
     @property
     def anchor(self) -> str:
@@ -481,8 +486,9 @@ class Panel:
         period = row.control_period if row.control_period is not None else self._usual_period
         fixed_period: dict[str, list[Rung]] = {}
         following: dict[str, list[Rung]] = {}
+        engines = {"native", *(cell.engine for cell in self.cells if cell.name in row.homes)}
         for cell in self.cells:
-            entry = self.entry(row, cell)
+            entry = self.entry(row, cell) if cell.engine in engines else None
             if entry is None or entry.success is None or not cell.plain or cell.dt is None:
                 continue
             if _close(cell.control_period, cell.dt):
@@ -543,6 +549,14 @@ class Panel:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What to conclude from the classes against the reference, the surest first."""
+        if self.truth is None:
+            return (
+                Finding(
+                    "missing",
+                    "There is no truth column here: this page shows where discretizations "
+                    "disagree, not which of them is right.",
+                ),
+            )
         if not self.trust:
             return (
                 Finding(
@@ -584,7 +598,7 @@ class Panel:
         if not wrong:
             return None
         truth = self.entry(row, self.truth)
-        at_home = next((entry for entry in wrong if entry.home), None)
+        at_home = next((entry for entry in wrong if entry.home and not row.mixed), None)
         others = _and([f"{e.cell.name} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
         if at_home is None:
             text = f"{row.name} reaches {_rate(truth)} on the reference, but passes on {others}."
@@ -660,12 +674,13 @@ class Panel:
 
 def _row(index: int, raw: Json) -> Row:
     policies = tuple(_list(raw, "policies"))
+    home = _text(raw.get("home"))
     steps = finite(raw.get("training_steps"))
     return Row(
         index=index,
         name=str(raw.get("name")),
         kind=str(raw.get("kind") or "trained"),
-        home=_text(raw.get("home")),
+        homes=tuple(raw.get("shares") or ([] if home is None else [home])),
         integrator=_text(raw.get("integrator")),
         control_period=finite(raw.get("control_period")),
         seeds=int(finite(raw.get("seeds")) or len(policies)),

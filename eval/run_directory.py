@@ -39,14 +39,22 @@ class RunDirectory:
     Args:
         path: the directory.
         specification: what the run is; another one in the same directory is refused.
+        engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
-    def __init__(self, path: Path, specification: Mapping[str, Any]) -> None:
+    def __init__(
+        self, path: Path, specification: Mapping[str, Any], engines: Mapping[str, str] | None = None
+    ) -> None:
         self.path = path
         self.evidence = path / "evidence"
         self.policies = path / "policies"
         self._units = path / "units"
         self._specification = json.loads(json.dumps(specification))
+        self._engines = dict(engines or {})
+
+    def versions(self) -> dict[str, str]:
+        """Versions of Python and of all packages that this run's results depend on."""
+        return {**package_versions(), **self._engines}
 
     @contextmanager
     def opened(self) -> Iterator[None]:
@@ -65,7 +73,7 @@ class RunDirectory:
             self._check()
             manifest = self.path / MANIFEST
             if not manifest.exists():
-                content = {"specification": self._specification, "versions": package_versions()}
+                content = {"specification": self._specification, "versions": self.versions()}
                 write_json(manifest, content)
             yield
 
@@ -94,7 +102,7 @@ class RunDirectory:
                 f"{self.path} holds another panel; give another directory with --out, or the "
                 "specification that it was started with"
             )
-        versions = package_versions()
+        versions = self.versions()
         changed = [
             f"{name} {was} (now {versions.get(name, 'missing')})"
             for name, was in held.get("versions", {}).items()
@@ -121,8 +129,13 @@ class RunDirectory:
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
-        path = self._units / f"{unit}.json"
+        path = self._marker(unit)
         return read_json(path) if path.exists() else None
+
+    def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
+        """Markers of the units whose names begin with ``prefix``, by name."""
+        found = sorted(self._units.glob(f"{prefix}*.json"))
+        return {path.stem: read_json(path) for path in found}
 
     def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
         """The marker of a finished unit, or None; one that has lost a file is done again.
@@ -141,7 +154,11 @@ class RunDirectory:
                 f"{self.path}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
-        return held if all(file.exists() for file in (self._records(unit), *files)) else None
+        return held if self.has_records(unit) and all(file.exists() for file in files) else None
+
+    def has_records(self, unit: str) -> bool:
+        """Whether the unit's records are there."""
+        return self._records(unit).exists()
 
     def finish(
         self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any
@@ -158,7 +175,12 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        write_json(self._units / f"{unit}.json", {"key": key, **times, **facts})
+        write_json(self._marker(unit), {"key": key, **times, **facts})
+
+    def adopt(self, other: RunDirectory, unit: str) -> None:
+        """Take a finished unit's records, and then its marker, from another directory."""
+        replace_file(self._records(unit), other._records(unit).read_bytes())
+        write_json(self._marker(unit), read_json(other._marker(unit)))
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that was spent on finished units, added up, s."""
@@ -178,16 +200,26 @@ class RunDirectory:
         return [marker for marker in found if marker is not None]
 
     def discard_remains(self, unit: str) -> None:
-        """Remove the records of a unit that was not finished."""
+        """Remove what is left of a unit that was not finished or has lost a file."""
+        self._marker(unit).unlink(missing_ok=True)
         self._records(unit).unlink(missing_ok=True)
+
+    def discard_unmarked(self, prefix: str) -> None:
+        """Remove the records of all units without a marker whose names begin with ``prefix``."""
+        for path in self.evidence.glob(f"{prefix}*.parquet"):
+            if not self._marker(path.stem).exists():
+                path.unlink()
+
+    def _marker(self, unit: str) -> Path:
+        return self._units / f"{unit}.json"
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
 
 
-def key_of(**parts: Any) -> str:
-    """Hash of a unit's inputs and of the versions of the packages."""
-    text = json.dumps({"versions": package_versions(), **parts}, sort_keys=True)
+def key_of(engines: Mapping[str, str], **parts: Any) -> str:
+    """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
+    text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.mixture import WEIGHT
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.registration import environment_setup
-from integ_gym.envs.timing import is_multiple
 from integ_gym.envs.versions import package_version
+from integ_gym.eval.cells import (
+    Cell,
+    Discretization,
+    DiscretizationMixture,
+    Home,
+    Perturbation,
+    dividing_step,
+    file_name,
+)
+from integ_gym.eval.engine_cells import (
+    INSTALLED,
+    absent_engines,
+    engine_versions,
+    on_installed,
+)
 
-BUILT_IN = ("quick",)
+BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
 
 BASELINES = ("random", "zero", "handmade")
@@ -25,10 +40,6 @@ BASELINES = ("random", "zero", "handmade")
 TRAINERS = ("sb3", "fleet")
 
 LARGEST_SEED = 2**32 - 1
-
-FINEST_DIVISION = 1000
-"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
-
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""
@@ -39,87 +50,13 @@ class SpecError(ValueError):
 
 
 @dataclass(frozen=True)
-class Discretization:
-    """What a panel varies: engine, integrator, dt (s) and control period (s)."""
-
-    integrator: str
-    dt: float
-    control_period: float
-    engine: str = "native"
-
-    @property
-    def name(self) -> str:
-        """Short name, without the control period; see :attr:`Cell.name`."""
-        engine = "" if self.engine == "native" else f"{self.engine} "
-        return f"{engine}{self.integrator} dt={self.dt:g}"
-
-    def arguments(self) -> dict[str, Any]:
-        """As constructor arguments of an environment."""
-        return {
-            "engine": self.engine,
-            "integrator": self.integrator,
-            "dt": self.dt,
-            "control_period": self.control_period,
-        }
-
-
-@dataclass(frozen=True)
-class Perturbation:
-    """Environment arguments that differ from the panel's, on the home and reference cells."""
-
-    name: str
-    environment: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One evaluation column: a discretization, perturbed or not."""
-
-    discretization: Discretization
-    kind: str
-    """`grid`, `reference`, `perturbation` or `ladder` (the control period follows dt)."""
-    perturbation: Perturbation | None = None
-    role: str | None = None
-    """`reference` or `quarter_step` where the cell decides a comparison of policies."""
-
-    @property
-    def name(self) -> str:
-        """Unique within a panel."""
-        base = self.discretization.name
-        if self.kind == "ladder":
-            base = f"{base} control={self.discretization.control_period:g}"
-        return f"{base}, {self.perturbation.name}" if self.perturbation else base
-
-    def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
-        """Constructor arguments of this cell's environment."""
-        changed = self.perturbation.environment if self.perturbation else {}
-        values = {**environment, **self.discretization.arguments(), **changed}
-        if self.discretization.integrator == "reference":
-            values["dt"] = dividing_step(values)
-        return values
-
-
-def dividing_step(arguments: Mapping[str, Any]) -> float:
-    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
-
-    The reference may take any step, for its result does not depend on it.
-    """
-    dt = float(arguments["dt"])
-    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
-    for parts in range(1, FINEST_DIVISION + 1):
-        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
-            return dt / parts
-    return dt
-
-
-@dataclass(frozen=True)
 class PanelSpec:
     """One panel; see docs/panel.md for the TOML form."""
 
     name: str
     env_id: str
     control_period: float
-    train: tuple[Discretization, ...]
+    train: tuple[Home, ...]
     grid: tuple[Discretization, ...]
     seeds: tuple[int, ...]
     environment: Mapping[str, Any] = field(default_factory=dict)
@@ -127,9 +64,9 @@ class PanelSpec:
     baselines: tuple[str, ...] = ()
     perturbations: tuple[Perturbation, ...] = ()
     family: tuple[tuple[str, str], ...] = ()
-    """Declared comparisons: (training discretization, cell)."""
+    """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
-    """Pairs of training discretizations whose policies are compared under refinement."""
+    """Pairs of the same whose policies are compared under refinement."""
     trainer: str = "sb3"
     """`sb3` (stable-baselines3) or `fleet` (compiled; all policies at once)."""
     ladder: bool = True
@@ -137,6 +74,8 @@ class PanelSpec:
     episodes: int = 20
     episode_seed: int = 1000
     question: str = "Does a policy trained on one integrator and timestep survive another?"
+    left_out: tuple[str, ...] = ()
+    """Engines that are not installed, where the grid asks for all that are."""
 
     @property
     def reference(self) -> Discretization:
@@ -152,11 +91,15 @@ class PanelSpec:
         )
         return (*grid, Cell(self.reference, "reference", role="reference"))
 
+    def trained_on(self) -> tuple[Discretization, ...]:
+        """All discretizations that something is trained on."""
+        return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
+
     def _decides(self, discretization: Discretization) -> bool:
         """Whether it is its integrator's finest step, a quarter of what it was trained at."""
         own = (discretization.engine, discretization.integrator)
         dts = [d.dt for d in self.grid if (d.engine, d.integrator) == own]
-        homes = [d.dt for d in self.train if (d.engine, d.integrator) == own]
+        homes = [d.dt for d in self.trained_on() if (d.engine, d.integrator) == own]
         coarsest = max(homes, default=self.control_period)
         finest = discretization.dt <= min(dts)
         return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
@@ -169,6 +112,10 @@ class PanelSpec:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
+        found += [
+            f'Engine {name} is not installed, so it is left out: pip install "integ-gym[{name}]".'
+            for name in self.left_out
+        ]
         setup = environment_setup(self.env_id, self.columns()[-1].arguments(self.environment))
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
@@ -177,25 +124,29 @@ class PanelSpec:
             )
         return found
 
-    def cells_of(self, home: Discretization | None) -> tuple[Cell, ...]:
-        """Cells of one row, its home first: columns, perturbations and its own ladder."""
-        columns = sorted(self.columns(), key=lambda cell: cell.discretization != home)
-        where = [self.reference] if home in (None, self.reference) else [home, self.reference]
+    def cells_of(self, home: Home | None) -> tuple[Cell, ...]:
+        """Cells of one row, those it was trained in first: columns, perturbations, its ladder."""
+        own = () if home is None else tuple(home.shares)
+        columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
         perturbed = [
             Cell(d, "perturbation", perturbation=p)
             for p in self.perturbations
-            for d in where
-            if d is not None
+            for d in dict.fromkeys((*own, self.reference))
         ]
         return (*columns, *perturbed, *self._ladder(home))
 
-    def _ladder(self, home: Discretization | None) -> tuple[Cell, ...]:
-        if not self.ladder or home is None:
+    def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
+        """Of a single discretization: a mixture has no step of its own to refine."""
+        if not self.ladder or not isinstance(home, Discretization):
             return ()
         steps = [home.dt / 2.0, home.dt / 4.0]
         return tuple(
             Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
         )
+
+    def engine_versions(self) -> dict[str, str]:
+        """Version of the distribution behind each foreign engine that is used."""
+        return engine_versions({d.engine for d in (*self.trained_on(), *self.grid)})
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
@@ -207,7 +158,7 @@ class PanelSpec:
             "environment": dict(self.environment),
             "training": dict(self.training),
             "trainer": self._trainer(),
-            "train": [d.arguments() for d in self.train],
+            "train": [_plain(home) for home in self.train],
             "grid": [d.arguments() for d in self.grid],
             "seeds": list(self.seeds),
             "baselines": list(self.baselines),
@@ -233,9 +184,18 @@ class PanelSpec:
 
     def _sources(self) -> dict[str, str]:
         """SHA-256 of the source of every integrator of the user's own."""
-        names = {d.integrator for d in (*self.train, *self.grid) if d.engine == "native"}
+        used = (*self.trained_on(), *self.grid)
+        names = {d.integrator for d in used if d.engine == "native" or ":" in d.integrator}
         hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
         return {name: value for name, value in hashes.items() if value is not None}
+
+
+def _plain(home: Home) -> dict[str, Any]:
+    """A training discretization or mixture as plain data."""
+    if isinstance(home, Discretization):
+        return home.arguments()
+    members = [{**member.arguments(), WEIGHT: weight} for member, weight in home.weights]
+    return {"mixture": home.name, "members": members}
 
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
@@ -300,8 +260,8 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         name=_text("name", data["name"]),
         env_id=_text("env_id", data["env_id"]),
         control_period=period,
-        train=_expand("train", data, period),
-        grid=_expand("evaluate", data, period),
+        train=_train(data, period),
+        grid=_evaluate(data, period),
         seeds=tuple(_integer("seeds", seed) for seed in _list(data, "seeds")),
         environment=dict(_table(data, "environment")),
         training=dict(_table(data, "training")),
@@ -314,6 +274,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         episodes=_integer("episodes", data.get("episodes", 20)),
         episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),
         question=_text("question", data.get("question", PanelSpec.question)),
+        left_out=absent_engines() if any(map(_asks_for_installed, data["evaluate"])) else (),
     )
 
 
@@ -323,7 +284,7 @@ def _check(spec: PanelSpec) -> None:
         raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
     named: dict[str, Sequence[Any]] = {
         "seeds": spec.seeds,
-        "train": [d.name for d in spec.train],
+        "train": [home.name for home in spec.train],
         "baselines": spec.baselines,
         "perturbations": [p.name for p in spec.perturbations],
         "family": spec.family,
@@ -339,28 +300,44 @@ def _check(spec: PanelSpec) -> None:
                 "cells vary; use `evaluate` for it"
             )
     _check_environment(spec)
-    for row_home in (*spec.train, None):
-        cells = spec.cells_of(row_home)
-        for cell in cells:
-            environment_setup(spec.env_id, cell.arguments(spec.environment))
+    every = [spec.cells_of(home) for home in (*spec.train, None)]
+    for cells in every:
         _check_unique("cells", [cell.name for cell in cells])
-    for home in spec.train:
-        if home not in spec.grid and home != spec.reference:
+    for cell in {cell.name: cell for cells in every for cell in cells}.values():
+        environment_setup(spec.env_id, cell.arguments(spec.environment))
+    for trained in spec.trained_on():
+        if trained not in spec.grid and trained != spec.reference:
             raise SpecError(
-                f"every training discretization must also be evaluated, {home.name!r} is not; "
+                f"every training discretization must also be evaluated, {trained.name!r} is not; "
                 "add it to `evaluate`"
             )
-    homes = {d.name for d in spec.train}
     columns = {cell.name for cell in spec.columns()}
+    _check_mixture_names(spec, columns)
+    homes = {home.name: home for home in spec.train}
     for home_name, cell_name in spec.family:
         _known("training discretization in `family`", home_name, homes)
         _known("cell in `family`", cell_name, columns)
-        if home_name == cell_name:
-            raise SpecError(f"`family` compares {home_name!r} with its own home; name another cell")
+        if cell_name in {member.name for member in homes[home_name].shares}:
+            raise SpecError(
+                f"`family` compares {home_name!r} with its own home {cell_name!r}; name a cell "
+                "that it was not trained in"
+            )
     for pair in spec.compare:
         for name in pair:
             _known("training discretization in `compare`", name, homes)
         _check_comparison(spec, pair)
+
+
+def _check_mixture_names(spec: PanelSpec, columns: set[str]) -> None:
+    """A mixture's name must be no other row's, no cell's, and one of its own as a file's."""
+    files = [file_name(name) for name in (*(home.name for home in spec.train), *spec.baselines)]
+    for home in spec.train:
+        if isinstance(home, Discretization):
+            continue
+        if home.name in columns or files.count(file_name(home.name)) > 1:
+            raise SpecError(
+                f"mixture {home.name!r} is named like another row or cell; give it another name"
+            )
 
 
 def _check_environment(spec: PanelSpec) -> None:
@@ -378,13 +355,15 @@ def _check_unique(label: str, values: Sequence[Any]) -> None:
 
 
 def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
-    """A comparison is decided at a quarter of each home's step and on the reference."""
+    """A comparison is decided at a quarter of each home's step and on the reference.
+
+    Of the steps that a mixture has of one integrator, the coarsest counts.
+    """
     if pair[0] == pair[1]:
         raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
-    for home in spec.train:
-        if home.name not in pair or home == spec.reference:
-            continue
-        own = (home.engine, home.integrator)
+    homes = {d for home in spec.train if home.name in pair for d in home.shares}
+    by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
+    for own, home in {(d.engine, d.integrator): d for d in by_step}.items():
         finest = min(d.dt for d in spec.grid if (d.engine, d.integrator) == own)
         if finest * 4.0 > home.dt * (1.0 + 1e-9):
             raise SpecError(
@@ -393,24 +372,68 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
             )
 
 
-def _expand(key: str, data: Mapping[str, Any], period: float) -> tuple[Discretization, ...]:
-    """Discretizations of a list of tables, in which integrator and dt may be lists."""
-    found: list[Discretization] = []
-    for entry in _list(data, key):
-        if not isinstance(entry, Mapping):
-            raise SpecError(
-                f"every entry of `{key}` must be a table with `integrator` and `dt`, got {entry!r}"
-            )
-        _check_keys(f"key in `{key}`", entry, ("integrator", "dt", "engine"))
-        if "integrator" not in entry or "dt" not in entry:
-            raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
-        engine = _text("engine", entry.get("engine", "native"))
-        found += [
-            Discretization(_text("integrator", integrator), _positive("dt", dt), period, engine)
-            for integrator in _many(entry["integrator"])
-            for dt in _many(entry["dt"])
-        ]
+def _train(data: Mapping[str, Any], period: float) -> tuple[Home, ...]:
+    """Training discretizations and mixtures, in order."""
+    found: list[Home] = []
+    for entry in _list(data, "train"):
+        if isinstance(entry, Mapping) and "mixture" in entry:
+            found.append(_mixture(entry, period))
+        else:
+            found += [member for member, _ in _expand("train", entry, period)]
     return tuple(dict.fromkeys(found))
+
+
+def _evaluate(data: Mapping[str, Any], period: float) -> tuple[Discretization, ...]:
+    entries: list[Any] = []
+    for entry in _list(data, "evaluate"):
+        entries += on_installed(entry) if _asks_for_installed(entry) else [entry]
+    found = [member for entry in entries for member, _ in _expand("evaluate", entry, period)]
+    return tuple(dict.fromkeys(found))
+
+
+def _asks_for_installed(entry: Any) -> bool:
+    return isinstance(entry, Mapping) and entry.get("engine") == INSTALLED
+
+
+def _mixture(entry: Mapping[str, Any], period: float) -> DiscretizationMixture:
+    """A table with a name and ``members``, whose weights hold for each that they expand to."""
+    _check_keys("key of a mixture in `train`", entry, ("mixture", "members"))
+    name = _text("mixture", entry["mixture"])
+    members = [
+        expanded
+        for member in _list(entry, "members")
+        for expanded in _expand(f"members of {name}", member, period, (WEIGHT,))
+    ]
+    if len(members) < 2:
+        raise SpecError(
+            f"mixture {name!r} needs at least two `members`, got {len(members)}; a single "
+            "discretization is trained on without a mixture"
+        )
+    _check_unique(f"members of {name}", [member.name for member, _ in members])
+    return DiscretizationMixture(name, tuple(members))
+
+
+def _expand(
+    key: str, entry: Any, period: float, more: tuple[str, ...] = ()
+) -> list[tuple[Discretization, float]]:
+    """Discretizations of a table in which integrator and dt may be lists, with their weight."""
+    if not isinstance(entry, Mapping):
+        raise SpecError(
+            f"every entry of `{key}` must be a table with `integrator` and `dt`, got {entry!r}"
+        )
+    _check_keys(f"key in `{key}`", entry, ("integrator", "dt", "engine", *more))
+    if "integrator" not in entry or "dt" not in entry:
+        raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
+    engine = _text("engine", entry.get("engine", "native"))
+    weight = _positive(WEIGHT, entry.get(WEIGHT, 1.0))
+    return [
+        (
+            Discretization(_text("integrator", integrator), _positive("dt", dt), period, engine),
+            weight,
+        )
+        for integrator in _many(entry["integrator"])
+        for dt in _many(entry["dt"])
+    ]
 
 
 def _perturbations(data: Mapping[str, Any], period: float) -> tuple[Perturbation, ...]:
@@ -456,7 +479,7 @@ def _check_keys(kind: str, data: Mapping[str, Any], valid: Sequence[str]) -> Non
         _known(kind, key, valid)
 
 
-def _known(kind: str, name: str, valid: Sequence[str] | set[str]) -> None:
+def _known(kind: str, name: str, valid: Iterable[str]) -> None:
     if name not in valid:
         raise SpecError(unknown_name(kind, name, valid))
 

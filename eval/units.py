@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass
 
+from integ_gym.eval.cells import Home, file_name
+from integ_gym.eval.engine_cells import NATIVE, engine_versions
 from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
-from integ_gym.eval.spec import Cell, Discretization, PanelSpec
+from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sidecar import POLICY_FILE
@@ -18,35 +19,30 @@ class Unit:
 
     Attributes:
         row: name of the panel's row.
-        home: training discretization, or None for a baseline.
+        home: training discretization or mixture, or None for a baseline.
         seed: training seed, or None.
     """
 
     row: str
-    home: Discretization | None = None
+    home: Home | None = None
     seed: int | None = None
 
     @property
     def policy(self) -> str:
         """Identifier of the policy, usable as a file name."""
         seed = "" if self.seed is None else f"-seed{self.seed}"
-        return re.sub(r"[^A-Za-z0-9._]+", "-", self.row) + seed
+        return file_name(self.row) + seed
 
     @property
     def training(self) -> str:
         """Name of the training unit."""
         return f"train-{self.policy}"
 
-    @property
-    def evaluation(self) -> str:
-        """Name of the evaluation unit."""
-        return f"evaluate-{self.policy}"
-
 
 def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
     """Baselines first, which are quick, then the training runs, seed by seed."""
     baselines = tuple(Unit(name) for name in spec.baselines)
-    return baselines + tuple(Unit(d.name, d, seed) for seed in spec.seeds for d in spec.train)
+    return baselines + tuple(Unit(h.name, h, seed) for seed in spec.seeds for h in spec.train)
 
 
 def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
@@ -54,7 +50,7 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
     assert unit.home is not None
     return PPOConfig.of(
         spec.env_id,
-        env_arguments=Cell(unit.home, "grid").arguments(spec.environment),
+        env_arguments=unit.home.training_arguments(spec.environment),
         seed=unit.seed,
         **spec.training,
     )
@@ -62,7 +58,10 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
 
 def training_key(config: PPOConfig) -> str:
     """Hash of all that a training run depends on."""
-    return key_of(config=asdict(config))
+    arguments = config.env_arguments
+    members = (arguments, *arguments.get("mixture", ()))
+    engines = {str(member.get("engine", NATIVE)) for member in members}
+    return key_of(engine_versions(engines), config=asdict(config))
 
 
 def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:

@@ -192,6 +192,18 @@ class _Measured:
         return self.home >= LEARNED
 
 
+def loss_of(comparison: Comparison) -> tuple[Quantity, Interval]:
+    """The loss of success that `judge_family` would judge, and which quantity it is.
+
+    Raises
+    ------
+    ValueError
+        If home and transferred rates are not of the same number of policies.
+    """
+    measured = _measure(comparison)
+    return measured.quantity, measured.difference.interval
+
+
 def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
     """Judge a declared family of transfers.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.numerics.fingerprint import fingerprint
 from integ_gym.envs.settings import Setup
 from integ_gym.evidence.context import json_text
 
@@ -23,6 +24,7 @@ def describe(setup: Setup, lane: int = 0) -> dict[str, Any]:
     return {
         "engine": settings.engine,
         "engine_version": setup.engine.version,
+        "engine_description": json_text(_engine(setup)),
         "integrator": settings.integrator,
         "dt": timing.dt,
         "control_period": timing.control_period,
@@ -48,6 +50,15 @@ def arguments(setup: Setup, lane: int = 0) -> str:
     return json_text(
         {name: {"value": _of_lane(values[name], lane), "unit": units[name]} for name in values}
     )
+
+
+def _engine(setup: Setup) -> dict[str, Any]:
+    """What the engine says of itself, and what it was measured to be, if it is not ours."""
+    settings = setup.settings
+    if settings.engine == "native":
+        return setup.engine.describe()
+    measured = fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+    return {**setup.engine.describe(), "fingerprint": measured.to_json()}
 
 
 def staleness(setup: Setup) -> float:

@@ -30,6 +30,7 @@ class EpisodeHead:
         wall_start: Unix time of its start, µs.
         wall_end: Unix time of its end, µs.
         setup: which of the environment's setups it ran on.
+        context: which of the recorder's contexts it belongs to.
     """
 
     index: int
@@ -38,6 +39,7 @@ class EpisodeHead:
     wall_start: int
     wall_end: int
     setup: int = 0
+    context: int = 0
 
 
 @dataclass(frozen=True)
@@ -64,12 +66,12 @@ class EpisodeLog:
 
     Args:
         layout: what the entries of a row are.
-        context: what the episodes are for.
+        contexts: what the episodes are for; each belongs to one of them.
     """
 
-    def __init__(self, layout: Layout, context: EpisodeContext) -> None:
+    def __init__(self, layout: Layout, contexts: Sequence[EpisodeContext]) -> None:
         self.layout = layout
-        self.context = context
+        self.contexts = tuple(contexts)
         self._parts: list[Episodes] = []
         self._heads: list[EpisodeHead] = []
         self._pending: list[tuple[Array, Array]] = []
@@ -111,7 +113,7 @@ class EpisodeLog:
             return
         rows = _beside([rows for rows, _ in self._pending])
         counts = np.concatenate([counts for _, counts in self._pending])
-        traced = np.array([self.context.has_trace(head.index) for head in self._heads])
+        traced = np.array([self.contexts[h.context].has_trace(h.index) for h in self._heads])
         kept = rows if traced.all() else rows[:, np.repeat(traced, counts)]
         summary = summarise(self.layout, rows, counts)
         self._parts.append(Episodes(tuple(self._heads), summary, traced, kept, counts[traced]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.envs.transition import DIVERGED, NOT_CONVERGED, NOT_REPORTED, OK, STATUS_NAMES
 
 SCHEMA_VERSION = 1
 
@@ -26,7 +26,7 @@ LABELS = (
     "unattributed",
 )
 
-STATUS_CODES = {name: code for code, name in enumerate(STATUS_NAMES)}
+STATUS_CODES = {STATUS_NAMES[code]: code for code in (NOT_REPORTED, OK, NOT_CONVERGED, DIVERGED)}
 """Solver status to its code in the trace; a larger code is worse."""
 
 
@@ -127,7 +127,13 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
     ),
     _text(_DISCRETIZATION, "engine", "what advanced the plant"),
     _text(_DISCRETIZATION, "engine_version", "version of the engine"),
-    _text(_DISCRETIZATION, "integrator", "one-step map"),
+    _text(
+        _DISCRETIZATION,
+        "engine_description",
+        "the engine's float width, the map that it applies, its fingerprint and its stops",
+        kind="json",
+    ),
+    _text(_DISCRETIZATION, "integrator", "one-step map, as the engine calls it"),
     _real(_DISCRETIZATION, "dt", "s", "integration step"),
     _real(_DISCRETIZATION, "control_period", "s", "time between two decisions"),
     _count(_DISCRETIZATION, "substeps", "integration steps per decision"),
@@ -216,7 +222,13 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
     _real(_LEDGER, "energy_start", "J", "energy at time 0; zero at rest hanging"),
     _real(_LEDGER, "energy_end", "J", "energy at the end"),
     _real(_LEDGER, "work_total", "J", "work of the actuator"),
-    _real(_LEDGER, "dissipated_total", "J", "energy that damping took out"),
+    _real(
+        _LEDGER,
+        "dissipated_total",
+        "J",
+        "energy that damping took out; null: a loss is not known",
+        nullable=True,
+    ),
     _real(
         _LEDGER,
         "contact_loss_total",
@@ -225,8 +237,20 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
         nullable=True,
     ),
     _real(_LEDGER, "clip_loss_total", "J", "energy that the speed limit took out"),
-    _real(_LEDGER, "energy_residual_total", "J", "energy that numerical error put in"),
-    _real(_LEDGER, "energy_residual_abs_total", "J", "sum of the residual's magnitude per step"),
+    _real(
+        _LEDGER,
+        "energy_residual_total",
+        "J",
+        "energy that numerical error put in; null: a loss is not known",
+        nullable=True,
+    ),
+    _real(
+        _LEDGER,
+        "energy_residual_abs_total",
+        "J",
+        "sum of the residual's magnitude per step; null: a loss is not known",
+        nullable=True,
+    ),
     _count(_SOLVER, "solver_iterations_max", "most iterations in one integration step"),
     _real(
         _SOLVER,

@@ -46,6 +46,7 @@ class EpisodeFacts:
         goal_since: start of the stay in which the episode ended, s, or None.
         observation_noise: standard deviation of the sensor noise, SI units.
         staleness: action latency, and age that a sample can have at a decision, s.
+        homes: training discretizations of the policy.
     """
 
     success: bool
@@ -60,6 +61,7 @@ class EpisodeFacts:
     goal_since: float | None
     observation_noise: float = 0.0
     staleness: float = 0.0
+    homes: int = 1
 
 
 def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
@@ -96,11 +98,12 @@ def _success(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
 def _discretization(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
     if replays.home in ("is home", "no home") or replays.home is False:
         return None
+    where = "its training discretization" if facts.homes <= 1 else "a training discretization of it"
     if replays.home is None:
-        return _unattributed(facts, "on its training discretization")
+        return _unattributed(facts, f"on {where}")
     return (
         "discretization_error",
-        f"the same policy succeeds from the same start on its training discretization, but on "
+        f"the same policy succeeds from the same start on {where}, but on "
         f"{facts.discretization} {_course(facts)}",
     )
 

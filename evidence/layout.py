@@ -7,7 +7,7 @@ from typing import Any
 
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.evidence.fields import Field
-from integ_gym.evidence.trace_fields import CONTACT_SOURCES, record_fields
+from integ_gym.evidence.trace_fields import CONTACT_SOURCES, controls_of, record_fields
 
 _INFO = (
     "time",
@@ -18,8 +18,6 @@ _INFO = (
     "dissipated",
     "clip_loss",
     "energy_residual",
-    "control",
-    "commanded",
     "saturated",
     "fallback_used",
     "success",
@@ -53,7 +51,10 @@ class Layout:
     def __init__(self, plant: Any, task: Any, info: Mapping[str, Any] | None = None) -> None:
         self.fields: tuple[Field, ...] = record_fields(plant, task)
         contact = tuple(name for name in CONTACT_SOURCES if name in (info or {}))
-        self.info = (*_INFO, *contact)
+        controls = tuple(
+            source for _, _, *sources in controls_of(plant) for source in reversed(sources)
+        )
+        self.info = (*_INFO, *controls, *contact)
         self.state = state_names(plant)
         self.sensed = tuple(f"sensed_{name}" for name in task.observation_names)
         booked = (STATUS, "reward", "terminated", "truncated")

@@ -2,38 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence.arrow_schema import VERSION_KEY, is_trace
 from integ_gym.evidence.errors import EvidenceError
-from integ_gym.evidence.extra import parquet
+from integ_gym.evidence.extra import parquet, pyarrow
 from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 
-_ROW_GROUP = 1024
+_GROUP_BYTES = 16 << 20
+"""Memory of the rows of a group, about, where their number allows."""
+
+_FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
+"""Of a group, but for the last: a query reads the header of every group."""
+
 _LEVEL = 1
 
 _REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
 
 
-def write(table: Any, file: Path) -> None:
-    """Write a table of records.
+def write(tables: Iterable[Any], file: Path) -> None:
+    """Write tables of records of one schema, as they come; None stands for no records.
 
     Traces of real numbers are stored by byte stream; what repeats is stored by dictionary.
+
+    Raises:
+        ValueError: if there are no records at all.
     """
-    numbers = [f for f in table.schema if is_trace(f.name) and "float" in str(f.type)]
+    groups = _row_groups(tables)
+    first = next(groups, None)
+    if first is None:
+        raise ValueError("a batch needs at least one record, got none")
+    with _writer(first.schema, file) as writer:
+        for table in chain([first], groups):
+            parts = max(1, table.num_rows // _rows_per_group(table.num_rows, table.nbytes))
+            writer.write_table(table, -(-table.num_rows // parts))
+
+
+def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
+    """Tables put together until they make a row group."""
+    waiting: list[Any] = []
+    rows = size = 0
+    for table in tables:
+        if table is not None:
+            waiting.append(table)
+            rows, size = rows + table.num_rows, size + table.nbytes
+        if rows >= _rows_per_group(rows, size):
+            yield pyarrow().concat_tables(waiting)
+            waiting, rows, size = [], 0, 0
+    if waiting:
+        yield pyarrow().concat_tables(waiting)
+
+
+def _writer(schema: Any, file: Path) -> Any:
+    numbers = [f for f in schema if is_trace(f.name) and "float" in str(f.type)]
     streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
-    dictionaries = [f.name for f in table.schema if f.name not in {x.name for x in numbers}]
-    parquet().write_table(
-        table,
+    dictionaries = [f.name for f in schema if f.name not in {x.name for x in numbers}]
+    return parquet().ParquetWriter(
         file,
+        schema,
         compression="zstd",
         compression_level=_LEVEL,
-        row_group_size=_ROW_GROUP,
         use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
         use_byte_stream_split=streams,
-        write_statistics=[f.name for f in table.schema if not is_trace(f.name)],
+        write_statistics=[f.name for f in schema if not is_trace(f.name)],
     )
+
+
+def _rows_per_group(rows: int, size: int) -> int:
+    """How many of ``rows``, of ``size`` bytes in all, make a group."""
+    wanted = _GROUP_BYTES * rows // size if size else 0
+    return min(_MOST_ROWS, max(_FEWEST_ROWS, wanted))
 
 
 def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:

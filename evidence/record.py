@@ -25,7 +25,7 @@ class EvidenceRecord:
     Attributes:
         fields: all fields but the trace, by name.
         trace: trace columns by name, without those that are null; a column of control instants
-            has ``length`` + 1 values, one of control steps ``length``.
+            has ``length`` + 1 values, one of control steps ``length``; NaN where one is not known.
         units: unit of every column of the file.
         frames: reference frame of every column of the file, empty where none applies.
     """
@@ -66,7 +66,7 @@ def records_of(table: Any) -> list[EvidenceRecord]:
     frames = {name: about[name]["frame"] for name in about}
     trace_names = [name for name in table.column_names if is_trace(name)]
     names = [name for name in table.column_names if not is_trace(name)]
-    traces = {name: _arrays(table.column(name)) for name in trace_names}
+    traces = {name: _arrays(table.column(name), about[name]["at"]) for name in trace_names}
     records = []
     for i, row in enumerate(table.select(names).to_pylist()):
         trace = {name: arrays[i] for name, arrays in traces.items()}
@@ -75,14 +75,23 @@ def records_of(table: Any) -> list[EvidenceRecord]:
     return records
 
 
-def _arrays(column: Any) -> list[Array | None]:
-    """The non-null values of every list of a column; None for a null list."""
+def _arrays(column: Any, at: str) -> list[Array | None]:
+    """The values of every list of a column, NaN where there is none; None for a null list.
+
+    The last value of a column of control steps stands for no step.
+    """
     array = pyarrow().concat_arrays(column.chunks) if column.num_chunks else None
-    return [None if x.values is None else x.values.drop_null().to_numpy() for x in array or ()]
+    end = -1 if at == "step" else None
+    return [None if x.values is None else _numbers(x.values[:end]) for x in array or ()]
+
+
+def _numbers(values: Any) -> Array:
+    numbers: Array = values.to_numpy(zero_copy_only=False)
+    return numbers
 
 
 def _padded(values: Array, rows: int) -> list[Any]:
-    return [*values.tolist(), *[None] * (rows - len(values))]
+    return [*map(_plain, values.tolist()), *[None] * (rows - len(values))]
 
 
 def _plain(value: Any) -> Any:

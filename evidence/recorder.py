@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,10 +13,11 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.rediscretized import RediscretizedEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.fields import STATUS_CODES
-from integ_gym.evidence.recording import Recording, check_unchanged, now
+from integ_gym.evidence.recording import Recording, now, recorded
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import ReplayLookup
 
@@ -32,7 +33,8 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
     finished is not written. Episodes count up from ``context.first_episode``.
 
     Args:
-        env: an integ-gym environment, with no wrapper that changes what a policy sees.
+        env: an integ-gym environment or a rediscretized one, with no wrapper that changes what a
+            policy sees.
         store: an :class:`EvidenceStore` or its directory.
         context: what the episodes are for.
         commit_on_close: whether :meth:`close` commits what has not been committed.
@@ -50,9 +52,9 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         commit_on_close: bool = True,
     ) -> None:
         super().__init__(env)
-        check_unchanged(env, IntegEnv, ("observation_space", "action_space"))
-        self._inner = cast(Any, env.unwrapped)
-        self._recording = Recording(env, [(self._inner.setup, 0)], store, context)
+        spaces = ("observation_space", "action_space")
+        self._inner = recorded(env, (IntegEnv, RediscretizedEnv), spaces)
+        self._recording = Recording(env, [(self._inner.setup, 0)], store, [context])
         self._commit_on_close = commit_on_close
         self._next_index = context.first_episode
         self._seed: int | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from integ_gym.evidence.atomic import remove_leftovers, write_once
 from integ_gym.evidence.content_hash import content_hashes
 from integ_gym.evidence.errors import BatchExistsError, EvidenceError
-from integ_gym.evidence.extra import duckdb, pyarrow
+from integ_gym.evidence.extra import duckdb
 from integ_gym.evidence.parquet_file import check_schema, read, row_count, write
 from integ_gym.evidence.record import EvidenceRecord, records_of
 
@@ -65,34 +65,31 @@ class EvidenceStore:
             BatchExistsError: if a batch of that name has been committed.
             ValueError: for a name that cannot be a file's.
         """
-        if not _NAME.fullmatch(name):
-            raise ValueError(
-                f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
-                f"letter or digit, got {name!r}"
-            )
+        return self.commit_all(name, [table])
+
+    def commit_all(self, name: str, tables: Iterable[Any]) -> Path:
+        """Make several tables of records of one environment visible as one batch.
+
+        Args:
+            name: name of the batch.
+            tables: Arrow tables of records, written as they come; None stands for no records.
+
+        Raises:
+            BatchExistsError: if a batch of that name has been committed.
+            ValueError: for a name that cannot be a file's, or if there are no records.
+        """
+        _check_name(name)
         self.directory.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.directory)
         path = self.directory / f"{name}.parquet"
         try:
-            write_once(path, lambda file: write(table, file))
+            write_once(path, lambda file: write(tables, file))
         except FileExistsError:
             raise BatchExistsError(
                 f"batch {name!r} has already been committed to {self.directory}; remove its file "
                 "to record it anew, or give another name"
             ) from None
         return path
-
-    def commit_all(self, name: str, tables: Sequence[Any]) -> Path:
-        """Make several tables of records of one environment visible as one batch.
-
-        Args:
-            name: name of the batch.
-            tables: Arrow tables of records; None stands for no records.
-
-        Raises:
-            BatchExistsError, ValueError: as for :meth:`commit`.
-        """
-        return self.commit(name, pyarrow().concat_tables([t for t in tables if t is not None]))
 
     def count(self) -> int:
         """Number of records.
@@ -192,6 +189,14 @@ class EvidenceStore:
                     problems.append(Problem(file.name, record_id, message))
                 seen.setdefault(record_id, file.name)
         return problems
+
+
+def _check_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise ValueError(
+            f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
+            f"letter or digit, got {name!r}"
+        )
 
 
 def open_run(run: str | Path) -> EvidenceStore:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from integ_gym.evidence.arrow_schema import arrow_schema, arrow_type
 from integ_gym.evidence.content_hash import with_hashes
 from integ_gym.evidence.context import EpisodeContext, json_text
 from integ_gym.evidence.description import describe, in_words, staleness
-from integ_gym.evidence.episode_log import EpisodeLog, Episodes
+from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog, Episodes
 from integ_gym.evidence.extra import pyarrow
 from integ_gym.evidence.fields import SCHEMA_VERSION, Field
 from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
@@ -26,11 +27,16 @@ Columns = dict[str, Sequence[Any]]
 SetupOfLane = tuple[Setup, int]
 
 ReplayLookup = Replays | Mapping[int, Replays]
-"""What replays said: for all episodes, or by episode index."""
+
+ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
+"""What replays said, for all episodes or by episode index; or such for each context."""
 
 
 def record_table(
-    log: EpisodeLog, env_id: str, setups: Sequence[SetupOfLane], replays: ReplayLookup | None = None
+    log: EpisodeLog,
+    env_id: str,
+    setups: Sequence[SetupOfLane],
+    replays: ReplayLookups | None = None,
 ) -> Any:
     """The records of a log's episodes.
 
@@ -39,14 +45,16 @@ def record_table(
         env_id: Gymnasium id of the environment.
         setups: what ``setup`` of an episode's head counts: setups with the lane whose plant
             parameters hold.
-        replays: overrides what the context says.
+        replays: overrides what the contexts say.
 
     Returns:
-        An Arrow table with the schema of that environment's records, by episode index.
+        An Arrow table with the schema of that environment's records, by context and episode index.
     """
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
-    columns = _scalar_columns(log.context, episodes, env_id, setups, replays)
+    width = setups[0][0].engine.width
+    contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
+    columns = _scalar_columns(contexts, episodes, env_id, setups, replays)
     arrays = [
         _trace_array(log.layout, episodes, field)
         if field.at
@@ -54,20 +62,20 @@ def record_table(
         for field in fields
     ]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
-    return with_hashes(_in_order(table, columns["episode_index"]))
+    return with_hashes(_in_order(table, episodes.heads))
 
 
-def _in_order(table: Any, indices: Sequence[int]) -> Any:
-    order = np.argsort(indices, kind="stable")
+def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
+    order = np.lexsort(([head.index for head in heads], [head.context for head in heads]))
     return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 def _scalar_columns(
-    context: EpisodeContext,
+    contexts: Sequence[EpisodeContext],
     episodes: Episodes,
     env_id: str,
     setups: Sequence[SetupOfLane],
-    replays: ReplayLookup | None,
+    replays: ReplayLookups | None,
 ) -> Columns:
     heads, summary = episodes.heads, episodes.summary
     used = {head.setup for head in heads}
@@ -75,13 +83,13 @@ def _scalar_columns(
     stale = {k: staleness(setups[k][0]) for k in used}
     described = [descriptions[head.setup] for head in heads]
     names = describe(*setups[0])
-    labels = _labels(context, episodes, described, [stale[h.setup] for h in heads], replays)
-    constants = _constants(context, env_id)
+    labels = _labels(contexts, episodes, described, [stale[h.setup] for h in heads], replays)
+    told = [_told(context, env_id) for context in contexts]
     return {
-        **{name: [value] * len(heads) for name, value in constants.items()},
+        **{name: [told[head.context][name] for head in heads] for name in told[0]},
         **{name: [description[name] for description in described] for name in names},
         **{name: _values(column) for name, column in summary.items()},
-        "record_id": [context.record_id(head.index) for head in heads],
+        "record_id": [contexts[head.context].record_id(head.index) for head in heads],
         "episode_index": [head.index for head in heads],
         "seed": [_small(head.seed) for head in heads],
         "rng_key": [head.rng_key for head in heads],
@@ -94,7 +102,9 @@ def _scalar_columns(
     }
 
 
-def _constants(context: EpisodeContext, env_id: str) -> dict[str, Any]:
+def _told(context: EpisodeContext, env_id: str) -> dict[str, Any]:
+    """What all episodes of a context have in common."""
+
     def optional(value: Any) -> str | None:
         return None if value is None else json_text(value)
 
@@ -119,14 +129,14 @@ def _constants(context: EpisodeContext, env_id: str) -> dict[str, Any]:
 
 
 def _labels(
-    context: EpisodeContext,
+    contexts: Sequence[EpisodeContext],
     episodes: Episodes,
     described: list[dict[str, Any]],
     stale: list[float],
-    replays: ReplayLookup | None,
+    replays: ReplayLookups | None,
 ) -> list[tuple[str, str]]:
     columns = {fact: _values(episodes.summary[name]) for fact, name in _FACTS.items()}
-    given = context.replays if replays is None else replays
+    lookups = _lookups(contexts, replays)
     labels = []
     for i, (head, description) in enumerate(zip(episodes.heads, described, strict=True)):
         facts = EpisodeFacts(
@@ -134,14 +144,27 @@ def _labels(
             discretization=in_words(description),
             observation_noise=description["observation_noise"],
             staleness=stale[i],
+            homes=len(contexts[head.context].homes),
             solver_status=STATUS_NAMES[episodes.summary["status_code"][i]],
             **{name: values[i] for name, values in columns.items()},
         )
+        given = lookups[head.context]
         said = given if isinstance(given, Replays) else given.get(head.index, Replays())
-        home = context.home(description) if said.home is None else said.home
+        home = contexts[head.context].home(description) if said.home is None else said.home
         said = Replays(home, said.without_noise, said.without_delay)
         labels.append(failure_label(facts, said))
     return labels
+
+
+def _lookups(
+    contexts: Sequence[EpisodeContext], replays: ReplayLookups | None
+) -> Sequence[ReplayLookup]:
+    """What replays said, context by context."""
+    if replays is None:
+        return [context.replays for context in contexts]
+    if isinstance(replays, Replays | Mapping):
+        return [replays] * len(contexts)
+    return replays
 
 
 _FACTS = {
@@ -191,7 +214,7 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
 
 
 def _absent(numbers: Array, ends: Array) -> Array:
-    """True at the last row of every episode, from which no step follows."""
-    mask = np.zeros(len(numbers), dtype=bool)
+    """True where there is no value: NaN, and the last row of an episode, which no step follows."""
+    mask = np.isnan(numbers)
     mask[ends[1:][np.diff(ends) > 0] - 1] = True
     return mask

@@ -66,19 +66,32 @@ def sensed_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     )
 
 
-def control_fields(plant: Any) -> tuple[Field, Field]:
-    """Commanded and applied control."""
-    name, unit, frame = plant.control_name, plant.control_unit, plant.frame
+def controls_of(plant: Any) -> tuple[tuple[str, str, str, str], ...]:
+    """Name, unit, and where ``info`` has the commanded and the applied value, per control."""
+    several = getattr(plant, "controls", None)
+    if several is None:
+        return ((plant.control_name, plant.control_unit, "commanded", "control"),)
+    return tuple((name, unit, f"{name}_commanded", f"{name}_applied") for name, unit in several)
+
+
+def control_fields(plant: Any) -> tuple[Field, ...]:
+    """Commanded and applied value of every control."""
     asked = "control asked for by the decision, after saturation and fallback"
     applied = "control in force at the end of the control step"
-    return (
-        _column(f"{name}_commanded", "float64", unit, asked, "step", "commanded", frame),
-        _column(f"{name}_applied", "float64", unit, applied, "step", "control", frame),
+    return tuple(
+        field
+        for name, unit, commanded, given in controls_of(plant)
+        for field in (
+            _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame),
+            _column(f"{name}_applied", "float64", unit, applied, "step", given, plant.frame),
+        )
     )
 
 
 def contact_units(plant: Any) -> dict[str, str]:
     """Units of what is measured along the coordinate that the plant's stops are on."""
+    if hasattr(plant, "controls"):
+        return {}
     unit = plant.coordinate_units[getattr(plant, "stopped", 0)]
     force = _FORCE_UNITS[unit]
     return {"penetration": unit, "penetration_max": unit, "contact_force": force}

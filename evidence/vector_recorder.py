@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,9 @@ from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.lane_buffer import LaneBuffer, fill, fill_ending
-from integ_gym.evidence.recording import Recording, all_setups, check_unchanged, now
+from integ_gym.evidence.recording import Recording, all_setups, now, recorded
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.table import ReplayLookup
+from integ_gym.evidence.table import ReplayLookups
 
 Array = npt.NDArray[Any]
 
@@ -40,36 +40,39 @@ class RecordVectorEvidence(VectorWrapper):
     Args:
         env: an integ-gym vector environment, with no wrapper that changes what a policy sees.
         store: an :class:`EvidenceStore` or its directory.
-        context: what the episodes are for.
+        context: what the episodes are for; of several, each has an equal share of the lanes, in
+            their order.
         episodes: for paired starts, one episode index per lane: the lane's first episode has it,
-            and what the lane does after that is not recorded. By default all episodes count up
-            from ``context.first_episode`` in the order in which they end, and by lane where they
-            end together.
+            and what the lane does after that is not recorded. By default all episodes of a context
+            count up from its ``first_episode`` in the order in which they end, and by lane where
+            they end together.
         commit_on_close: whether :meth:`close` commits what has not been committed.
 
     Raises:
         TypeError: for another environment.
-        ValueError: if ``episodes`` does not have one index per lane, all different.
+        ValueError: if the contexts do not divide the lanes, or if ``episodes`` does not have one
+            index per lane, all different within a context.
     """
 
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
         store: EvidenceStore | str | Path,
-        context: EpisodeContext,
+        context: EpisodeContext | Sequence[EpisodeContext],
         *,
         episodes: Sequence[int] | None = None,
         commit_on_close: bool = True,
     ) -> None:
         super().__init__(env)
-        check_unchanged(env, IntegVectorEnv, _SPACES)
-        self._inner = cast(Any, env.unwrapped)
+        self._inner = recorded(env, (IntegVectorEnv,), _SPACES)
         self._mode: AutoresetMode = self._inner.autoreset_mode
         setups = all_setups(self._inner.setups, self.num_envs)
         self._per_member = len(setups) // len(self._inner.setups)
-        self._recording = Recording(env, setups, store, context)
+        contexts = [context] if isinstance(context, EpisodeContext) else list(context)
+        self._share = self._share_of(len(contexts))
+        self._recording = Recording(env, setups, store, contexts)
         self._commit_on_close = commit_on_close
-        self._next_index = context.first_episode
+        self._next_index = [context.first_episode for context in contexts]
         self._episodes = self._checked(episodes)
         self._buffer: LaneBuffer | None = None
         self._waiting = np.zeros(self.num_envs, dtype=bool)
@@ -83,7 +86,7 @@ class RecordVectorEvidence(VectorWrapper):
         """Give every lane its next paired episode, which begins when the lane is next reset.
 
         Raises:
-            ValueError: if it is not one index per lane, all different.
+            ValueError: if it is not one index per lane, all different within a context.
         """
         self._episodes = self._checked(episodes)
         self._recorded[:] = False
@@ -136,24 +139,24 @@ class RecordVectorEvidence(VectorWrapper):
             self._waiting = done
         return result
 
-    def commit(self, name: str | None = None, replays: ReplayLookup | None = None) -> Path | None:
+    def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
         """Write the finished episodes as one batch; None if there are none.
 
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: what replays said, for all episodes or by episode index.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.
         """
         return self._recording.commit(name, replays)
 
-    def take(self, replays: ReplayLookup | None = None) -> Any:
+    def take(self, replays: ReplayLookups | None = None) -> Any:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: what replays said, for all episodes or by episode index.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
         """
         return self._recording.take(replays)
 
@@ -162,21 +165,32 @@ class RecordVectorEvidence(VectorWrapper):
         return self._recording.summaries()
 
     def close(self, **kwargs: Any) -> None:
-        """Commit, if wanted, and close the environment."""
+        """Commit, if wanted, and close the environment; finished episodes can still be taken."""
         try:
             if self._commit_on_close:
                 self.commit()
         finally:
+            self._buffer = None
             super().close(**kwargs)
+
+    def _share_of(self, contexts: int) -> int:
+        """Lanes of each context."""
+        if not contexts or self.num_envs % contexts:
+            raise ValueError(
+                f"the number of contexts must divide the number of lanes ({self.num_envs}), got "
+                f"{contexts}"
+            )
+        return self.num_envs // contexts
 
     def _checked(self, episodes: Sequence[int] | None) -> list[int] | None:
         if episodes is None:
             return None
         indices = [int(index) for index in episodes]
-        if len(indices) != self.num_envs or len(set(indices)) != len(indices):
+        owned = {(lane // self._share, index) for lane, index in enumerate(indices)}
+        if len(indices) != self.num_envs or len(owned) != len(indices):
             raise ValueError(
-                f"`episodes` must be one index per lane ({self.num_envs}), all different, got "
-                f"{indices}"
+                f"`episodes` must be one index per lane ({self.num_envs}), all different within a "
+                f"context, got {indices}"
             )
         return indices
 
@@ -217,13 +231,16 @@ class RecordVectorEvidence(VectorWrapper):
         self._recorded[lanes] = self._episodes is not None
 
     def _head(self, lane: int, entropy: int, ended: int) -> EpisodeHead:
+        context = lane // self._share
         if self._episodes is None:
-            index, self._next_index = self._next_index, self._next_index + 1
+            index = self._next_index[context]
+            self._next_index[context] += 1
         else:
             index = self._episodes[lane]
         setup = int(self._member[lane]) * self._per_member + (lane if self._per_member > 1 else 0)
         key = f"{entropy}/{self._draws[lane]}"
-        return EpisodeHead(index, self._seeds[lane], key, int(self._wall_start[lane]), ended, setup)
+        start = int(self._wall_start[lane])
+        return EpisodeHead(index, self._seeds[lane], key, start, ended, setup, context)
 
 
 def _seed_of(seed: int | Sequence[int | None] | None, lane: int) -> int | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.versions import installed_versions
 from integ_gym.train.seeds import first_lane_seed
@@ -18,13 +19,20 @@ if TYPE_CHECKING:
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
+_DRAWN = {
+    "sb3": "each environment draws a member at every reset",
+    "fleet": "each integrator has its share of the environments at every moment; each environment "
+    "draws its step at every reset",
+}
+"""How each trainer draws from a mixture."""
+
 LAST_EPISODES = 100
 """Episodes at the end of training that the card tells about."""
 
 
 def make_card(
     config: PPOConfig,
-    setups: Sequence[Setup],
+    mixture: Mixture,
     *,
     trainer: str,
     packages: Sequence[str],
@@ -36,25 +44,29 @@ def make_card(
 
     Args:
         config: the run.
-        setups: of the training environment: one, or one per member of a mixture.
+        mixture: the discretizations of the training environment; one where it is no mixture.
         trainer: ``"sb3"`` or ``"fleet"``.
         packages: that the trainer used, beside integ-gym, gymnasium and numpy.
         steps: decisions taken.
         seconds: wall time; for a fleet its chunk's, divided by the policies in it.
         last_episodes: see :func:`episode_summary`.
     """
-    setup = setups[0]
-    discretizations = [_discretization(member) for member in setups]
-    mixed = "mixture" in config.env_arguments
+    setup = mixture.setups[0]
+    members = [
+        {**_discretization(member), "share": float(share)}
+        for member, share in zip(mixture.setups, mixture.shares, strict=True)
+    ]
+    mixed = config.env_arguments.get("mixture") is not None
     name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
     return {
         "policy_id": f"ppo-{name}-seed{config.seed}",
         "algorithm": "PPO",
         "trainer": trainer,
         "env_id": config.env_id,
-        "discretization": None if mixed else discretizations[0],
-        "mixture": discretizations if mixed else None,
-        "env_arguments": _json_values(setup.arguments()),
+        "discretization": None if mixed else _discretization(setup),
+        "mixture": members if mixed else None,
+        "mixture_drawn": _DRAWN[trainer] if mixed else None,
+        "env_arguments": _json_values(_common(setup) if mixed else setup.arguments()),
         "units": setup.units(),
         "seed": config.seed,
         "config": asdict(config),
@@ -70,6 +82,12 @@ def make_card(
         "versions": installed_versions((*_PACKAGES, *packages)),
         "platform": platform.platform(),
     }
+
+
+def _common(setup: Setup) -> dict[str, Any]:
+    """Constructor arguments that the members of a mixture have in common."""
+    own = ("engine", "integrator", "dt")
+    return {name: value for name, value in setup.arguments().items() if name not in own}
 
 
 def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dict[str, Any]:

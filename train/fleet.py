@@ -17,7 +17,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 
 from integ_gym.envs import functional
 from integ_gym.envs.extras import require
-from integ_gym.envs.functional import FunctionalEnv, Params, Structure
+from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.jax_ops import jax
+from integ_gym.envs.mixture import Mixture
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
 from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, first_entries
@@ -63,17 +64,17 @@ class Kind:
     """What runs of one chunk have in common.
 
     Attributes:
-        structure: of the environment.
+        structure: of the environment, or of the mixture.
         sizes: of observation and hidden layers.
         algorithm: structure of the learner.
-        substeps: integration steps per decision.
+        substeps: integration steps per decision, of each member of a mixture.
         rollouts: in a whole run.
     """
 
-    structure: Structure
+    structure: Hashable
     sizes: tuple[int, ...]
     algorithm: Algorithm
-    substeps: int
+    substeps: tuple[int, ...]
     rollouts: int
 
 
@@ -278,14 +279,14 @@ class _Trainer:
         self._configs = configs
         envs = [functional.make(c.env_id, **c.env_arguments) for c in configs]
         self._setups = [env.setup for env in envs]
-        self._params = _joined([env.default_params for env in envs])  # type: ignore[misc]
+        self._params = envs[0].columns([env.default_params for env in envs])
         lanes = kind.algorithm.n_envs
         self._returns = [_Returns(np.zeros(lanes)) for _ in configs]
-        layout = None if evidence is None else _layout(envs[0])
+        layout = None if evidence is None else _layout(envs[0], lanes)
         self._program = _program(kind, envs[0], layout)
         self._assemblers = [
-            EpisodeAssembler(told, config.env_id, setup, layout, config.seed, lanes)
-            for told, config, setup in zip(evidence or (), configs, self._setups, strict=False)
+            EpisodeAssembler(told, config.env_id, env.setups, layout, config.seed, lanes)
+            for told, config, env in zip(evidence or (), configs, envs, strict=False)
             if layout is not None
         ]
 
@@ -348,14 +349,18 @@ class _Trainer:
 
     def _take(self, trail: Trail) -> None:
         """Book a rollout's episodes."""
-        rewards, ended, success, begun = (np.asarray(x) for x in trail[:4])
+        rewards, ended, success, begun, member = (np.asarray(x) for x in trail[:5])
         for place, returns in enumerate(self._returns):
             returns.add(rewards[:, place], ended[:, place], success[:, place])
         if self._assemblers:
             rows, first_rows = np.asarray(trail.rows), np.asarray(trail.first_rows)
             for place, assembler in enumerate(self._assemblers):
                 assembler.add(
-                    rows[:, :, place], first_rows[:, :, place], begun[:, place], ended[:, place]
+                    rows[:, :, place],
+                    first_rows[:, :, place],
+                    begun[:, place],
+                    ended[:, place],
+                    member[:, place],
                 )
 
 
@@ -396,7 +401,7 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
     )
     card = make_card(
         config,
-        [env.setup],
+        Mixture(env.setups, env.shares),
         trainer="fleet",
         packages=("stable-baselines3", "torch", "jax", "jaxlib"),
         steps=outcome.steps,
@@ -412,12 +417,8 @@ def _kind(config: PPOConfig) -> Kind:
     Raises:
         TypeError, ValueError: for a run that the fleet cannot train.
     """
-    if "mixture" in config.env_arguments:
-        raise ValueError(
-            "the fleet trainer has one discretization per policy, got a `mixture`; train mixtures "
-            "with trainer sb3"
-        )
     env = functional.make(config.env_id, **config.env_arguments)
+    env.check_lanes(config.n_envs)
     algorithm = Algorithm(
         config.n_envs,
         config.n_steps,
@@ -429,10 +430,11 @@ def _kind(config: PPOConfig) -> Kind:
     )
     sizes = (len(env.setup.task.observation_names), *config.net_arch)
     rollouts = config.rounded_steps // config.rollout
-    return Kind(env.structure, sizes, algorithm, env.setup.timing.substeps, rollouts)
+    substeps = tuple(setup.timing.substeps for setup in env.setups)
+    return Kind(env.structure, sizes, algorithm, substeps, rollouts)
 
 
-_programs: dict[tuple[Structure, Algorithm, bool], FleetProgram] = {}
+_programs: dict[tuple[Hashable, Algorithm, bool], FleetProgram] = {}
 """Compiled programs of this process."""
 
 
@@ -441,19 +443,16 @@ def _program(kind: Kind, env: FunctionalEnv, layout: Layout | None) -> FleetProg
     key = (kind.structure, kind.algorithm, layout is not None)
     if key not in _programs:
         entries = ((), ()) if layout is None else (layout.names, first_entries(layout))
-        _programs[key] = FleetProgram(env, kind.algorithm, *entries)
+        on_cpu = jax.default_backend() == "cpu"
+        _programs[key] = FleetProgram(env, kind.algorithm, *entries, in_turn=on_cpu)
     return _programs[key]
 
 
-def _joined(params: Sequence[Params]) -> Params:
-    """Parameters of several environments as columns, shape (policies, 1)."""
-    joined = jax.tree.map(lambda *values: np.array(values)[:, None], *params)
-    return joined._replace(substeps=params[0].substeps)  # type: ignore[no-any-return]
-
-
-def _layout(env: FunctionalEnv) -> Layout:
+def _layout(env: FunctionalEnv, n_envs: int) -> Layout:
     """What the entries of an evidence row are."""
-    info = jax.eval_shape(lambda key: env.state_info(env.initial(key)), jax.random.key(0))
+    info = jax.eval_shape(
+        lambda key: env.state_info(env.initial(key, lanes=(n_envs,))), jax.random.key(0)
+    )
     return Layout(env.setup.plant, env.setup.task, info)
 
 

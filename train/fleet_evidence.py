@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.envs.info import quiet_status
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.versions import installed_versions
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.fields import STATUS_CODES
+from integ_gym.evidence.layout import STATUS, Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import record_table
 
@@ -37,8 +40,17 @@ class TrainingEvidence:
 
 
 def first_entries(layout: Layout) -> tuple[str, ...]:
-    """Entries of a row that are not zero right after a reset."""
+    """Entries of a row that differ right after a reset; of the others, only the status is not 0."""
     return ("energy", "goal_since", *layout.state, *layout.sensed)
+
+
+class _Found(NamedTuple):
+    """A whole episode: where in the rollout it ended, its rows, and which setup it ran on."""
+
+    step: int
+    lane: int
+    rows: int
+    setup: int
 
 
 class EpisodeAssembler:
@@ -47,7 +59,7 @@ class EpisodeAssembler:
     Args:
         evidence: where they go.
         env_id: environment.
-        setup: what it was made of.
+        setups: what it was made of; several in a mixture.
         layout: what the entries of a row are.
         seed: of the training run.
         lanes: environments that advance together.
@@ -57,7 +69,7 @@ class EpisodeAssembler:
         self,
         evidence: TrainingEvidence,
         env_id: str,
-        setup: Setup,
+        setups: Sequence[Setup],
         layout: Layout,
         seed: int,
         lanes: int,
@@ -66,18 +78,21 @@ class EpisodeAssembler:
         self._evidence = evidence
         self._context = replace(evidence.context, float_width=32, packages=packages)
         self._env_id = env_id
-        self._setup = setup
+        self._setups = [(setup, 0) for setup in setups]
         self._layout = layout
-        self._log = EpisodeLog(layout, self._context)
+        self._log = EpisodeLog(layout, [self._context])
         self._seed = seed
         self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
         self._opened = np.full(lanes, _now())
         self._draws = np.zeros(lanes, dtype=np.int64)
         self._places = [layout.place(name) for name in first_entries(layout)]
+        self._quiet = layout.place(STATUS), STATUS_CODES[quiet_status(setups[0])]
         self._next_index = evidence.context.first_episode
         self._clock = _now()
 
-    def add(self, rows: Array, first_rows: Array, begun: Array, ended: Array) -> None:
+    def add(
+        self, rows: Array, first_rows: Array, begun: Array, ended: Array, member: Array
+    ) -> None:
         """Take in one rollout.
 
         Args:
@@ -85,11 +100,12 @@ class EpisodeAssembler:
             first_rows: before each step, entries as in :func:`first_entries`, else the same shape.
             begun: whether an episode begins with a step, shape (steps, lanes).
             ended: whether one ends with it.
+            member: of ``setups``, that the episode runs on.
         """
         now = _now()
         steps, lanes = begun.shape
         taken = [np.zeros((len(self._layout), 0))]
-        found: list[tuple[int, int, int]] = []
+        found: list[_Found] = []
         for lane in range(lanes):
             joined, last_of = self._joined(lane, rows, first_rows, begun, ended)
             stops = np.flatnonzero(ended[:, lane])
@@ -98,7 +114,10 @@ class EpisodeAssembler:
             taken.append(joined[:, :whole])
             self._open[lane] = joined[:, whole:]
             counts = np.diff(ends, prepend=0)
-            found += [(int(t), lane, int(n)) for t, n in zip(stops, counts, strict=True)]
+            found += [
+                _Found(int(step), lane, int(count), int(member[step, lane]))
+                for step, count in zip(stops, counts, strict=True)
+            ]
         self._log_episodes(np.concatenate(taken, axis=1), found, self._clock, now, steps)
         self._clock = now
 
@@ -106,7 +125,7 @@ class EpisodeAssembler:
         """Write the finished episodes; None if there are none."""
         if not len(self._log):
             return None
-        table = record_table(self._log, self._env_id, [(self._setup, 0)])
+        table = record_table(self._log, self._env_id, self._setups)
         return EvidenceStore(self._evidence.store).commit(self._evidence.batch, table)
 
     def _joined(
@@ -124,32 +143,35 @@ class EpisodeAssembler:
         joined[:, : left.shape[1]] = left
         joined[:, places] = rows[:, :, lane]
         joined[np.ix_(self._places, places[starts] - 1)] = first_rows[:, starts, lane]
+        status, quiet = self._quiet
+        joined[status, places[starts] - 1] = quiet
         return joined, places
 
     def _log_episodes(
-        self, rows: Array, found: list[tuple[int, int, int]], before: int, now: int, steps: int
+        self, rows: Array, found: list[_Found], before: int, now: int, steps: int
     ) -> None:
         """Hand whole episodes to the log, numbered in the order in which they ended.
 
         Args:
             rows: theirs, lane by lane.
-            found: step of the rollout, lane and number of rows of each, lane by lane.
+            found: the episodes, lane by lane.
             before: time at the start of the rollout, µs.
             now: time at its end, µs.
             steps: decisions of a lane in it.
         """
-        order = sorted(range(len(found)), key=lambda i: found[i][:2])
+        order = sorted(range(len(found)), key=lambda i: (found[i].step, found[i].lane))
         index = {place: self._next_index + rank for rank, place in enumerate(order)}
         self._next_index += len(found)
         heads = []
-        for place, (step, lane, _) in enumerate(found):
+        for place, (step, lane, _, setup) in enumerate(found):
             ended = before + (now - before) * (step + 1) // steps
             key = f"fleet-{self._seed}-{lane}/{self._draws[lane]}"
-            heads.append(EpisodeHead(index[place], None, key, int(self._opened[lane]), ended))
+            opened = int(self._opened[lane])
+            heads.append(EpisodeHead(index[place], None, key, opened, ended, setup))
             self._opened[lane] = ended
             self._draws[lane] += 1
         if heads:
-            self._log.add(rows, np.array([count for _, _, count in found]), heads)
+            self._log.add(rows, np.array([episode.rows for episode in found]), heads)
 
 
 def _now() -> int:

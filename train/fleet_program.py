@@ -102,6 +102,8 @@ class Learner(NamedTuple):
     env: EnvState
     """Components of shape (policies, n_envs)."""
     noise: Components
+    member: Components
+    """In a mixture: the member that each lane has drawn, int32; else empty."""
     keys: Array
     """Random keys, shape (policies,)."""
     iteration: Array
@@ -130,6 +132,8 @@ class Trail(NamedTuple):
     success: Array
     begun: Array
     """Whether an episode begins with this step."""
+    member: Array
+    """The member of the mixture that the episode runs on, int32; 0 without one."""
     rows: Array
     """Evidence after each step, (entries, n_steps, policies, n_envs)."""
     first_rows: Array
@@ -149,6 +153,7 @@ class _Step(NamedTuple):
 
     env: EnvState
     noise: Components
+    member: Components
     action: Array
     log_prob: Array
     terminated: Array
@@ -244,6 +249,8 @@ class FleetProgram:
         algorithm: the structure of the learner.
         entries: entries of an evidence row, in order; empty for no evidence.
         first_entries: those that are not zero after a reset.
+        in_turn: whether policies learn one after the other, each of which fits a core's cache, or
+            all at once.
     """
 
     def __init__(
@@ -252,12 +259,14 @@ class FleetProgram:
         algorithm: Algorithm,
         entries: tuple[str, ...] = (),
         first_entries: tuple[str, ...] = (),
+        in_turn: bool = True,
     ) -> None:
         self.env = env
         self.algorithm = algorithm
         self.entries = entries
         self.first_entries = first_entries
         self.discrete = env.setup.task.discrete is not None
+        self.in_turn = in_turn
 
     @cached_property
     def iterate(self) -> Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]:
@@ -275,29 +284,52 @@ class FleetProgram:
         zeros = jax.tree.map(jnp.zeros_like, stack)
         lanes = (stack.log_std.shape[0], self.algorithm.n_envs)
         first, keys = _split(keys, 2)
-        drawn = _draw(jax.random.uniform, first, (len(params.start_low), self.algorithm.n_envs))
-        env = self.env.begin(self.env.start(tuple(jnp.moveaxis(drawn, 1, 0)), params), params)
+        drawn = _draw(jax.random.uniform, first, (self.env.start_size, self.algorithm.n_envs))
+        env, member = self.env.fresh(tuple(jnp.moveaxis(drawn, 1, 0)), params)
         noise: Components = ()
         if self._noise_size:
             later, keys = _split(keys, 2)
             drawn = _draw(jax.random.normal, later, (self._noise_size, lanes[1]))
             noise = tuple(jnp.moveaxis(drawn, 1, 0))
         adam = Adam(zeros, zeros, jnp.zeros(lanes[:1]))
-        return Learner(stack, adam, env, noise, keys, jnp.int32(0))
+        return Learner(stack, adam, env, noise, member, keys, jnp.int32(0))
 
     def _iterate(self, learner: Learner, knobs: Knobs, params: Params) -> tuple[Learner, Trail]:
         keys = jax.vmap(lambda key: jax.random.fold_in(key, learner.iteration))(learner.keys)
         drawing, shuffling = _split(keys, 2)
-        env, noise, steps = self._collect(learner, drawing, params)
+        (env, noise, member), steps = self._collect(learner, drawing, params)
         after, outcome, observed, observed_after = self._again(steps, params)
         batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
         iteration = learner.iteration + 1
         rate = self._learning_rate(knobs, iteration)
-        stack, adam = self.update(
-            learner.stack, learner.adam, batch, self._permutations(shuffling), knobs, rate
+        orders = jnp.swapaxes(self._permutations(shuffling), 0, 1)
+        stack, adam = self._each(
+            self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
-        return Learner(stack, adam, env, noise, learner.keys, iteration), trail
+        return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
+
+    def _learn(
+        self, stack: Stack, adam: Adam, batch: Batch, orders: Array, knobs: Knobs, rate: Array
+    ) -> tuple[Stack, Adam]:
+        """:meth:`update`, with the axis of policies first in all arrays."""
+        return self.update(stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate)
+
+    def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
+        """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
+
+        Args:
+            function: of arrays whose first axis counts policies, to such arrays.
+            given: what it is applied to.
+        """
+        if not self.in_turn:
+            return function(*given)
+
+        def one(given: Any) -> Any:
+            alone = function(*jax.tree.map(lambda x: x[None], given))
+            return jax.tree.map(lambda x: x[0], alone)
+
+        return jax.lax.map(one, given)
 
     @property
     def _noise_size(self) -> int:
@@ -309,7 +341,7 @@ class FleetProgram:
         done = jnp.minimum(iteration * self.algorithm.rollout / knobs.total_steps, 1.0)
         return knobs.learning_rate + done * (knobs.learning_rate_end - knobs.learning_rate)
 
-    def _draws(self, stack: Stack, keys: Array, params: Params) -> _Draws:
+    def _draws(self, stack: Stack, keys: Array) -> _Draws:
         for_actions, for_starts, for_noise = _split(keys, 3)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
@@ -317,7 +349,7 @@ class FleetProgram:
         return _Draws(
             jnp.moveaxis(_draw(sample, for_actions, (steps, size, lanes)), 1, 0),
             jnp.moveaxis(
-                _draw(jax.random.uniform, for_starts, (steps, len(params.start_low), lanes)), 1, 0
+                _draw(jax.random.uniform, for_starts, (steps, self.env.start_size, lanes)), 1, 0
             ),
             jnp.moveaxis(
                 _draw(jax.random.normal, for_noise, (steps, 2 * self._noise_size, lanes)), 1, 0
@@ -326,45 +358,57 @@ class FleetProgram:
 
     def _collect(
         self, learner: Learner, keys: Array, params: Params
-    ) -> tuple[EnvState, Components, _Step]:
-        """Act for one rollout; episodes that end are followed by new ones at once."""
-        actor = one_side(learner.stack, 0)
-        draws = self._draws(learner.stack, keys, params)
+    ) -> tuple[tuple[EnvState, Components, Components], _Step]:
+        """Act for one rollout; episodes that end are followed by new ones at once.
 
-        def step(carry: tuple[EnvState, Components], drawn: _Draws) -> Any:
-            env, noise = carry
-            observed = jnp.stack(self.env.observe(env, noise, params), axis=1)
+        Returns:
+            State, noise and members afterwards, and the steps.
+        """
+        actor = one_side(learner.stack, 0)
+        draws = self._draws(learner.stack, keys)
+
+        def step(carry: tuple[EnvState, Components, Components], drawn: _Draws) -> Any:
+            env, noise, member = carry
+            own = self.env.lane_params(params, member)
+            observed = jnp.stack(self.env.observe(env, noise, own), axis=1)
             head = outputs(actor, self.algorithm.activation, observed)[:, 0]
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
-            after, outcome = self.env.advance(env, self._control(action, params), params)
+            after, outcome = self.env.advance(env, self._control(action, own), own)
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
-            start = self.env.start(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
-            begun = self.env.begin(start, params)
-            next_env = jax.tree.map(lambda a, b: jnp.where(ended, a, b), begun, after)
+            begun = self.env.fresh(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
+            next_env, next_member = jax.tree.map(
+                lambda a, b: jnp.where(ended, a, b), begun, (after, member)
+            )
             half = self._noise_size
             next_noise = _where(outcome.sampled, fresh[:half], noise)
             next_noise = _where(ended, fresh[half:], next_noise)
             kept = _Step(
-                env, noise, action, log_prob, outcome.terminated, outcome.truncated, drawn.noise
+                env,
+                noise,
+                member,
+                action,
+                log_prob,
+                outcome.terminated,
+                outcome.truncated,
+                drawn.noise,
             )
-            return (next_env, next_noise), kept
+            return (next_env, next_noise, next_member), kept
 
-        (env, noise), steps = jax.lax.scan(step, (learner.env, learner.noise), draws)
-        return env, noise, steps
+        return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
 
     def _sample(self, head: Array, log_std: Array, drawn: Array) -> Array:
         if self.discrete:
             return jnp.argmax(head + drawn, axis=1, keepdims=True).astype(jnp.float32)
         return head + jnp.exp(log_std)[..., None] * drawn
 
-    def _control(self, action: Array, params: Params) -> Array:
+    def _control(self, action: Array, own: Any) -> Array:
         """Clipped to the action space, as the environment gets it, (…, policies, n_envs)."""
         control = action[..., 0, :]
         if self.discrete:
             return control
-        limit = self.env.setup_of(params).task.control_limit
+        limit = self.env.setup_of(own).task.control_limit
         return jnp.clip(control, -limit, limit)
 
     def _again(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
@@ -372,13 +416,14 @@ class FleetProgram:
 
         The scan keeps states and actions only; this gives everything that follows from them.
         """
-        control = self._control(steps.action, params)
-        after, outcome = self.env.advance(steps.env, control, params)
+        own = self.env.lane_params(params, steps.member)
+        control = self._control(steps.action, own)
+        after, outcome = self.env.advance(steps.env, control, own)
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)
-        before = jnp.stack(self.env.observe(steps.env, steps.noise, params))
-        return after, outcome, before, jnp.stack(self.env.observe(after, noise, params))
+        before = jnp.stack(self.env.observe(steps.env, steps.noise, own))
+        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own))
 
     def _batch(
         self,
@@ -393,8 +438,11 @@ class FleetProgram:
         critic = one_side(stack, 1)
         shape = outcome.reward.shape
 
+        def value_of(critic: Stack, observations: Array) -> Array:
+            return outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+
         def value(observations: Array) -> Array:
-            values = outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+            values = self._each(value_of, (critic, observations))
             return jnp.moveaxis(values.reshape(shape[1], shape[2], shape[0]), -1, 0)
 
         values, next_values = value(before), value(after)
@@ -506,7 +554,7 @@ class FleetProgram:
         after_observed: Array,
         params: Params,
     ) -> Trail:
-        setup = self.env.setup_of(params)
+        setup = self.env.setup_of(self.env.lane_params(params, steps.member))
         rows: dict[str, Array] = {
             **booked(setup, after, outcome),
             "solver_status_code": outcome.status,
@@ -525,6 +573,7 @@ class FleetProgram:
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
+            steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
             _stacked(rows, self.entries),
             _stacked(first, self.first_entries),
         )

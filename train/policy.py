@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -384,10 +384,7 @@ class MlpPolicy:
                 features: FloatArray = observations.astype(np.float32)
             else:
                 features = self.statistics.normalize(observations)
-            for weight, bias in self.layers[:-1]:
-                features = activate(features @ weight.T + bias)
-            weight, bias = self.layers[-1]
-            return features @ weight.T + bias
+            return network_outputs(self.layers, activate, features)
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Deterministic actions for a batch of observations.
@@ -438,6 +435,26 @@ class MlpPolicy:
                 f"policy {self.policy_id!r} gives actions for {_describe(expected)} and the "
                 f"environment takes {_describe(action_space)}; {remedy}"
             )
+
+
+def network_outputs(
+    layers: Sequence[Layer], activate: Callable[[FloatArray], FloatArray], features: FloatArray
+) -> FloatArray:
+    """Outputs of a feed-forward network, or of a stack of them.
+
+    Args:
+        layers: (weight, bias) of each layer, of shapes (…, out, in) and (…, 1, out); the bias of
+            a single network may have shape (out,).
+        activate: follows every layer but the last.
+        features: shape (…, n, inputs).
+
+    Returns:
+        Shape (…, n, outputs).
+    """
+    for weight, bias in layers[:-1]:
+        features = activate(features @ weight.swapaxes(-1, -2) + bias)
+    weight, bias = layers[-1]
+    return features @ weight.swapaxes(-1, -2) + bias
 
 
 def _describe(space: spaces.Space[Any]) -> str:

@@ -25,6 +25,7 @@ import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.extras import load
+from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.parameters import (
     boolean,
     check_values,
@@ -99,7 +100,8 @@ class PPOConfig:
         default_factory=dict,
         metadata={
             "unit": "",
-            "meaning": "constructor arguments; those left out take the environment's defaults",
+            "meaning": "constructor arguments, `mixture` among them; those left out take the "
+            "environment's defaults",
             "check": named_values,
         },
     )
@@ -232,12 +234,12 @@ def train(
     _need_extra(tensorboard)
     folder = claim_folder(out_dir, force)
     vector_env = make_training_envs(config)
-    setups: list[Setup] = vector_env.unwrapped.setups  # type: ignore[attr-defined]
+    mixture: Mixture = vector_env.unwrapped.mixture  # type: ignore[attr-defined]
     if wrap is not None:
         vector_env = wrap(vector_env)
     try:
         with reproducible():
-            model = _make_model(config, vector_env, setups[0])
+            model = _make_model(config, vector_env, mixture.setups[0])
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
             with _Progress(config.rounded_steps, progress, on_steps) as bar:
@@ -249,7 +251,7 @@ def train(
         vector_env.close()
     card = make_card(
         config,
-        setups,
+        mixture,
         trainer="sb3",
         packages=("stable-baselines3", "torch"),
         steps=int(model.num_timesteps),
@@ -382,6 +384,8 @@ examples:
   integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
   integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
   integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
+  integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
+      'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
 """
 
 _OWN_FLAGS = ("env_id", "env_arguments")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.system import PlantSystem
 
 DIVERGENCE_SPEED = 1e3
 """A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""
@@ -48,7 +49,11 @@ class Engine(Protocol):
     """
 
     batched: ClassVar[bool]
-    """Whether components may be arrays."""
+    """Whether components may be of any kind, JAX's traced ones included."""
+    width: ClassVar[int]
+    """Bits of the floats that it computes with outside JAX."""
+    reports: bool
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
     version: str
 
     def advance(
@@ -61,5 +66,11 @@ class Engine(Protocol):
     ) -> Motion:
         """Advance through the segments; note the state after sub-step ``sample_at`` (from 1)."""
 
+    def at(self, system: PlantSystem, dt: Component) -> Engine:
+        """The same engine for other values of the plant's parameters and the step; if batched."""
+
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""
+
+    def describe(self) -> dict[str, Any]:
+        """What the engine is, beyond its name, version and integrator, as plain data."""

@@ -44,6 +44,8 @@ class Step(NamedTuple):
     residual: Component = 0.0
     """Largest scaled residual of the solver (dimensionless); 0 for explicit methods."""
     converged: Component = True
+    push: Component = 0.0
+    """Generalized force of an engine's own stop, N or N m, mean over the step."""
 
 
 class Integrator(Protocol):

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from integ_gym.envs.contact import Stops, stops_at
 from integ_gym.envs.friction import Friction, friction_of
+from integ_gym.envs.mechanism import Link, Mechanism
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import (
     MASS_DISTRIBUTIONS,
@@ -84,6 +85,15 @@ class CartPole:
         """Moment of inertia of the pole about its hinge, kg m²."""
         factor = 1.0 if self.mass_distribution == "point" else 4.0 / 3.0
         return factor * self.mass * self.length * self.length
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The cart on its track and the pole on the cart."""
+        point = self.mass_distribution == "point"
+        inertia = 0.0 if point else self.mass * self.length * self.length / 3.0
+        cart = Link("x", "slide", self.cart_mass, 0.0, 0.0, self.cart_damping)
+        pole = Link("theta", "hinge", self.mass, self.length, inertia, self.damping)
+        return Mechanism((cart, pole), self.gravity)
 
     @cached_property
     def stops(self) -> Stops | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -18,7 +18,9 @@ class Plant(Protocol):
       differences;
     - ``stops``, a :class:`integ_gym.envs.contact.Stops` or None, on the coordinate whose index the
       class attribute ``stopped`` is;
-    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None.
+    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None;
+    - ``mechanism``, a :class:`integ_gym.envs.mechanism.Mechanism`: without it, engines that move
+      rigid bodies refuse the plant.
 
     Stops and friction are forces that :class:`integ_gym.envs.system.PlantSystem` adds to the
     control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
@@ -48,14 +50,23 @@ class Plant(Protocol):
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
 
 
-def state_names(plant: Plant | type[Plant]) -> tuple[str, ...]:
-    """Names in state order: each coordinate followed by its velocity."""
-    return tuple(n for pair in zip(plant.coordinates, plant.velocities, strict=True) for n in pair)
+def in_state_order(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Each coordinate followed by its velocity; all velocities last where their numbers differ."""
+    if len(q) != len(v):
+        return (*q, *v)
+    return tuple([x for pair in zip(q, v, strict=True) for x in pair])
 
 
-def state_units(plant: Plant | type[Plant]) -> tuple[str, ...]:
+def state_names(plant: Any) -> tuple[str, ...]:
+    """Names of a plant's or plant class's state, in state order."""
+    return in_state_order(plant.coordinates, plant.velocities)
+
+
+def state_units(plant: Any) -> tuple[str, ...]:
     """SI units in state order."""
-    return tuple(u for unit in plant.coordinate_units for u in (unit, f"{unit}/s"))
+    own = getattr(plant, "velocity_units", None)
+    rates = tuple(f"{unit}/s" for unit in plant.coordinate_units) if own is None else own
+    return in_state_order(plant.coordinate_units, rates)
 
 
 def split_state(state: Components) -> tuple[Components, Components]:
@@ -65,4 +76,4 @@ def split_state(state: Components) -> tuple[Components, Components]:
 
 def join_state(q: Components, v: Components) -> Components:
     """(q, v) to state order (q0, v0, q1, v1, …)."""
-    return tuple(x for pair in zip(q, v, strict=True) for x in pair)
+    return in_state_order(q, v)

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from integ_gym.envs.contact import Stops, stops_at
 from integ_gym.envs.friction import Friction, friction_of
+from integ_gym.envs.mechanism import Link, Mechanism
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.parameters import (
     MASS_DISTRIBUTIONS,
@@ -72,6 +73,15 @@ class Pendulum:
         """m g c, the largest torque of gravity, N m."""
         arm = 1.0 if self.mass_distribution == "point" else 0.5
         return self.mass * self.gravity * (arm * self.length)
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The rod or bob on its hinge."""
+        point = self.mass_distribution == "point"
+        centre = self.length if point else 0.5 * self.length
+        inertia = 0.0 if point else self.mass * self.length * self.length / 12.0
+        link = Link("theta", "hinge", self.mass, centre, inertia, self.damping)
+        return Mechanism((link,), self.gravity)
 
     @cached_property
     def stops(self) -> Stops | None:

@@ -50,7 +50,7 @@ class CartPoleBalance:
 
     def command(self, ops: Ops, action: Component) -> Command:
         """Action 0 pushes towards -x, action 1 towards +x."""
-        valid = ops.isfinite(action)
+        valid = ops.usually(ops.isfinite(action))
         force = ops.where(action == 1, self.force_mag, -self.force_mag)
         return Command(ops.where(valid, force, 0.0), valid, valid & False)
 

@@ -85,7 +85,7 @@ class CartPoleSwingUp:
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright, with the cart within the track."""
-        return (abs(wrapped(q[1])) < NEAR_UPRIGHT) & (abs(q[0]) <= self.track_limit)
+        return (abs(wrapped(ops, q[1])) < NEAR_UPRIGHT) & (abs(q[0]) <= self.track_limit)
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Every component uniform in [low, high], by default ±0.05, around rest ``start``."""

@@ -91,4 +91,4 @@ class ElasticPendulumQuiet:
         if not (isfinite(push) and push >= 0.0):
             raise ValueError(f"reset option `push` must be finite and 0 or above, got {push}")
         x_dot, y_dot = rng.uniform(low=[0.5 * push, -0.1 * push], high=[push, 0.1 * push])
-        return 0.0, float(x_dot), 0.0, float(y_dot)
+        return 0.0, x_dot, 0.0, y_dot

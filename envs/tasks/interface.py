@@ -71,4 +71,8 @@ class Task(Protocol):
         """Whether the state is where the task wants it."""
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
-        """A start in state order, drawn with a ``numpy.random.Generator``."""
+        """A start in state order, drawn with a ``numpy.random.Generator``.
+
+        Where it is made of ``rng.uniform`` alone and calls no ``float``, the starts of many lanes
+        are made at once, from the same numbers.
+        """

@@ -62,7 +62,7 @@ class PendulumSwingUp:
         control_period: float,
     ) -> Component:
         """Quadratic cost at the start of the control period."""
-        angle = wrapped(q[0])
+        angle = wrapped(ops, q[0])
         cost = angle * angle + 0.1 * (v[0] * v[0]) + 0.001 * mean_square_control
         return -cost * (control_period / GYMNASIUM_STEP)
 
@@ -80,7 +80,7 @@ class PendulumSwingUp:
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright."""
-        return abs(wrapped(q[0])) < NEAR_UPRIGHT
+        return abs(wrapped(ops, q[0])) < NEAR_UPRIGHT
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Uniform in ±x_init, ±y_init around upright (``uniform``) or the bottom (``hanging``)."""
@@ -92,9 +92,9 @@ class PendulumSwingUp:
                 f"reset options `x_init` and `y_init` must be finite and 0 or above, got {x}, {y}"
             )
         theta, theta_dot = rng.uniform(low=[-x, -y], high=[x, y])
-        return centre + float(theta), float(theta_dot)
+        return centre + theta, theta_dot
 
 
-def wrapped(angle: Component) -> Component:
+def wrapped(ops: Ops, angle: Component) -> Component:
     """Angle in [-π, π)."""
-    return (angle + pi) % (2.0 * pi) - pi
+    return angle - 2.0 * pi * ops.floor((angle + pi) * (0.5 / pi))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from integ_gym.envs.numerics import independent_motion
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.tasks._saturation import FLOAT32_ROUNDING
 from integ_gym.eval.diagnosis.bench import Commands
@@ -14,7 +15,6 @@ from integ_gym.eval.diagnosis.ledger import booked_line, ledger_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject
-from integ_gym.eval.numerics import independent_motion
 
 SECTION = "actuation"
 

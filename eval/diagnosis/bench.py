@@ -10,11 +10,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from integ_gym.envs.numerics.stepping import Advance
 from integ_gym.eval.diagnosis.counting import counted
 from integ_gym.eval.diagnosis.open_loop import open_loop_environment
 from integ_gym.eval.diagnosis.rollout import Array, Rollout, follow_lanes, follow_one
 from integ_gym.eval.diagnosis.subject import Subject
-from integ_gym.eval.numerics.stepping import Advance
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
@@ -115,7 +115,7 @@ class Bench:
         return self._lanes(cell, gym.make_vec(env_id, num_envs=lanes, **arguments), policy, starts)
 
     def advance(self, cell: str, subject: Subject) -> Advance:
-        """What :func:`integ_gym.eval.numerics.advance` does to the undamped plant, recorded.
+        """What :func:`integ_gym.envs.numerics.advance` does to the undamped plant, recorded.
 
         Args:
             cell: what the motions are for, unique within the diagnosis.

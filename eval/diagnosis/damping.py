@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics import IndependentMotion, independent_motion
 from integ_gym.envs.plants.interface import Plant, split_state
 from integ_gym.envs.system import PlantSystem
 from integ_gym.eval.diagnosis.expectation import near, undeclared
@@ -15,7 +16,6 @@ from integ_gym.eval.diagnosis.rollout import Array
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.stiffness import LARGEST, largest_stable, radii
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import IndependentMotion, independent_motion
 
 SECTION = "damping"
 

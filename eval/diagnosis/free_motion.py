@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from integ_gym.envs.numerics import declared, energy_growth, stability_limit
+from integ_gym.envs.numerics.energy import BOUNDED
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.eval.diagnosis.expectation import Expectation, below, said, undeclared
 from integ_gym.eval.diagnosis.order import EXACT, order_line
@@ -14,8 +16,6 @@ from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.solver import solver_line
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import declared, energy_growth, stability_limit
-from integ_gym.eval.numerics.energy import BOUNDED
 
 SECTION = "free motion"
 
@@ -116,8 +116,8 @@ def _promise(diagnosis: Diagnosis, integrator: str, changes: dict[float, Array])
 
 
 def _bounded(changes: dict[float, Array], limit: float) -> Expectation:
-    """At the steps, in s, below the limit of stability."""
-    stable = [change for dt, change in changes.items() if dt < limit]
+    """At the steps, in s, below the limit of stability; at all where there is no stable step."""
+    stable = [change for dt, change in changes.items() if limit == 0.0 or dt < limit]
     if not stable:
         return undeclared("nothing: every step is above its limit of stability")
     return Expectation(

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.numerics import Declared, Identity, classify, declared, linear_map
+from integ_gym.envs.numerics.convergence import ROUNDING
+from integ_gym.envs.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.eval.diagnosis.expectation import (
     Expectation,
@@ -18,9 +21,6 @@ from integ_gym.eval.diagnosis.expectation import (
 )
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import Declared, Identity, classify, declared, linear_map
-from integ_gym.eval.numerics.convergence import ROUNDING
-from integ_gym.eval.numerics.identity import ORDER_TOLERANCE, REVERSIBLE, SYMPLECTIC
 
 SECTION = "integrator"
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from integ_gym.envs.numerics import declared
+from integ_gym.envs.numerics.convergence import ROUNDING, slope
 from integ_gym.eval.diagnosis.expectation import Expectation, below, undeclared
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
-from integ_gym.eval.numerics import declared
-from integ_gym.eval.numerics.convergence import ROUNDING, slope
 
 TOLERANCE = 0.1
 """A measured order this far off is another one."""

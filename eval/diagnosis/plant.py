@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.numerics.stepping import jacobian
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
 from integ_gym.eval.diagnosis.expectation import Expectation, below, near
 from integ_gym.eval.diagnosis.finding import ANY
 from integ_gym.eval.diagnosis.rollout import Array
 from integ_gym.eval.diagnosis.section import Diagnosis
-from integ_gym.eval.numerics.stepping import jacobian
 
 SECTION = "plant"
 

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
+from integ_gym.envs.numerics import declared, independent_motion
 from integ_gym.eval.diagnosis.actuation import actuator_limit
 from integ_gym.eval.diagnosis.handmade import success, success_line
 from integ_gym.eval.diagnosis.ledger import ledger_line
 from integ_gym.eval.diagnosis.order import order_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
-from integ_gym.eval.numerics import declared, independent_motion
 
 SECTION = "timestep refinement"
 

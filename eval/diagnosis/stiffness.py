@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
+from integ_gym.envs.numerics import linear_map, stability_limit
+from integ_gym.envs.numerics.probe import fastest_mode
+from integ_gym.envs.numerics.stepping import advance_lanes
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.eval.diagnosis.expectation import Expectation, near, said, undeclared
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.solver import solver_line
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import linear_map, stability_limit
-from integ_gym.eval.numerics.probe import fastest_mode
-from integ_gym.eval.numerics.stepping import advance_lanes
 
 SECTION = "stiffness"
 

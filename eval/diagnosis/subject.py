@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.numerics.probe import linear_rates
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registration import ENVIRONMENTS, environment_class, environment_setup
 from integ_gym.envs.timing import whole_multiple
-from integ_gym.eval.numerics.probe import linear_rates
 
 Array = npt.NDArray[np.float64]
 

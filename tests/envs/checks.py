@@ -1,4 +1,4 @@
-"""What every integrator and every plant must satisfy, as functions that raise AssertionError.
+"""What every integrator must satisfy, as functions that raise AssertionError.
 
 The suite runs them over the registries, and over planted faults, which they must catch.
 """
@@ -6,23 +6,16 @@ The suite runs them over the registries, and over planted faults, which they mus
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 
 import numpy as np
+from motions import ALL
 from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
-from scipy.optimize import minimize
 from scipy.special import ellipj, ellipk
 
-from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._newton import CAP, TOLERANCE
-from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import join_state, split_state
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.system import PlantSystem
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     convergence,
     declared,
     fastest_rate,
@@ -33,9 +26,12 @@ from integ_gym.eval.numerics import (
     symplecticity_defect,
     volume_defect,
 )
-from integ_gym.eval.numerics.stepping import jacobian
+from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.system import PlantSystem
 
-ALL = INTEGRATORS.names()
 APPROXIMATE = tuple(name for name in ALL if name != "reference")
 NEWTON = ("implicit_euler", "implicit_midpoint", "stormer_verlet")
 
@@ -73,12 +69,6 @@ def registered_plants(**arguments):
     return [PLANTS.load(name)(**arguments) for name in PLANTS.names()] + [
         CentralSpring(**arguments)
     ]
-
-
-def damped(owner):
-    """A plant with every viscous damping that it has."""
-    names = [f.name for f in fields(owner) if f.name.endswith("damping") and f.default == 0.0]
-    return owner(**dict.fromkeys(names, 0.3))
 
 
 def constant_mass_plants():
@@ -229,67 +219,3 @@ def _check_falls(errors, order, rounding) -> None:
     if len(usable) > 1:
         found = math.log2(usable[0] / usable[-1]) / (len(usable) - 1)
         assert found > order - 2 * ORDER, (found, errors)
-
-
-def check_equations_of_motion(plant) -> None:
-    """Accelerations are those of Lagrange's equations for the plant's energy and dissipation.
-
-    d/dt ∂L/∂v − ∂L/∂q = F − ½ ∂D/∂v, all derivatives taken numerically from energy(q, v) and
-    dissipation(q, v); the mass matrix is the energy's second derivative, and the Jacobian, where
-    given, is the acceleration's. The energy is zero at rest at the bottom.
-    """
-    n = len(plant.coordinates)
-    bottom = minimize(
-        lambda q: plant.energy(SCALAR, tuple(q), (0.0,) * n), probe_state(plant)[0::2]
-    )
-    assert abs(bottom.fun) < 1e-9, bottom.fun
-    rng = np.random.default_rng(2)
-    for _ in range(8):
-        point = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
-        q, v = point[0::2], point[1::2]
-        force = rng.uniform(-2.0, 2.0, n)
-        here = np.concatenate([q, v])
-        mass = jacobian(lambda z: _gradient(plant, z)[:, n:], here)[:, n:]
-        twist = jacobian(lambda z: _gradient(plant, z)[:, n:], here)[:, :n]
-        rest = _gradient(plant, np.concatenate([q, np.zeros(n)])[None])[0, :n]
-        by_q = _gradient(plant, here[None])[0, :n]
-        drag = 0.5 * jacobian(lambda z: _along(plant.dissipation, z)[:, None], here)[0, n:]
-        # L = T - V with E = T + V, so ∂L/∂q = ∂E/∂q - 2 ∂V/∂q
-        expected = np.linalg.solve(mass, force - drag + (by_q - 2.0 * rest) - twist @ v)
-        found = plant.acceleration(SCALAR, tuple(q), tuple(v), tuple(force))
-        scale = 1.0 + np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * scale)
-        np.testing.assert_allclose(
-            np.array(plant.mass_matrix(SCALAR, tuple(q))),
-            mass,
-            rtol=0,
-            atol=1e-8 * (1 + mass.max()),
-        )
-        if hasattr(plant, "jacobian"):
-            _check_jacobian(plant, here, force, scale)
-
-
-def _check_jacobian(plant, here, force, scale) -> None:
-    n = len(force)
-
-    def acceleration(points):
-        q, v = tuple(points.T[:n]), tuple(points.T[n:])
-        columns = plant.acceleration(ARRAY, q, v, tuple(force))
-        return np.stack([np.broadcast_to(x, len(points)) for x in columns], -1)
-
-    slopes = jacobian(acceleration, here)
-    by_q, by_v = plant.jacobian(SCALAR, tuple(here[:n]), tuple(here[n:]), tuple(force))
-    given = np.hstack([np.array(by_q), np.array(by_v)])
-    np.testing.assert_allclose(given, slopes, rtol=0, atol=1e-8 * (scale + np.abs(given).max()))
-
-
-def _along(function, points):
-    n = points.shape[1] // 2
-    values = function(ARRAY, tuple(points.T[:n]), tuple(points.T[n:]))
-    return np.broadcast_to(values, len(points))
-
-
-def _gradient(plant, points):
-    """∂E/∂(q, v) at points of shape (lanes, 2n), by central differences."""
-    slopes = [jacobian(lambda z: _along(plant.energy, z)[:, None], p)[0] for p in points]
-    return np.array(slopes)

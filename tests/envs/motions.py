@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import join_state
-from integ_gym.eval import numerics
 
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {
@@ -26,8 +20,3 @@ STARTS = {
     "cart_pole": ((0.1, 2.0), (0.3, 3.0)),
     "elastic_pendulum": ((0.3, 0.1), (1.0, -0.5)),
 }
-
-
-def energies(plant: Any, integrator: str, dt: float, steps: int, q: Any, v: Any) -> np.ndarray:
-    """Energy after each step of a free motion, shape (steps + 1,), J."""
-    return numerics.energies(integrator, plant, join_state(q, v), dt, steps)

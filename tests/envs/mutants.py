@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
+from functools import cached_property
 
 import integ_gym.envs.integrators._newton as newton
 from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
@@ -114,6 +115,22 @@ def wrong_helper(owner, method, helper):
         for change in (_flip_sign, _enlarge)
         for fault in _faulty(owner, method, function, change)
     ]
+
+
+def wrong_constants(owner):
+    """Subclasses of `owner`, each with one derived constant, number or sign of it wrong."""
+    faults = []
+    for name, value in vars(owner).items():
+        if isinstance(value, cached_property) and isinstance(getattr(owner(), name), float):
+            faults.append(_scaled(owner, name))
+            for change in (_enlarge, _flip_sign):
+                faults += _faulty(owner, name, value.func, change)
+    return faults
+
+
+def _scaled(owner, name):
+    larger = cached_property(lambda plant: 1.1 * getattr(owner, name).func(plant))
+    return type(owner)(f"{owner.__name__}_{name}_scaled", (owner,), {name: larger})
 
 
 def reference(owner):

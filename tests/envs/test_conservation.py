@@ -9,10 +9,10 @@ import pytest
 from checks import ALL, APPROXIMATE, POINT, ROD
 from own_plants import CentralSpring
 
+from integ_gym.envs.numerics import advance, declared, energies, energy_growth
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.eval.numerics import advance, declared, energies, energy_growth
 
 CART_POLE = CartPole()
 HANGING = (0.0, 0.0, math.pi - 0.5, 0.0)
@@ -55,13 +55,6 @@ def test_angular_momentum_is_conserved_by_symplectic_methods(integrator):
         assert change < 1e-11
     else:
         assert change > 1e-9
-
-
-def test_symplectic_euler_drains_the_cart_pole():
-    energy = energies("symplectic_euler", CART_POLE, HANGING, 0.02, 50_000)
-    change = energy / energy[0] - 1.0
-    found = [change[round(seconds / 0.02)] for seconds in (10, 100, 1000)]
-    assert found == pytest.approx([-0.034, -0.13, -0.56], abs=5e-3)
 
 
 GROWTH = {

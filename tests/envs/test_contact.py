@@ -20,12 +20,12 @@ from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.jax_ops import JaxOps
+from integ_gym.envs.numerics import ledger
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.transition import initial_state, transition
-from integ_gym.eval.numerics import ledger
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),
@@ -125,7 +125,7 @@ def test_penetration_stays_below_the_undamped_one(arrival):
 def exact(plant, q, v, control, duration):
     """State and losses by `solve_ivp`, one smooth piece after the other."""
     bare, stops, n = PlantSystem(plant), plant.stops, len(q)
-    side = 0.0
+    side = float(np.sign(q[0])) if abs(q[0]) > stops.limit else 0.0
 
     def slope(t, y):
         q, v = tuple(y[:n]), tuple(y[n : 2 * n])
@@ -427,16 +427,32 @@ def test_energy_that_a_rebound_leaves(integrator, left, made_up):
     assert residual == pytest.approx(made_up, abs=1e-3)
 
 
+DRIVEN = CartPole(
+    damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
+)
+CONTROLS = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
+START = (0.0, 3.0, pi - 0.3, 0.0)
+"""Thrown from stop to stop by random controls."""
+
+
+def test_the_reference_books_contact_as_an_independent_integral_does():
+    state, touched = START, 0
+    for control in CONTROLS:
+        truth = exact(DRIVEN, state[0::2], state[1::2], control, 0.05)
+        found = ledger("reference", DRIVEN, state, [control], 0.05, 1)
+        state = tuple(truth[[0, 2, 1, 3]])
+        np.testing.assert_allclose(found.state, state, rtol=0, atol=1e-8)
+        assert found.losses_j == pytest.approx(truth[4] + truth[5], abs=1e-8)
+        assert found.total_residual_j < 1e-9
+        touched += truth[5] > 1e-6
+    assert touched > 3
+
+
 @pytest.mark.parametrize("integrator", [n for n in ALL if n != "reference"])
 def test_the_ledger_closes_in_driven_damped_contact(integrator):
     """Random controls against the stops: all that is booked converges to the exact motion's."""
-    plant = CartPole(
-        damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
-    )
-    controls = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
-    start = (0.0, 3.0, pi - 0.3, 0.0)
-    truth = ledger("reference", plant, start, controls, 0.05, 1)
-    found = [ledger(integrator, plant, start, controls, 0.05, n) for n in (8, 32, 128)]
+    truth = ledger("reference", DRIVEN, START, CONTROLS, 0.05, 1)
+    found = [ledger(integrator, DRIVEN, START, CONTROLS, 0.05, n) for n in (8, 32, 128)]
     assert truth.losses_j > 1.0
     assert truth.total_residual_j < 1e-8
     for quantity in ("total_residual_j", "losses_j", "work_j"):

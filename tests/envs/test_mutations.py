@@ -6,16 +6,21 @@ import mutants
 import pytest
 from checks import (
     LINEAR_MAPS,
-    check_equations_of_motion,
     check_ledger,
     check_linear_map,
     check_order_on,
     check_order_on_the_pendulum,
     check_phase_space,
     check_solver,
-    damped,
 )
 from own_plants import CentralSpring
+from plant_checks import (
+    CLOSED_FORMS,
+    check_closed_forms,
+    check_equations_of_motion,
+    check_plant,
+    damped,
+)
 
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.plants import PLANTS
@@ -31,8 +36,9 @@ PLANT_FAULTS = [
     if hasattr(owner, method)
     for make in (mutants.sign_errors, mutants.wrong_numbers)
     for fault in make(owner, method)
-]
-"""Every + and − and every number of every equation of every plant, wrong one at a time."""
+] + [fault for owner in PLANT_CLASSES for fault in mutants.wrong_constants(owner)]
+"""Every + and − and number of every equation and derived constant of every plant, wrong one at a
+time."""
 
 
 @pytest.mark.parametrize("owner", OWNERS, ids=lambda owner: owner.name)
@@ -40,7 +46,13 @@ def test_equations_of_motion(owner):
     check_equations_of_motion(damped(owner))
 
 
+@pytest.mark.parametrize("owner", PLANT_CLASSES, ids=lambda owner: owner.name)
+def test_closed_forms(owner):
+    check_closed_forms(owner)
+
+
 def test_every_equation_is_put_to_the_test():
+    assert set(CLOSED_FORMS) == set(PLANTS.names())
     mutated = {fault.__mro__[1] for fault in PLANT_FAULTS}
     assert mutated == set(PLANT_CLASSES)
 
@@ -48,7 +60,7 @@ def test_every_equation_is_put_to_the_test():
 @pytest.mark.parametrize("fault", PLANT_FAULTS, ids=lambda fault: fault.__name__)
 def test_any_wrong_sign_or_number_in_a_plant(fault):
     with pytest.raises(AssertionError):
-        check_equations_of_motion(damped(fault))
+        check_plant(fault)
 
 
 @pytest.mark.parametrize(

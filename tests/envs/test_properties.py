@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import integ_gym
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.numerics import fastest_rate, ledger, probe_state
 from integ_gym.envs.plants import PLANTS
-from integ_gym.eval.numerics import fastest_rate, ledger, probe_state
 
 STEPS = 5
 

@@ -20,7 +20,8 @@ SOURCES = sorted(
 )
 PLANTS = ROOT / "envs" / "plants"
 INTEGRATORS = ROOT / "envs" / "integrators"
-PURE = sorted((*PLANTS.glob("*.py"), *INTEGRATORS.glob("*.py")))
+MAPS = ROOT / "envs" / "maps"
+PURE = sorted((*PLANTS.glob("*.py"), *INTEGRATORS.glob("*.py"), *MAPS.glob("*.py")))
 FORCES = [ROOT / "envs" / name for name in ("contact.py", "friction.py", "system.py")]
 
 
@@ -32,11 +33,18 @@ def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+def _shared_parts(path: Path) -> list[Path]:
+    """Files of the same folder, named with an underscore, that a module imports from."""
+    imported = [n.module for n in ast.walk(_tree(path)) if isinstance(n, ast.ImportFrom)]
+    names = [module.rpartition(".")[2] for module in imported if module]
+    return [p for name in names if name[0] == "_" and (p := path.with_name(f"{name}.py")).exists()]
+
+
 @pytest.mark.parametrize("path", SOURCES, ids=_id)
 def test_the_physics_is_written_once(path):
     if path.parent not in (PLANTS, INTEGRATORS):
         assert equations_of_motion(_tree(path)) == []
-    if path.parent != INTEGRATORS:
+    if path.parent not in (INTEGRATORS, MAPS):
         assert integration_steps(_tree(path)) == []
 
 
@@ -62,8 +70,8 @@ def test_plants_hold_equations_and_integrators_hold_steps(path):
     if path.parent == PLANTS and path.stem not in ("__init__", "interface"):
         assert equations_of_motion(_tree(path))
         assert not integration_steps(_tree(path))
-    if path.parent == INTEGRATORS and not path.stem.startswith("_"):
-        assert integration_steps(_tree(path))
+    if path.parent in (INTEGRATORS, MAPS) and not path.stem.startswith("_"):
+        assert any(integration_steps(_tree(part)) for part in (path, *_shared_parts(path)))
         assert not equations_of_motion(_tree(path))
 
 
@@ -78,6 +86,8 @@ def test_plants_and_integrators_import_no_arithmetic(path):
     assert not imported & {"numpy", "jax", "math", "cmath", "scipy"}
 
 
-@pytest.mark.parametrize("path", sorted(INTEGRATORS.glob("[!_]*.py")), ids=_id)
-def test_an_integrator_is_one_short_file(path):
+@pytest.mark.parametrize(
+    "path", sorted((*INTEGRATORS.glob("[!_]*.py"), *MAPS.glob("[!_]*.py"))), ids=_id
+)
+def test_an_integrator_or_map_is_one_short_file(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) < 100

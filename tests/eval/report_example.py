@@ -126,6 +126,7 @@ def row(
         "name": name,
         "kind": kind,
         "home": home,
+        "shares": {} if home is None else {home: 1.0},
         "integrator": scheme,
         "dt": PERIOD if trained else None,
         "control_period": PERIOD,
@@ -151,6 +152,8 @@ def skill(line: dict[str, Any], place: dict[str, Any]) -> float:
         return {"random": 0.0, "zero": 0.0}.get(line["name"], 0.97)
     if line["integrator"] == "implicit_euler":
         return 0.02
+    if len(line["shares"]) > 1:
+        return 0.95 if place["integrator"] != "implicit_euler" else 0.03
     off = pumped(place["integrator"], place["dt"]) - pumped(line["integrator"], line["dt"] or 0.05)
     if place["control_period"] != PERIOD:
         off *= 0.7
@@ -224,13 +227,14 @@ def complete(panel: dict[str, Any]) -> None:
     cells = {c["name"]: c for c in panel["cells"]}
     native = {r["home"]: r for r in panel["rows"] if r["kind"] == "trained"}
     lines = {r["name"]: r for r in panel["rows"]}
+    at_home = {line["name"]: home_rates(line, rate) for line in panel["rows"]}
     for line in panel["rows"]:
-        if (line["name"], line["home"]) in rate:
-            line["home_success"] = interval(rate[line["name"], line["home"]])
+        if at_home[line["name"]] is not None:
+            line["home_success"] = interval(at_home[line["name"]])
             line["learned"] = line["home_success"]["estimate"] >= 0.5
     for entry in panel["matrix"]:
         line, place, own = lines[entry["row"]], cells[entry["cell"]], entry["success_by_seed"]
-        home = rate.get((line["name"], line["home"]))
+        home = at_home[line["name"]]
         if home is not None:
             entry["home_drop"] = difference(home, own)
         other = native.get(entry["cell"])
@@ -239,6 +243,16 @@ def complete(panel: dict[str, Any]) -> None:
         truth = rate.get((line["name"], TRUTH))
         if truth is not None and place["kind"] == "grid":
             entry["reference_class"] = reference_class(float(np.mean(own)), float(np.mean(truth)))
+
+
+def home_rates(line: dict[str, Any], rate: dict[tuple[str, str], list[float]]) -> Any:
+    """Success of every seed at home, by the shares of the cells; None where it is not known."""
+    parts = [
+        share * np.array(rate[line["name"], place])
+        for place, share in line["shares"].items()
+        if (line["name"], place) in rate
+    ]
+    return np.sum(parts, axis=0).tolist() if parts else None
 
 
 def judge(panel: dict[str, Any], pairs: list[tuple[str, str]]) -> list[dict[str, Any]]:
@@ -381,11 +395,69 @@ def trained(schemes: tuple[str, ...], seeds: int, dt: float = STEPS[0]) -> list[
     return rows
 
 
+def mixture(seeds: int) -> dict[str, Any]:
+    """A row trained on a mixture."""
+    shares = {"explicit_euler dt=0.05": 0.25, "rk4 dt=0.05": 0.5, "rk4 dt=0.025": 0.25}
+    return {**row("mixed steps", "trained", None, seeds), "shares": shares}
+
+
+def remedy(panel: dict[str, Any]) -> dict[str, Any]:
+    """What a panel says about its mixture."""
+    rate = {(e["row"], e["cell"]): e["success_by_seed"] for e in panel["matrix"]}
+    singles = [r["name"] for r in panel["rows"] if r["home"] and r["learned"]]
+    cells = []
+    for place in panel["cells"]:
+        if place["kind"] not in ("grid", "reference"):
+            continue
+        name = place["name"]
+        mixed = rate["mixed steps", name]
+        lost = [
+            {
+                "row": single,
+                "quantity": "home_drop",
+                "gap": difference([0.95] * len(mixed), rate[single, name]),
+                "difference": difference(mixed, rate[single, name]),
+            }
+            for single in singles
+            if np.mean(rate[single, name]) < 0.7 and single != name
+        ]
+        cells.append(
+            {
+                "cell": name,
+                "member": name in mixture(1)["shares"],
+                "solved": place["integrator"] != "implicit_euler",
+                "quantity": "home_drop",
+                "gap": difference([0.95] * len(mixed), mixed),
+                "lost": lost,
+            }
+        )
+    summary = "In 4 of the 15 discretizations that somebody solves, others lose; it keeps 3."
+    return {"row": "mixed steps", "singles": singles, "cells": cells, "summary": summary}
+
+
+def training_cost(median: float | None, seeds: int) -> dict[str, Any]:
+    """What training one row cost; one seed never got there."""
+    ends = {"low": median and 0.8 * median, "high": None, "level": 0.9375}
+    return {
+        "window": 100,
+        "rate": 0.9,
+        "by_seed": [*[median] * (seeds - 1), None],
+        "reached": seeds - 1 if median else 0,
+        "median": {"estimate": median, **ends},
+    }
+
+
 def full_panel(seeds: int = 5, seed: int = 0) -> dict[str, Any]:
     """Everything a panel can hold."""
     schemes = ("explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference")
-    rows = [*trained(schemes, seeds), *baselines(seeds)]
+    rows = [*trained(schemes, seeds), mixture(seeds), *baselines(seeds)]
     panel = base_panel(rows, [*grid_cells(SCHEMES, STEPS), *extra_cells()], seed)
+    panel["remedies"] = [remedy(panel)]
+    panel["training_costs"] = {
+        line["name"]: training_cost(None if "implicit" in line["name"] else 161_400.0, seeds)
+        for line in rows
+        if line["kind"] == "trained"
+    }
     panel["verdicts"] = judge(
         panel,
         [
@@ -430,12 +502,13 @@ def none_panel() -> dict[str, Any]:
         entry.update({name: None for name in entry if name not in keep})
     for line in panel["rows"]:
         line.update(home=None, integrator=None, dt=None, control_period=None)
-        line.update(home_success=None, learned=None, training_steps=None, policies=[])
+        line.update(home_success=None, learned=None, training_steps=None, policies=[], shares=None)
     for place in panel["cells"]:
         place.update(dt=None, role=None)
     for judged in panel["verdicts"]:
         judged.update(p_exceeds=None, p_equivalent=None)
         judged.update(p_exceeds_adjusted=None, p_equivalent_adjusted=None)
+    panel.update(remedies=None, training_costs=None)
     panel.update(spec={}, versions={}, cost={}, failures=[], policy_comparisons=[])
     panel.update(platform=None, created=None, command=None, answer=None, failures_total=None)
     return panel
@@ -451,7 +524,7 @@ def hostile_panel() -> dict[str, Any]:
         if isinstance(value, list):
             return [poison(entry, key) for entry in value]
         words = {"name", "row", "cell", "home", "reason", "question", "answer", "command", "a", "b"}
-        words |= {"integrator", "perturbation", "record_id", "query", "platform", "id"}
+        words |= {"integrator", "perturbation", "record_id", "query", "platform", "id", "singles"}
         return f"{value}{HOSTILE}" if isinstance(value, str) and key in words else value
 
     panel = {name: poison(value, name) for name, value in panel.items()}

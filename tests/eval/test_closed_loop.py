@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from integ_gym.envs.numerics import critical_step
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.numerics import critical_step
 from integ_gym.train.lqr import linearized, lqr_gain
 
 COLUMNS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference")

@@ -12,6 +12,7 @@ import pytest
 
 from integ_gym.cli import main
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import advance
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval import drift_example
@@ -20,7 +21,6 @@ from integ_gym.eval.diagnosis.impact import impact_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.numerics import advance
 from integ_gym.evidence.store import EvidenceStore
 
 BUILT_IN = "symplectic_euler"

@@ -7,8 +7,8 @@ from dataclasses import replace
 import mutants
 import numpy as np
 import pytest
-from checks import damped
 from examining import examine, lines, verdicts
+from plant_checks import damped
 
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines.native import NativeEngine

@@ -10,6 +10,8 @@ from examining import examine, lines, verdicts
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import advance, independent_motion, stepping
+from integ_gym.envs.numerics.probe import fastest_mode
 from integ_gym.envs.plants import PLANTS
 from integ_gym.eval.diagnosis import bench, refinement
 from integ_gym.eval.diagnosis.contact import passive
@@ -17,8 +19,6 @@ from integ_gym.eval.diagnosis.expectation import above, below, near, said, shown
 from integ_gym.eval.diagnosis.free_motion import trend
 from integ_gym.eval.diagnosis.order import order_expected
 from integ_gym.eval.diagnosis.subject import subjects
-from integ_gym.eval.numerics import advance, independent_motion, stepping
-from integ_gym.eval.numerics.probe import fastest_mode
 from integ_gym.evidence.store import EvidenceStore
 
 NAMES = INTEGRATORS.names()
@@ -66,10 +66,14 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
         probes.append(len(states))
         return one_step(integrator, plant, states, *more)
 
+    monkeypatch.setattr("integ_gym.envs.steps.WARM_UP", 10**9)
+    monkeypatch.setattr(
+        "integ_gym.envs.environment.WARM_UP", 10**9
+    )  # traced steps do not call the engine
     whole, one_step = NativeEngine.advance, stepping.advance_lanes
     monkeypatch.setattr(NativeEngine, "advance", counting)
     for module in ("phase_space", "linear"):
-        monkeypatch.setattr(f"integ_gym.eval.numerics.{module}.advance_lanes", probing)
+        monkeypatch.setattr(f"integ_gym.envs.numerics.{module}.advance_lanes", probing)
     monkeypatch.setattr("integ_gym.eval.diagnosis.stiffness.advance_lanes", probing)
     examine(section, "pendulum", "implicit_midpoint", store=tmp_path)
     recorded = EvidenceStore(tmp_path).query("SELECT sum(length * substeps) AS n FROM records")

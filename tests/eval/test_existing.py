@@ -249,3 +249,11 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
     for text in ('{"format": "integ-gym policy 1"}', "{"):
         (tmp_path / "model.json").write_text(text)
         assert has_sidecar(tmp_path / "model.zip")
+
+
+@pytest.mark.slow
+def test_a_stock_policy_meets_the_pendulum_where_the_speed_is_limited(pendulum_policy):
+    """Without a limit the observation space is another, and stable-baselines3 refuses."""
+    with pytest.raises(ValueError, match="Observation spaces do not match"):
+        PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0"))
+    assert PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0", max_speed=8.0))

@@ -9,10 +9,7 @@ import pytest
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.numerics import (
+from integ_gym.envs.numerics import (
     Declared,
     advance,
     classify,
@@ -28,9 +25,12 @@ from integ_gym.eval.numerics import (
     stability_limit,
     volume_defect,
 )
-from integ_gym.eval.numerics.convergence import slope
-from integ_gym.eval.numerics.probe import fastest_mode, linear_rates
-from integ_gym.eval.numerics.stepping import jacobian
+from integ_gym.envs.numerics.convergence import slope
+from integ_gym.envs.numerics.probe import fastest_mode, linear_rates
+from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.pendulum import Pendulum
 
 NAMES = INTEGRATORS.names()
 CONTRADICTED_ON_THE_CART_POLE = {

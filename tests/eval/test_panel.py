@@ -126,16 +126,21 @@ def test_running_again_redoes_nothing(panel_directory):
 
 
 @pytest.mark.slow
-def test_a_killed_panel_is_finished_without_losing_or_redoing(tmp_path, panel_directory):
-    """Killed with SIGKILL after its first finished units; the result is that of an unbroken run."""
+@pytest.mark.parametrize(
+    ("sign", "count"), [("units/train-*.json", 2), ("evidence/.evaluate-*.tmp", 1)]
+)
+def test_a_killed_panel_is_finished_without_losing_or_redoing(
+    tmp_path, panel_directory, sign, count
+):
+    """Killed with SIGKILL in training, or in evaluation; the result is that of an unbroken run."""
     spec = tmp_path / "small.toml"
     spec.write_text(TOML, encoding="utf-8")
     out = tmp_path / "out"
     command = [sys.executable, "-m", "integ_gym.cli", "panel", str(spec), "--out", str(out)]
     process = subprocess.Popen([*command, "--no-progress"], stdout=subprocess.DEVNULL)
-    while len(list((out / "units").glob("train-*.json"))) < 2:
+    while len(list(out.glob(sign))) < count:
         assert process.poll() is None, "the panel ended before it could be killed"
-        time.sleep(0.05)
+        time.sleep(0.01)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     kept = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
@@ -232,19 +237,58 @@ def test_what_was_lost_is_done_again(panel_directory, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(panel_directory, copy)
     lost = [
-        copy / "evidence" / "evaluate-zero.parquet",
         copy / "evidence" / "train-rk4-dt-0.05-seed0.parquet",
         copy / "policies" / "rk4-dt-0.05-seed1" / "policy.zip",
     ]
-    for file in lost:
+    evaluations = sorted((copy / "evidence").glob("evaluate-*.parquet"))
+    for file in [*lost, evaluations[0]]:
         file.unlink()
+    kept = {file: file.stat().st_mtime_ns for file in evaluations[1:]}
+    assert kept
     spec = panel_directory.parent / "small.toml"
     assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
     assert all(file.exists() for file in lost)
-    again, before = _panel(copy), _panel(panel_directory)
-    assert [e["success_by_seed"] for e in again["matrix"]] == [
-        e["success_by_seed"] for e in before["matrix"]
-    ]
+    _assert_same_records(copy, panel_directory)
+    assert kept == {file: file.stat().st_mtime_ns for file in kept}
+
+
+def _assert_same_records(directory: Path, other: Path) -> None:
+    """Every evaluation record is there once, and the same in both."""
+    query = "SELECT record_id, content_hash FROM records WHERE phase = 'evaluation' ORDER BY 1"
+    stores = [EvidenceStore(folder / "evidence") for folder in (directory, other)]
+    found, expected = (store.query(query).to_pylist() for store in stores)
+    assert found == expected
+    assert stores[0].verify() == []
+
+
+@pytest.mark.slow
+def test_records_without_a_marker_are_done_again_by_any_number_of_workers(
+    panel_directory, tmp_path
+):
+    """What a kill between the two leaves; the policies of that unit are divided anew."""
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    markers = sorted((copy / "units").glob("evaluate-*.json"))
+    markers[0].unlink()
+    kept = {file: file.stat().st_mtime_ns for file in markers[1:]}
+    assert kept
+    command = ["panel", str(panel_directory.parent / "small.toml"), "--out", str(copy)]
+    assert main([*command, "--workers", "3", "--no-progress"]) == 0
+    assert kept == {file: file.stat().st_mtime_ns for file in kept}
+    assert len(list((copy / "units").glob("evaluate-*.json"))) > len(markers)
+    _assert_same_records(copy, panel_directory)
+
+
+def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    marker = next((copy / "units").glob("evaluate-*.json"))
+    content = json.loads(marker.read_text())
+    content["key"] = "0" * 16
+    marker.write_text(json.dumps(content))
+    spec = panel_directory.parent / "small.toml"
+    message = _fails(capsys, "panel", str(spec), "--out", str(copy), "--no-progress")
+    assert "belongs to another specification, version or policy" in message
 
 
 def test_a_damaged_panel_file_is_refused(tmp_path, capsys):

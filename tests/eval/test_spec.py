@@ -23,9 +23,14 @@ def _small(**changes):
 
 def test_quick_panel_is_what_it_says():
     spec = built_in_spec()
-    assert [d.integrator for d in spec.train] == [
+    *single, mixture = spec.train
+    assert [d.integrator for d in single] == [
         "explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference",
     ]  # fmt: skip
+    assert {d.name: share for d, share in mixture.shares.items()} == {
+        "explicit_euler dt=0.05": 0.25, "symplectic_euler dt=0.05": 0.25, "rk4 dt=0.05": 0.25,
+        "rk4 dt=0.025": 0.25,
+    }  # fmt: skip
     assert {d.dt for d in spec.grid} == {0.05, 0.025, 0.0125}
     assert {d.control_period for d in spec.grid} == {0.05}
     assert len(spec.seeds) >= 5

@@ -11,9 +11,9 @@ import pytest
 from checks import ROD, elliptic_pendulum
 
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics import classify, convergence, energies, energy_growth
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.eval.numerics import classify, convergence, energies, energy_growth
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "verification.md"

@@ -53,6 +53,8 @@ def test_discretization():
     label, reason = _label(Replays(home=True))
     assert label == "discretization_error"
     assert "dt 0.05 s" in reason
+    assert "on its training discretization," in reason
+    assert "on a training discretization of it," in _label(Replays(home=True), homes=3)[1]
     assert _label(Replays(home=None))[0] == "unattributed"
     for home in (False, "is home", "no home"):
         assert _label(Replays(home=home))[0] == "planning_error"

@@ -22,21 +22,18 @@ from integ_gym.evidence.atomic import LEFTOVER_AGE, write_once
 
 WRITER = """
 import sys, time
+import pyarrow as pa
 import pyarrow.parquet as pq
 from integ_gym.evidence.store import EvidenceStore
 
-table = pq.read_table(sys.argv[1])
-written = pq.write_table
+table = pa.concat_tables([pq.read_table(sys.argv[1])] * 100).combine_chunks()
 
-def write_half(table, file, **options):
-    written(table.slice(0, 2), file, **options)
-    with open(file, "r+b") as half:
-        half.truncate(2000)
+def tables():
+    yield from [table] * 250
     print("writing", flush=True)
     time.sleep(600.0)
 
-pq.write_table = write_half
-EvidenceStore(sys.argv[2]).commit("late", table)
+EvidenceStore(sys.argv[2]).commit_all("late", tables())
 """
 
 
@@ -66,7 +63,9 @@ def test_killed_writer_leaves_nothing_visible(store, table):
     writer.wait()
     writer.stdout.close()
     (leftover,) = store.directory.glob(".late*")
-    assert leftover.stat().st_size == 2000
+    assert leftover.stat().st_size > 0
+    with pytest.raises(pa.ArrowInvalid):
+        pq.read_table(leftover)
     assert store.batches() == ("batch",)
     assert len(list(store.records())) == 3
     assert store.query("SELECT count(*) AS n FROM records").to_pylist() == [{"n": 3}]
@@ -124,10 +123,23 @@ def test_names_that_cannot_be_files_are_refused(store, table, name):
         store.commit(name, table)
 
 
-def test_several_tables_make_one_batch(store, table):
+def test_several_tables_make_one_batch(store, table, monkeypatch):
     store.commit_all("more", [table.slice(0, 1), None, table.slice(1)])
     assert pq.read_table(store.directory / "more.parquet").equals(table)
     assert store.count() == 6
+    many = pa.concat_tables([table] * 500)
+    store.commit_all("many", (table for _ in range(500)))
+    file = store.directory / "many.parquet"
+    assert pq.read_table(file).equals(many)
+    assert pq.read_metadata(file).num_row_groups == 1
+    monkeypatch.setattr("integ_gym.evidence.parquet_file._GROUP_BYTES", 1)
+    store.commit_all("long", (table for _ in range(500)))
+    file = store.directory / "long.parquet"
+    assert pq.read_table(file).equals(many)
+    assert pq.read_metadata(file).num_row_groups == 2
+    with pytest.raises(ValueError, match="at least one record"):
+        store.commit_all("none", [None])
+    assert "none" not in store.batches()
 
 
 def test_file_is_compressed_and_self_describing(store):

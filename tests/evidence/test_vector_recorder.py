@@ -240,3 +240,47 @@ def test_wrong_use_is_refused(tmp_path, context):
         env = gym.make_vec("IntegPendulum-v0", num_envs=2)
         with pytest.raises(ValueError, match=r"one index per lane \(2\), all different"):
             RecordVectorEvidence(env, tmp_path, context, episodes=episodes)
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_lanes_are_shared_out_among_contexts(paired, tmp_path, context):
+    """Every context has its own policy, count of episodes and replays."""
+    names, lanes = ["a", "b", "c"], 2
+    env_id, arguments = CASES["cart-pole"]
+    seeds = [7, 8]
+
+    def run(store, contexts):
+        episodes = [*range(lanes)] * len(contexts) if paired else None
+        env = gym.make_vec(env_id, num_envs=lanes * len(contexts), **arguments)
+        env = RecordVectorEvidence(env, tmp_path / store, contexts, episodes=episodes)
+        env.reset(seed=seeds * len(contexts))
+        for step in range(STEPS):
+            actions = [_actions(env.single_action_space, lane, step) for lane in range(lanes)]
+            env.step(np.array(actions * len(contexts)))
+        env.commit("batch", [{0: Replays(home=True)}, {}, {0: Replays(home=False)}])
+        env.close()
+
+    run("shared", [replace(context, policy_id=name, first_episode=10) for name in names])
+    found = list(EvidenceStore(tmp_path / "shared").records())
+    assert EvidenceStore(tmp_path / "shared").verify() == []
+    assert [r["policy_id"] for r in found] == sorted(r["policy_id"] for r in found)
+    labels = {(r["policy_id"], r["episode_index"]): r["failure_label"] for r in found}
+    assert len(labels) == len(found)
+    first = 0 if paired else 10
+    for name in names:
+        own = [index for policy, index in labels if policy == name]
+        assert own == list(range(first, first + len(own)))
+        assert len(own) == len(labels) // 3
+        assert not paired or len(own) == lanes
+    if paired:
+        assert labels["a", 0] == "discretization_error" != labels["c", 0]
+
+
+def test_contexts_must_divide_the_lanes(tmp_path, context):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=4)
+    for contexts in ([context] * 3, []):
+        with pytest.raises(ValueError, match=r"must divide the number of lanes \(4\), got"):
+            RecordVectorEvidence(env, tmp_path, contexts)
+    with pytest.raises(ValueError, match="all different within a context"):
+        RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 0, 1, 2])
+    RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 1, 0, 1])

@@ -57,6 +57,7 @@ def test_layers_inside_envs(path):
     forbidden = {
         "plants": ("integrators", "engines", "tasks", "environment"),
         "integrators": ("plants", "engines", "tasks", "environment"),
+        "maps": ("plants", "engines", "tasks", "environment"),
         "engines": ("tasks", "environment"),
         "tasks": ("integrators", "engines", "environment"),
     }.get(folder, ())

@@ -1,0 +1,241 @@
+"""What evidence costs: time while recording, time and bytes when written, time of queries.
+
+    python benchmarks/evidence_cost.py [--seconds 4.0] [--episodes 1000000] [--json FILE]
+
+Recording: an environment and the same one recorded take turns, with traces of all episodes and with
+summaries alone; what was recorded is written in batches. `recording` is the rate while recording,
+`in all` with the writing, both as shares of the rate without evidence, which is `steps/s`.
+Queries run over a store of that many summaries, made from a few thousand recorded ones under new
+ids.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import results
+from rates import TURN, single, vector
+
+import integ_gym  # noqa: F401
+from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordEvidence, RecordVectorEvidence
+
+ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0")
+LANES = (1, 64, 1024)
+SUMMARIES_ONLY = 1_000_000_000
+EPISODES_PER_BATCH = 256
+"""Episodes of the pendulum that are written at once, at least; of the cart-pole it is more."""
+
+FEWEST = 3
+"""Batches."""
+
+ROWS_PER_FILE = 50_000
+BASE_RECORDS = 4096
+PACKAGES = ("integ-gym", "gymnasium", "numpy", "pyarrow", "duckdb")
+
+QUERIES = {
+    "how many": "SELECT count(*) AS n FROM records",
+    "success by cell": (
+        "SELECT cell, avg(success::INT) AS success, median(energy_residual_total) AS residual "
+        "FROM records GROUP BY cell ORDER BY cell"
+    ),
+    "failures by label": (
+        'SELECT failure_label, count(*) AS n, avg("return") AS r FROM records '
+        "WHERE NOT success GROUP BY failure_label ORDER BY n DESC"
+    ),
+    "worst residuals": (
+        "SELECT record_id, failure_reason FROM records "
+        "ORDER BY abs(energy_residual_total) DESC LIMIT 10"
+    ),
+}
+
+
+@dataclass
+class Cost:
+    """What the evidence of one environment costs.
+
+    Attributes:
+        environment: its id.
+        lanes: environments advanced together; 1: a single environment.
+        trace: whether episodes have a trace.
+        steps_per_second: without evidence.
+        recording: rate while recording, as a share of that.
+        in_all: rate with the writing, as a share of that.
+        records_per_second: written.
+        bytes_per_record: on disk.
+        bytes_per_step: on disk.
+    """
+
+    environment: str
+    lanes: int
+    trace: bool
+    steps_per_second: float
+    recording: float
+    in_all: float
+    records_per_second: float
+    bytes_per_record: float
+    bytes_per_step: float
+
+
+def recording_cost(environment: str, lanes: int, trace: bool, seconds: float) -> Cost:
+    """Measure one environment."""
+    clocks: dict[str, list[float]] = {"plain": [], "recorded": [], "written": []}
+    turns = max(1, EPISODES_PER_BATCH // lanes)
+    with tempfile.TemporaryDirectory() as directory:
+        plain, recorded, recorder = _contenders(environment, lanes, trace, directory)
+        for warm_up in (plain, recorded, lambda: recorder.commit("warm-up").unlink()):
+            warm_up()
+        end = time.perf_counter() + seconds
+        while len(clocks["plain"]) < FEWEST or time.perf_counter() < end:
+            name = f"batch-{len(clocks['plain'])}"
+            plain_s, recorded_s = 0.0, 0.0
+            for _ in range(turns):
+                plain_s += _seconds(plain)
+                recorded_s += _seconds(recorded)
+            clocks["plain"].append(plain_s)
+            clocks["recorded"].append(recorded_s)
+            clocks["written"].append(_seconds(partial(recorder.commit, name)))
+        store = EvidenceStore(directory)
+        size = sum(file.stat().st_size for file in store.files())
+        lengths = [record["length"] for record in store.records(trace=False)]
+    plain_s, recorded_s, written_s = (float(np.median(clocks[name])) for name in clocks)
+    steps = turns * TURN * lanes
+    return Cost(
+        environment=environment,
+        lanes=lanes,
+        trace=trace,
+        steps_per_second=steps / plain_s,
+        recording=plain_s / recorded_s,
+        in_all=plain_s / (recorded_s + written_s),
+        records_per_second=len(lengths) / len(clocks["plain"]) / written_s,
+        bytes_per_record=size / len(lengths),
+        bytes_per_step=size / sum(lengths),
+    )
+
+
+def _contenders(
+    environment: str, lanes: int, trace: bool, directory: str
+) -> tuple[Callable[[], int], Callable[[], int], Any]:
+    """A turn of the environment, one of the same recorded, and its recorder."""
+    context = EpisodeContext(
+        "benchmark", "cell", phase="training", trace_every=1 if trace else SUMMARIES_ONLY
+    )
+    if lanes == 1:
+        recorder: Any = RecordEvidence(gym.make(environment), directory, context)
+        return single(gym.make(environment)), single(recorder), recorder
+    plain, inner = (gym.make_vec(environment, num_envs=lanes) for _ in range(2))
+    recorder = RecordVectorEvidence(inner, directory, context)
+    return vector(plain, lanes), vector(recorder, lanes), recorder
+
+
+def fill_store(directory: Path, episodes: int) -> float:
+    """Write so many summaries to a store; bytes per record."""
+    context = EpisodeContext("benchmark", "cell", phase="training", trace_every=SUMMARIES_ONLY)
+    environment = gym.make_vec("IntegCartPole-v0", num_envs=64)
+    recorder = RecordVectorEvidence(environment, directory, context)
+    advance = vector(recorder, 64)
+    while len(recorder.summaries()["episode_index"]) < BASE_RECORDS:
+        advance()
+    base = recorder.take()
+    store = EvidenceStore(directory)
+    for number, first in enumerate(range(0, episodes, ROWS_PER_FILE)):
+        count = min(ROWS_PER_FILE, episodes - first)
+        places = np.arange(count) % base.num_rows
+        store.commit(f"part-{number:05d}", _under_new_ids(base.take(places), first))
+    return sum(file.stat().st_size for file in store.files()) / episodes
+
+
+def _under_new_ids(table: Any, first: int) -> Any:
+    """The rows as other episodes, in ten cells."""
+    indices = np.arange(first, first + table.num_rows)
+    changed = {
+        "record_id": pc.binary_join_element_wise(
+            pc.utf8_slice_codeunits(table["record_id"], 0, 16),
+            pa.array([f"{index:016x}" for index in indices]),
+            "",
+        ),
+        "episode_index": pa.array(indices),
+        "cell": pa.array([f"cell-{index % 10}" for index in indices]),
+    }
+    for name, column in changed.items():
+        place = table.schema.get_field_index(name)
+        table = table.set_column(place, table.schema.field(name), column)
+    return table
+
+
+def query_times(directory: Path, repeats: int = 3) -> Iterator[dict[str, Any]]:
+    """Seconds of each query in this process, and of the whole command."""
+    store = EvidenceStore(directory)
+    for name, sql in QUERIES.items():
+        inside = min(_seconds(partial(store.query, sql)) for _ in range(repeats))
+        command = [sys.executable, "-m", "integ_gym.cli", "evidence", "query", str(directory), sql]
+        run = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
+        whole = min(_seconds(run) for _ in range(repeats))
+        yield {"query": name, "sql": sql, "seconds": inside, "command_seconds": whole}
+
+
+def _seconds(function: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Print the tables; write JSON where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=4.0, help="time per recorded row, s")
+    parser.add_argument("--episodes", type=int, default=1_000_000, help="to be queried")
+    parser.add_argument("--json", type=Path, help="also write the rows here")
+    arguments = parser.parse_args()
+    costs = [
+        recording_cost(environment, lanes, trace, arguments.seconds)
+        for environment in ENVIRONMENTS
+        for lanes in LANES
+        for trace in (True, False)
+    ]
+    header = (
+        "environment", "lanes", "traces", "steps/s", "recording", "in all", "records/s",
+        "bytes/record", "bytes/step",
+    )  # fmt: skip
+    results.print_table(header, map(_cells, costs))
+    with tempfile.TemporaryDirectory() as directory:
+        size = fill_store(Path(directory), arguments.episodes)
+        queries = list(query_times(Path(directory)))
+    print(f"\n{arguments.episodes:,} episodes, {size:.0f} bytes each")
+    rows = (
+        (q["query"], f"{1e3 * q['seconds']:.0f}", f"{1e3 * q['command_seconds']:.0f}")
+        for q in queries
+    )
+    results.print_table(("query", "store, ms", "command, ms"), rows)
+    content = {
+        "recording": [asdict(cost) for cost in costs],
+        "episodes": arguments.episodes,
+        "bytes_per_summary": size,
+        "queries": queries,
+    }
+    results.write(arguments.json, content, PACKAGES)
+
+
+def _cells(cost: Cost) -> list[str]:
+    return [
+        cost.environment, str(cost.lanes), "all" if cost.trace else "none",
+        f"{cost.steps_per_second:,.0f}", f"{cost.recording:.2f}", f"{cost.in_all:.2f}",
+        f"{cost.records_per_second:,.0f}", f"{cost.bytes_per_record:,.0f}",
+        f"{cost.bytes_per_step:.1f}",
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Whether a simulator's model is the plant: its mass matrix and the force of gravity."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.ops import SCALAR, Components
+from integ_gym.envs.plants.interface import Plant
+
+Array = npt.NDArray[np.float64]
+
+TOLERANCE = {64: 1e-9, 32: 1e-5}
+"""Largest relative error of a mass matrix or gravity force, by the width of the engine's floats."""
+
+PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
+"""Configurations at which an engine is compared with the plant."""
+
+
+class Model(Protocol):
+    """An engine with a model of its own of the plant."""
+
+    name: ClassVar[str]
+    width: ClassVar[int]
+    version: str
+
+    def inertia(self, q: Components) -> Array:
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m²."""
+
+    def gravity(self, q: Components) -> Array:
+        """The simulator's generalized force of gravity, (dof,), N or N m."""
+
+
+def check_agreement(model: Model, plant: Plant) -> None:
+    """Compare mass matrix and gravity force with the plant's.
+
+    Raises:
+        ValueError: if they differ.
+    """
+    for probe in PROBES:
+        q = probe[-len(plant.coordinates) :]
+        expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
+        still = (0.0,) * len(q)
+        weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        for what, got, wanted in (
+            ("mass matrix", model.inertia(q), expected),
+            ("gravity force", model.gravity(q), weight),
+        ):
+            scale = max(float(np.abs(wanted).max()), 1e-30)
+            if not np.allclose(got, wanted, rtol=0.0, atol=TOLERANCE[model.width] * scale):
+                raise ValueError(
+                    f"engine {model.name!r} {model.version} has another {what} than the plant at "
+                    f"q = {q}: {np.asarray(got).tolist()} for {wanted.tolist()}; this version "
+                    "of the engine cannot be compared"
+                )

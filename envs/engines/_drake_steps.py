@@ -1,0 +1,149 @@
+"""Steps of exactly one size under a constant generalized force, by Drake's own means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from math import nan
+from typing import Any
+
+from integ_gym.envs.engines._foreign import Run, is_astray
+from integ_gym.envs.extras import load
+from integ_gym.envs.ops import Components
+
+ACCURACY = 1e-12
+"""Target accuracy of the implicit integrators, on which their Newton iterations stop."""
+
+_ITERATIONS = "integrator_num_integrator_newton_raphson_iterations"
+"""Of the result itself, without those of the error estimate."""
+
+_DIVISIONS = "integrator_num_step_shrinkages_from_substep_failures"
+
+_LEAST_SHARE = 1.0 / 128.0
+"""Of a step, into which Drake may divide it before it gives up."""
+
+
+def discrete_steps(plant: Any, count: int) -> Run:
+    """Updates of a discrete plant; NaN where its solver fails."""
+    context, end = plant.CreateDefaultContext(), plant.AllocateDiscreteVariables()
+    put, size = _force_setter(plant, context), _state_size(plant)
+    update, lost = plant.CalcForcedDiscreteVariableUpdate, (nan,) * size
+
+    def run(*values: float) -> tuple[float, ...]:
+        put(values[size:])
+        context.SetDiscreteState(0, values[:size])
+        try:
+            update(context, end)
+            for _ in range(count - 1):
+                context.SetDiscreteState(0, end.get_value(0))
+                update(context, end)
+        except RuntimeError:
+            return lost
+        return tuple(end.get_value(0).tolist())
+
+    return run
+
+
+def explicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
+    """Steps of an explicit integrator, with the report of one that solves nothing.
+
+    An integrator advances to a time, and its step is the difference from the last: times are taken
+    between which the difference is ``dt`` to the last bit. A state that is there is not set again.
+    """
+    simulator, start = _simulator(plant, scheme, dt)
+    context, advance = simulator.get_mutable_context(), simulator.AdvanceTo
+    put, size = _force_setter(plant, context), _state_size(plant)
+    end = context.get_continuous_state_vector()
+
+    def ends_of_steps() -> Iterator[float]:
+        while True:
+            context.SetTime(-2.0 * dt)
+            start()
+            yield from (-dt, 0.0, dt, 2.0 * dt)
+
+    times, lost = ends_of_steps(), (*(nan,) * size, 0, 0.0, True)
+    there: tuple[float, ...] = ()
+
+    def run(*values: float) -> tuple[float, ...]:
+        nonlocal times, there
+        put(values[size:])
+        if values[:size] != there:
+            context.SetContinuousState(values[:size])
+        try:
+            for _ in range(count):
+                advance(next(times))
+        except RuntimeError:
+            times, there = ends_of_steps(), ()
+            return lost
+        there = tuple(end.CopyToVector().tolist())
+        return (*there, 0, 0.0, True)
+
+    return run
+
+
+def implicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
+    """Steps of an implicit integrator, with the most Newton iterations of any.
+
+    Each begins anew, so that no Jacobian of an earlier one has a part in its result. Where Newton's
+    method fails, Drake divides the step, fixed or not: that is told as not converged. From values
+    that are astray there is no step, for on some of them Drake crashes.
+    """
+    simulator, start = _simulator(plant, scheme, dt)
+    context, advance = simulator.get_mutable_context(), simulator.AdvanceTo
+    put, size = _force_setter(plant, context), _state_size(plant)
+    integrator = simulator.get_mutable_integrator()
+    integrator.set_target_accuracy(ACCURACY)
+    integrator.set_requested_minimum_step_size(_LEAST_SHARE * dt)
+    end, statistics = context.get_continuous_state_vector(), integrator.GetStatisticsSummary
+    names = [name for name, _ in statistics()]
+    iterations, divisions = names.index(_ITERATIONS), names.index(_DIVISIONS)
+    lost = (*(nan,) * size, 0, 0.0, False)
+
+    def run(*values: float) -> tuple[float, ...]:
+        state, force = values[:size], values[size:]
+        put(force)
+        most, divided = 0, 0
+        try:
+            for _ in range(count):
+                if is_astray(state) or is_astray(force):
+                    return lost
+                context.SetTimeAndContinuousState(0.0, state)
+                start()
+                advance(dt)
+                state, told = tuple(end.CopyToVector().tolist()), statistics()
+                most = max(most, told[iterations][1])
+                divided += told[divisions][1]
+        except RuntimeError:
+            return lost
+        return (*state, most, 0.0, divided == 0)
+
+    return run
+
+
+def _state_size(plant: Any) -> int:
+    """Number of positions and velocities."""
+    return 2 * int(plant.num_velocities())
+
+
+def _simulator(plant: Any, scheme: str, dt: float) -> tuple[Any, Callable[[], Any]]:
+    """A simulator whose integrator takes steps of ``dt``, and what makes it forget the past."""
+    analysis = load("pydrake.systems.analysis", "drake")
+    simulator = analysis.Simulator(plant)
+    integrator = analysis.ResetIntegratorFromFlags(simulator, scheme, dt)
+    integrator.set_fixed_step_mode(True)
+    integrator.set_maximum_step_size(dt)
+    quiet = analysis.InitializeParams(suppress_initialization_events=True)
+    return simulator, partial(simulator.Initialize, quiet)
+
+
+def _force_setter(plant: Any, context: Any) -> Callable[[Components], None]:
+    """What puts a generalized force into a context."""
+    port = plant.get_applied_generalized_force_input_port()
+    announce = port.FixValue(context, (0.0,) * plant.num_velocities()).GetMutableData
+    held = announce().get_mutable_value()
+
+    def put(force: Components) -> None:
+        announce()
+        held.SetFromVector(force)
+
+    return put

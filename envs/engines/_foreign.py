@@ -1,0 +1,93 @@
+"""Engines whose steps are not made of our own arithmetic: one call of floats for each."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from math import nan
+from typing import Any
+
+from integ_gym.envs.engines._mapped import MappedEngine
+from integ_gym.envs.engines._stepped import within_bounds
+from integ_gym.envs.engines.interface import Motion, Segments
+from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.system import PlantSystem
+
+Run = Callable[..., tuple[Any, ...]]
+"""(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""
+
+ASTRAY = 1e9
+"""An engine is not asked to go on from a state with a component beyond this, or not finite."""
+
+
+class ForeignEngine(MappedEngine):
+    """Advances a plant by an engine that is called with floats; lanes one by one."""
+
+    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+        super().__init__(system, integrator, dt)
+        self._runs: dict[int, Run] = {}
+
+    @abstractmethod
+    def run(self, count: int) -> Run:
+        """A function that takes ``count`` steps under a constant generalized force."""
+
+    @property
+    @abstractmethod
+    def straight(self) -> bool:
+        """Whether nothing but the work is booked between the steps of one control."""
+
+    def advance(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        segments: Segments,
+        sample_at: Component | None,
+    ) -> Motion:
+        """Advance through the segments of constant control, in one call each where possible."""
+        if not self.straight or sample_at is not None:
+            return super().advance(ops, q, v, segments, sample_at)
+        actuated, work = self.system.plant.actuated, 0.0
+        most, worst, converged = 0, 0.0, True
+        for control, count in segments:
+            before = q[actuated]
+            force = self.system.generalized(control)
+            q, v, iterations, residual, solved = self.travel(ops, q, v, force, count)
+            work = work + control * (q[actuated] - before)
+            most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
+            converged = converged & solved
+        ok, losses = within_bounds(q, v), self.system.no_losses
+        return Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, ok)
+
+    def travel(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Component, Component, Component]:
+        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
+        run = self._run(count)
+        n = len(q)
+        truths = (*[False] * (2 * n), *((False, False, True) if self.reports else ()))
+        flat = ops.foreign(run, (*q, *v, *force), truths)
+        report = flat[2 * n :] if self.reports else (0, 0.0, True)
+        return flat[:n], flat[n : 2 * n], *report
+
+    def _run(self, count: int) -> Run:
+        if count not in self._runs:
+            made = self.run(count)
+            lost = (nan,) * (2 * len(self.system.plant.coordinates))
+            report = (0, 0.0, False) if self.reports else ()
+            self._runs[count] = made if self.straight else guarded(made, (*lost, *report))
+        return self._runs[count]
+
+
+def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
+    """``run``, but ``lost`` from arguments that are astray."""
+
+    def safe(*values: float) -> tuple[Any, ...]:
+        return lost if is_astray(values) else run(*values)
+
+    return safe
+
+
+def is_astray(values: tuple[float, ...]) -> bool:
+    """Whether a value is beyond :data:`ASTRAY`, or not finite."""
+    return any(not -ASTRAY < x < ASTRAY for x in values)

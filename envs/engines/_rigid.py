@@ -1,0 +1,142 @@
+"""Engines that move rigid bodies: told the plant's mechanism, and checked against the plant."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from math import nan
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.engines._agreement import TOLERANCE, check_agreement
+from integ_gym.envs.engines._foreign import ForeignEngine
+from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.mechanism import Mechanism
+from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.system import PlantSystem
+
+Array = npt.NDArray[np.float64]
+
+
+class RigidBodyEngine(ForeignEngine):
+    """Builds the plant's mechanism in a simulator and advances it under generalized forces.
+
+    Friction and stops are forces of our own, taken at the start of each step and held during it,
+    so that the contact law is one and the same in every engine.
+
+    Raises:
+        ValueError: for a plant without a mechanism, and for an engine whose mass matrix or gravity
+            force is not the plant's.
+    """
+
+    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+        super().__init__(system, integrator, dt)
+        self.mechanism = mechanism_of(self.name, system.plant)
+        self._map = one_step_map(self.map)
+        self._damped = any(link.damping for link in self.mechanism.links)
+        self.build()
+        self._check()
+
+    @abstractmethod
+    def build(self) -> None:
+        """Make the simulator's model of :attr:`mechanism`."""
+
+    @abstractmethod
+    def inertia(self, q: Components) -> Array:
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m²."""
+
+    @abstractmethod
+    def gravity(self, q: Components) -> Array:
+        """The simulator's generalized force of gravity, (dof,), N or N m."""
+
+    def _check(self) -> None:
+        check_agreement(self, self.system.plant)
+
+    @property
+    def straight(self) -> bool:
+        """Whether nothing but the work is booked between the steps of one control."""
+        system = self.system
+        booked = system.steep or system.max_speed is not None or system.engine_stops is not None
+        return not (self._damped or booked)
+
+    def move(
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+    ) -> Step:
+        """One of the simulator's steps, with friction, contact and losses."""
+        resisting, rates = self.system.resistance(ops, q, v)
+        drive = self.system.generalized(control)
+        force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
+        losses = along(losses, self.dt, rates)
+        if self._damped:
+            held = HeldForce(self.system.plant, force)
+            damped = self._map.step(ops, held, q, v, losses[:1], control, self.dt).losses
+            losses = (*damped, *losses[1:])
+        end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
+        if self.system.engine_stops is None:
+            return Step(end_q, end_v, losses, iterations, residual, converged)
+        push = self._push(ops, q, v, end_v, force)
+        losses = (losses[0], ops.where(push == 0.0, losses[1], nan))
+        return Step(end_q, end_v, losses, iterations, residual, converged, push)
+
+    def _push(
+        self, ops: Ops, q: Components, v: Components, end: Components, force: Components
+    ) -> Component:
+        """Force of the engine's own stop: what it changed in the momentum, over the step; or 0.
+
+        What energy it took is not told, so that the ledger is open where it acts.
+        """
+        held = HeldForce(self.system.plant, force)
+        free = self._map.step(ops, held, q, v, (0.0,), 0.0, self.dt).v
+        changes = [a - b for a, b in zip(end, free, strict=True)]
+        assert self.system.engine_stops is not None
+        row = self.system.plant.mass_matrix(ops, q)[self.system.engine_stops.coordinate]
+        impulse = sum(a * b for a, b in zip(row, changes, strict=True))
+        felt = abs(impulse) > TOLERANCE[self.width] * 10.0 * (1.0 + abs(free[0]))
+        return ops.where(felt, impulse / self.dt, 0.0)
+
+
+@dataclass(frozen=True)
+class HeldForce:
+    """A plant under a generalized force that is held: what an engine integrates in one step."""
+
+    plant: Plant
+    force: Components
+    steep: ClassVar[bool] = False
+    kinked: ClassVar[bool] = False
+
+    def rates(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[Components, Components]:
+        """Accelerations, and the power of damping, W."""
+        losses = (self.plant.dissipation(ops, q, v),)
+        return self.plant.acceleration(ops, q, v, self.force), losses
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+        """(∂a/∂q, ∂a/∂v), or None if the plant gives none."""
+        jacobian = getattr(self.plant, "jacobian", None)
+        return None if jacobian is None else jacobian(ops, q, v, self.force)
+
+    def limit(self, ops: Ops, v: Components) -> Components:
+        """``v``: no limit acts within a step."""
+        return v
+
+
+def mechanism_of(engine: str, plant: Plant) -> Mechanism:
+    """The plant's links.
+
+    Raises:
+        ValueError: if it has none.
+    """
+    mechanism = getattr(plant, "mechanism", None)
+    if mechanism is None:
+        raise ValueError(
+            f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
+            "no `mechanism`; use engine 'native' or 'casadi'"
+        )
+    return mechanism  # type: ignore[no-any-return]

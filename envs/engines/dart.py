@@ -1,0 +1,113 @@
+"""DART, the physics of Gazebo."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import nan
+from typing import Any, ClassVar
+
+import numpy as np
+
+from integ_gym.envs.engines._foreign import Run, is_astray
+from integ_gym.envs.engines._mjcf import SMALLEST_INERTIA
+from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
+from integ_gym.envs.extras import load
+from integ_gym.envs.mechanism import Link
+from integ_gym.envs.ops import Components
+
+_JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
+
+
+class DartEngine(RigidBodyEngine):
+    """DART's `World.step`, in float64: symplectic Euler with joint damping taken implicitly.
+
+    DART puts resting bodies to sleep by default; that is turned off, so that a step depends on
+    nothing that went before.
+    """
+
+    name: ClassVar[str] = "dart"
+    package: ClassVar[str] = "dartpy"
+    own_stops: ClassVar[bool] = True
+    maps: ClassVar[Mapping[str, str]] = {
+        "semi_implicit_euler": "symplectic_euler_implicit_damping",
+    }
+
+    def build(self) -> None:
+        """Make the world with the mechanism as its only skeleton."""
+        dart = load("dartpy", "dart")
+        self._skeleton = dart.dynamics.Skeleton(self.system.plant.name)
+        body = None
+        for place, link in enumerate(self.mechanism.links):
+            body = self._added(dart.dynamics, body, place, link)
+        self._world = dart.simulation.World()
+        self._world.setTimeStep(self.dt)
+        self._world.setGravity((0.0, 0.0, -self.mechanism.gravity))
+        awake = self._world.getDeactivationOptions()
+        awake.mEnabled = False
+        self._world.setDeactivationOptions(awake)
+        self._world.addSkeleton(self._skeleton)
+        self._law = dart.constraint.JointConstraint
+
+    def stop_parameters(self) -> dict[str, Any]:
+        """Parameters of DART's joint constraints, which are the process's."""
+        return {
+            "error_allowance": self._law.getErrorAllowance(),
+            "error_reduction_parameter": self._law.getErrorReductionParameter(),
+            "max_error_reduction_velocity": self._law.getMaxErrorReductionVelocity(),
+            "constraint_force_mixing": self._law.getConstraintForceMixing(),
+        }
+
+    def inertia(self, q: Components) -> Array:
+        """Mass matrix."""
+        self._skeleton.setPositions(q)
+        return np.array(self._skeleton.getMassMatrix())
+
+    def gravity(self, q: Components) -> Array:
+        """Generalized force of gravity, which DART has on the side of the accelerations."""
+        self._skeleton.setPositions(q)
+        return -np.array(self._skeleton.getGravityForces())
+
+    def run(self, count: int) -> Run:
+        """Take ``count`` steps under forces that no limit clamps.
+
+        What is astray ends them: DART would warn, and go on without what is not finite.
+        """
+        skeleton, step = self._skeleton, self._world.step
+        n = int(skeleton.getNumDofs())
+        places = tuple(range(n))
+        put_position, position = skeleton.setPosition, skeleton.getPosition
+        put_velocity, velocity = skeleton.setVelocity, skeleton.getVelocity
+        put_force, lost = skeleton.setForce, (nan,) * (2 * n)
+
+        def run(*values: float) -> tuple[float, ...]:
+            if is_astray(values):
+                return lost
+            for i in places:
+                put_position(i, values[i])
+                put_velocity(i, values[n + i])
+                put_force(i, values[2 * n + i])
+            speeds: tuple[float, ...] = ()
+            for _ in range(count):
+                step(False)
+                speeds = tuple([velocity(i) for i in places])
+                if is_astray(speeds):
+                    return lost
+            return (*[position(i) for i in places], *speeds)
+
+        return run
+
+    def _added(self, dynamics: Any, parent: Any, place: int, link: Link) -> Any:
+        """Hang a link on a body, or on the ground where that is None; its own body."""
+        kind, axis = _JOINTS[link.joint]
+        create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")
+        joint, body = create() if parent is None else create(parent)
+        joint.setAxis(axis)
+        joint.setDampingCoefficient(0, link.damping)
+        moments = max(link.inertia, SMALLEST_INERTIA) * np.eye(3)
+        body.setInertia(dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))
+        stops = self.system.engine_stops
+        if stops is not None and stops.coordinate == place:
+            joint.setPositionLowerLimit(0, -stops.limit)
+            joint.setPositionUpperLimit(0, stops.limit)
+            joint.setLimitEnforcement(True)
+        return body

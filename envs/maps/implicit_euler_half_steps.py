@@ -1,0 +1,44 @@
+"""Two half steps of implicit Euler."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from integ_gym.envs.integrators.implicit_euler import ImplicitEuler
+from integ_gym.envs.integrators.interface import Step, System
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+class ImplicitEulerHalfSteps:
+    """Implicit Euler at half the step, twice.
+
+    Order 1, L-stable; not symplectic, not reversible. What integrators do that estimate their error
+    by step doubling and go on from the finer result. Iterations are those of both half steps.
+    Source: Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., II.4,
+    on step doubling.
+    """
+
+    order: ClassVar[int] = 1
+    symplectic: ClassVar[bool] = False
+    reversible: ClassVar[bool] = False
+    solver_tolerance: ClassVar[float] = ImplicitEuler.solver_tolerance
+    solver_cap: ClassVar[int] = 2 * ImplicitEuler.solver_cap
+
+    def step(
+        self,
+        ops: Ops,
+        system: System,
+        q: Components,
+        v: Components,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Step:
+        half, method = 0.5 * dt, ImplicitEuler()
+        first = method.step(ops, system, q, v, losses, control, half)
+        second = method.step(ops, system, first.q, first.v, first.losses, control, half)
+        return second._replace(
+            iterations=first.iterations + second.iterations,
+            residual=ops.maximum(first.residual, second.residual),
+            converged=first.converged & second.converged,
+        )

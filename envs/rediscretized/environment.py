@@ -1,0 +1,307 @@
+"""``rediscretize``: a Gymnasium MuJoCo task with integrator and timestep of one's choice."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.extras import load
+from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.plants.interface import in_state_order
+from integ_gym.envs.rediscretized.description import (
+    ModelEngine,
+    TaskGoal,
+    TaskSetup,
+    observation_names,
+    plant_of,
+)
+from integ_gym.envs.rediscretized.ledger import NOTHING, Ledger
+from integ_gym.envs.settings import Settings
+from integ_gym.envs.timing import Timing
+from integ_gym.envs.transition import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
+
+Array = npt.NDArray[Any]
+
+FASTEST = 1e6
+"""A velocity component beyond this, m/s or rad/s, is a divergence."""
+
+SURVIVAL = "not terminated within the time limit"
+
+
+def rediscretize(
+    env: gym.Env[Any, Any],
+    integrator: str | None = None,
+    dt: float | None = None,
+    success_return: float | None = None,
+) -> RediscretizedEnv:
+    """Change integrator and timestep of a Gymnasium MuJoCo environment.
+
+    The control period stays, so that decisions, rewards and the time limit mean the same.
+
+    Args:
+        env: one that ``gym.make`` made of Gymnasium's MuJoCo environments; it is changed.
+        integrator: MuJoCo's name: ``Euler``, ``RK4``, ``implicit``, ``implicitfast``,
+            ``discrete``; None: as it is.
+        dt: timestep, s; None: as it is.
+        success_return: an episode succeeds if its return reaches this; None: if it is not
+            terminated.
+
+    Raises:
+        TypeError: for another environment.
+        ValueError: for an unknown integrator, or a timestep of which the control period is no
+            whole multiple, with the nearest that are.
+
+    >>> import gymnasium as gym
+    >>> import integ_gym
+    >>> stock = gym.make("InvertedPendulum-v5")
+    >>> env = integ_gym.rediscretize(stock, integrator="implicitfast", dt=0.01)
+    >>> env.setup.timing.control_period, env.setup.timing.substeps
+    (0.04, 4)
+    """
+    return RediscretizedEnv(env, integrator, dt, success_return)
+
+
+class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """A MuJoCo task whose discretization was chosen; made by :func:`rediscretize`.
+
+    ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
+    ``energy``, ``actuator_work``, ``dissipated``, ``energy_residual``, solver report and success.
+    ``energy_residual`` is NaN in a control period in which a constraint acted, and wherever a loss
+    is not accounted for. A motion that diverges ends the episode with the last finite observation;
+    MuJoCo's own silent reset to the initial pose is switched off.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        integrator: str | None = None,
+        dt: float | None = None,
+        success_return: float | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, integrator=integrator, dt=dt, success_return=success_return
+        )
+        super().__init__(env)
+        self._mujoco = load("mujoco", "mujoco")
+        self._inner = _mujoco_env(env)
+        self._success_return = success_return
+        self._model, self._data = self._inner.model, self._inner.data
+        self.setup = self._discretized(integrator, dt)
+        self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
+        self._inner.do_simulation = self._simulate
+        self._booked = NOTHING
+        self._saturated = False
+        self._diverged = False
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """Positions and velocities of the joints, SI units, shape (nq + nv,)."""
+        return np.array(self.state_components)
+
+    @property
+    def state_components(self) -> tuple[float, ...]:
+        """The same as floats."""
+        q, v = self._data.qpos.tolist(), self._data.qvel.tolist()
+        return in_state_order(tuple(q), tuple(v))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._steps, self._return, self._least = 0, 0.0, 0.0
+        self._reached = 0.0 if self._success_return is None else AWAY
+        self._energy = self._ledger.energy(self._data)
+        self._control = np.zeros(self._model.nu)
+        self._observation, self._booked, self._diverged = observation, NOTHING, False
+        return observation, {**info, **self._info(0.0, False, False, False)}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        asked = np.asarray(action, dtype=np.float64)
+        valid = bool(np.isfinite(asked).all())
+        command = asked if valid else self._control
+        observation, reward, terminated, truncated, info = self.env.step(
+            command.astype(self._inner.action_space.dtype)
+        )
+        self._steps += 1
+        before = self._energy
+        if self._diverged:
+            observation, terminated = self._observation, True
+            left = self.setup.timing.horizon - self._steps + 1
+            reward = min(0.0, self._least) * left
+        self._observation, self._control = observation, command
+        self._least = min(self._least, float(reward))
+        self._return += float(reward)
+        self._energy = before if self._diverged else self._ledger.energy(self._data)
+        residual = self._residual(before)
+        success = self._note_goal(bool(terminated), bool(truncated))
+        told = self._info(residual, self._saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    def _simulate(self, control: Any, count: int) -> None:
+        """What the task calls to advance its model; stands in for Gymnasium's ``do_simulation``."""
+        control = np.asarray(control, dtype=np.float64)
+        if control.shape != (self._model.nu,):
+            raise ValueError(f"an action must have shape ({self._model.nu},), got {control.shape}")
+        data = self._data
+        q, v = data.qpos.copy(), data.qvel.copy()
+        data.ctrl[:] = control
+        self._applied = self._clamped(control)
+        self._saturated = bool((self._applied != control).any())
+        self._booked = self._ledger.step(data, count)
+        self._diverged = not (
+            np.isfinite(data.qpos).all() and bool((np.abs(data.qvel) <= FASTEST).all())
+        )
+        if self._diverged:
+            data.qpos[:], data.qvel[:] = q, v
+            self._mujoco.mj_forward(self._model, data)
+            self._booked = NOTHING._replace(iterations=self._booked.iterations)
+        self._mujoco.mj_rnePostConstraint(self._model, data)
+
+    def _clamped(self, control: Array) -> Array:
+        """The control within the actuators' ranges, as MuJoCo clamps it."""
+        low, high = self._model.actuator_ctrlrange.T
+        limited = self._model.actuator_ctrllimited.astype(bool)
+        return np.where(limited, np.clip(control, low, high), control)
+
+    def _residual(self, before: float) -> float:
+        if self._booked.constrained:
+            return math.nan
+        return self._energy - before - self._booked.work + self._booked.dissipated
+
+    def _note_goal(self, terminated: bool, truncated: bool) -> bool:
+        """Keep since when the goal has held; whether the episode has just ended in success."""
+        time = self._steps * self.setup.timing.control_period
+        if self._success_return is None:
+            self._reached = AWAY if terminated else 0.0
+            return truncated and not terminated
+        if self._return < self._success_return:
+            self._reached = AWAY
+        elif self._reached < 0.0:
+            self._reached = time
+        return (terminated or truncated) and self._reached >= 0.0 and not self._diverged
+
+    def _info(
+        self, residual: float, saturated: bool, fell_back: bool, success: bool
+    ) -> dict[str, Any]:
+        time = self._steps * self.setup.timing.control_period
+        booked = self._booked
+        applied = self._control if self._steps == 0 else self._applied
+        controls = {}
+        for (name, _), asked, given in zip(
+            self.setup.plant.controls, self._control.tolist(), applied.tolist(), strict=True
+        ):
+            controls[f"{name}_commanded"], controls[f"{name}_applied"] = asked, given
+        return {
+            "time": time,
+            "energy": self._energy,
+            "actuator_work": booked.work,
+            "dissipated": booked.dissipated,
+            "clip_loss": 0.0,
+            "energy_residual": residual,
+            "saturated": saturated,
+            "fallback_used": fell_back,
+            "sensor_time": time,
+            "goal_since": self._reached,
+            "success": success,
+            "penetration": booked.penetration,
+            "constraint_violation": booked.violation,
+            "solver_iterations": booked.iterations,
+            "solver_residual": 0.0,
+            "solver_status": STATUS_NAMES[self._status()],
+            **controls,
+        }
+
+    def _status(self) -> int:
+        if self._diverged:
+            return DIVERGED
+        capped = self._booked.iterations >= self.setup.engine.cap
+        return NOT_CONVERGED if capped else OK
+
+    def _discretized(self, integrator: str | None, dt: float | None) -> TaskSetup:
+        """Put the discretization into the model, and say what it is."""
+        model, inner, mujoco = self._model, self._inner, self._mujoco
+        period = float(inner.dt)
+        step = float(model.opt.timestep) if dt is None else dt
+        chosen = _integrator(mujoco, model, integrator)
+        limit = self.spec.max_episode_steps if self.spec else None
+        horizon = 1000 if limit is None else limit
+        timing = Timing.of(step, period, 0.0, None, horizon * period)
+        model.opt.timestep = step
+        model.opt.integrator = _integrators(mujoco)[chosen]
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        inner.frame_skip = timing.substeps
+        size = int(np.prod(self.observation_space.shape or (1,)))
+        goal = (
+            SURVIVAL
+            if self._success_return is None
+            else (f"return of at least {self._success_return:g}")
+        )
+        return TaskSetup(
+            settings=Settings(
+                integrator=chosen, dt=step, control_period=period, engine="mujoco",
+                duration=horizon * period, start="the task's own",
+            ),
+            timing=timing,
+            plant=plant_of(mujoco, model, type(inner).__name__),
+            task=TaskGoal(goal, observation_names(size), ("",) * size),
+            engine=ModelEngine(
+                chosen, float(model.opt.tolerance), int(model.opt.iterations),
+                Ledger(mujoco, model, chosen).accounted,
+            ),
+            environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
+        )  # fmt: skip
+
+
+def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
+    """Gymnasium's MuJoCo environment inside.
+
+    Raises:
+        TypeError: if there is none, or it is rediscretized already.
+    """
+    load("mujoco", "mujoco")
+    from gymnasium.envs.mujoco import MujocoEnv
+
+    if not isinstance(env.unwrapped, MujocoEnv):
+        raise TypeError(
+            f"rediscretize takes one of Gymnasium's MuJoCo environments, got "
+            f"{type(env.unwrapped).__name__}; for our own, give `integrator` and `dt` to gym.make"
+        )
+    wrapper: Any = env
+    while wrapper is not env.unwrapped:
+        if isinstance(wrapper, RediscretizedEnv):
+            raise TypeError("the environment is rediscretized already; make a new one")
+        wrapper = wrapper.env
+    return env.unwrapped
+
+
+def mujoco_integrators() -> tuple[str, ...]:
+    """Names of the integrators that the installed MuJoCo has."""
+    return tuple(_integrators(load("mujoco", "mujoco")))
+
+
+def _integrators(mujoco: Any) -> dict[str, int]:
+    """MuJoCo's integrators by the names that its model files use."""
+    names = {"EULER": "Euler", "RK4": "RK4", "IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast"}
+    found = {}
+    for member in mujoco.mjtIntegrator.__members__.values():
+        short = member.name.removeprefix("mjINT_")
+        found[names.get(short, short.lower())] = int(member)
+    return found
+
+
+def _integrator(mujoco: Any, model: Any, name: str | None) -> str:
+    known = _integrators(mujoco)
+    if name is None:
+        return next(own for own, number in known.items() if number == int(model.opt.integrator))
+    if name not in known:
+        raise ValueError(unknown_name("integrator of MuJoCo", name, known))
+    return name

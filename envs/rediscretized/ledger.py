@@ -1,0 +1,101 @@
+"""The energy ledger of a MuJoCo model, sub-step by sub-step."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+TAKEN_AT_THE_END = ("Euler", "implicit", "implicitfast", "discrete")
+"""Integrators that take joint damping at the end of the step: its work is force · displacement."""
+
+
+class Booked(NamedTuple):
+    """What one control period brought, J."""
+
+    work: float
+    dissipated: float
+    """NaN where a loss is not accounted for."""
+    constrained: bool
+    """Whether a contact, joint limit or other constraint acted in any sub-step."""
+    iterations: int
+    """Most solver iterations of any sub-step."""
+    penetration: float
+    """Deepest contact at the beginning of any sub-step, m."""
+    violation: float
+    """Largest violation of any constraint there, m or rad."""
+
+
+NOTHING = Booked(0.0, 0.0, False, 0, 0.0, 0.0)
+
+
+class Ledger:
+    """Books the work of the actuators and the losses of a model while it is stepped.
+
+    Work is the generalized force of the actuators times the displacement, which is exact where the
+    force does not depend on the state within a step, as that of a motor. What damping takes is
+    known for integrators that take it at the end of the step; losses in a fluid, in a tendon or by
+    gravity compensation are not accounted for.
+
+    Args:
+        mujoco: the module.
+        model: compiled model.
+        integrator: MuJoCo's name of its integrator.
+    """
+
+    def __init__(self, mujoco: Any, model: Any, integrator: str) -> None:
+        self._mujoco, self._model = mujoco, model
+        self._scratch = mujoco.MjData(model)
+        self._displacement = np.zeros(model.nv)
+        self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+        self.accounted = _accounted(model, integrator)
+
+    def energy(self, data: Any) -> float:
+        """Kinetic plus potential energy, J, zero where MuJoCo has it."""
+        scratch, model, mujoco = self._scratch, self._model, self._mujoco
+        scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_kinematics(model, scratch)
+        mujoco.mj_comPos(model, scratch)
+        mujoco.mj_tendon(model, scratch)
+        mujoco.mj_makeM(model, scratch)
+        mujoco.mj_energyPos(model, scratch)
+        mujoco.mj_energyVel(model, scratch)
+        return float(scratch.energy.sum())
+
+    def step(self, data: Any, count: int) -> Booked:
+        """Take ``count`` steps, or as many as the state stays finite for."""
+        work = lost = depth = violation = 0.0
+        constrained, iterations = False, 0
+        for _ in range(count):
+            before = data.qpos.copy()
+            self._mujoco.mj_step(self._model, data)
+            if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+                break
+            moved = self._displacement
+            self._mujoco.mj_differentiatePos(self._model, moved, 1.0, before, data.qpos)
+            work += float(data.qfrc_actuator @ moved)
+            lost += float((self._damping * data.qvel) @ moved)
+            if data.nefc:
+                constrained = True
+                iterations = max(iterations, int(data.solver_niter[0]))
+                violation = max(violation, -float(data.efc_pos.min()))
+            if data.ncon:
+                depth = max(depth, -float(data.contact.dist.min()))
+        lost = lost if self.accounted else nan
+        return Booked(work, lost, constrained, iterations, depth, violation)
+
+
+def _accounted(model: Any, integrator: str) -> bool:
+    """Whether every loss of the model is joint damping that the ledger knows."""
+    elsewhere = (
+        model.opt.density > 0.0
+        or model.opt.viscosity > 0.0
+        or np.any(model.tendon_damping)
+        or np.any(model.body_gravcomp)
+    )
+    damped = bool(np.any(model.dof_damping))
+    return not elsewhere and (not damped or integrator in TAKEN_AT_THE_END)

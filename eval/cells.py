@@ -1,0 +1,142 @@
+"""What a panel varies: discretizations, mixtures of them to train on, and cells to evaluate in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from integ_gym.envs.mixture import WEIGHT
+from integ_gym.envs.timing import is_multiple
+
+FINEST_DIVISION = 1000
+"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """What a panel varies: engine, integrator, dt (s) and control period (s)."""
+
+    integrator: str
+    dt: float
+    control_period: float
+    engine: str = "native"
+
+    @property
+    def name(self) -> str:
+        """Short name, without the control period; see :attr:`Cell.name`."""
+        engine = "" if self.engine == "native" else f"{self.engine} "
+        return f"{engine}{self.integrator} dt={self.dt:g}"
+
+    @property
+    def shares(self) -> dict[Discretization, float]:
+        """Share of each discretization that training draws from: this one alone."""
+        return {self: 1.0}
+
+    def arguments(self) -> dict[str, Any]:
+        """As constructor arguments of an environment."""
+        return {
+            "engine": self.engine,
+            "integrator": self.integrator,
+            "dt": self.dt,
+            "control_period": self.control_period,
+        }
+
+    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
+        """Constructor arguments of the training environment."""
+        return Cell(self, "grid").arguments(environment)
+
+
+@dataclass(frozen=True)
+class DiscretizationMixture:
+    """Discretizations of one control period, one of which every training episode draws.
+
+    Attributes:
+        name: of the mixture.
+        weights: by member; its share is its weight over the sum of all.
+    """
+
+    name: str
+    weights: tuple[tuple[Discretization, float], ...]
+
+    @property
+    def shares(self) -> dict[Discretization, float]:
+        """Share of each discretization that training draws from."""
+        total = sum(weight for _, weight in self.weights)
+        return {member: weight / total for member, weight in self.weights}
+
+    @property
+    def control_period(self) -> float:
+        """Time between two decisions, s."""
+        return self.weights[0][0].control_period
+
+    def arguments(self) -> list[dict[str, Any]]:
+        """The members, each as constructor arguments of an environment."""
+        return [member.arguments() for member, _ in self.weights]
+
+    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
+        """Constructor arguments of the training environment."""
+        own = ("engine", "integrator", "dt")
+        cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in self.weights]
+        mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
+        common = {name: value for name, value in cells[0][0].items() if name not in own}
+        return {**common, "mixture": mixture}
+
+
+Home: TypeAlias = Discretization | DiscretizationMixture
+"""What a policy is trained on."""
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Environment arguments that differ from the panel's, on the home and reference cells."""
+
+    name: str
+    environment: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One evaluation column: a discretization, perturbed or not."""
+
+    discretization: Discretization
+    kind: str
+    """`grid`, `reference`, `perturbation` or `ladder` (the control period follows dt)."""
+    perturbation: Perturbation | None = None
+    role: str | None = None
+    """`reference` or `quarter_step` where the cell decides a comparison of policies."""
+
+    @property
+    def name(self) -> str:
+        """Unique within a panel."""
+        base = self.discretization.name
+        if self.kind == "ladder":
+            base = f"{base} control={self.discretization.control_period:g}"
+        return f"{base}, {self.perturbation.name}" if self.perturbation else base
+
+    def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
+        """Constructor arguments of this cell's environment."""
+        changed = self.perturbation.environment if self.perturbation else {}
+        values = {**environment, **self.discretization.arguments(), **changed}
+        if self.discretization.integrator == "reference":
+            values["dt"] = dividing_step(values)
+        return values
+
+
+def dividing_step(arguments: Mapping[str, Any]) -> float:
+    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+
+    The reference may take any step, for its result does not depend on it.
+    """
+    dt = float(arguments["dt"])
+    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
+    for parts in range(1, FINEST_DIVISION + 1):
+        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
+            return dt / parts
+    return dt
+
+
+def file_name(row: str) -> str:
+    """A row's name as that of its files."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", row)

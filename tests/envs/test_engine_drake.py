@@ -1,0 +1,177 @@
+"""Drake: exact steps, no memory between them, and what its integrators report and refuse."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import mapped, needs, one_step, setup_of, states
+from engine_checks import told_by_an_episode
+
+import integ_gym  # noqa: F401
+from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
+from integ_gym.envs.extras import load
+from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.numerics.fingerprint import fingerprint
+from integ_gym.envs.ops import SCALAR
+
+ALL = tuple(DrakeEngine.maps)
+CONTINUOUS = (*EXPLICIT, *IMPLICIT)
+
+
+def _setup(integrator: str, env_id: str = "IntegCartPole-v0", **arguments):
+    return setup_of("drake", integrator, env_id, **arguments)
+
+
+@pytest.mark.parametrize("integrator", ALL)
+def test_a_step_depends_on_nothing_that_went_before(integrator):
+    """To the last bit, in any order, and after a state in which Drake gives up."""
+    setup = _setup(integrator)
+    cases = states(setup, 6)
+    alone = [one_step(setup, *case) for case in cases]
+    run = setup.engine.run(1)
+    assert not np.isfinite(run(np.nan, 0.0, 0.0, np.nan, 0.0, 0.0)[:4]).all()
+    for case, expected in reversed(list(zip(cases, alone, strict=True))):
+        assert (one_step(setup, *case) == expected).all()
+        q, v, control = case
+        assert run(*q, *v, control, 0.0)[:4] == tuple(expected)
+
+
+@pytest.mark.parametrize("integrator", ALL)
+def test_every_step_is_of_the_same_size(integrator):
+    """1000 steps in one call are 1000 single steps: advancing to k·dt took a tenth more of them."""
+    setup = _setup(integrator, "IntegPendulum-v0", dt=0.01)
+    run, single = setup.engine.run(1000), setup.engine.run(1)
+    state = (3.0, 0.5)
+    for _ in range(1000):
+        state = single(*state, 0.2)[:2]
+    np.testing.assert_allclose(run(3.0, 0.5, 0.2)[:2], state, rtol=0, atol=1e-12)
+
+
+def test_advancing_to_multiples_of_the_step_takes_more_steps():
+    """Why we do not."""
+    needs("drake")
+    setup = _setup("semi_explicit_euler", "IntegPendulum-v0", dt=0.05)
+    analysis = load("pydrake.systems.analysis", "drake")
+    plant = setup.engine._plant
+    simulator = analysis.Simulator(plant)
+    integrator = analysis.ResetIntegratorFromFlags(simulator, "semi_explicit_euler", 0.05)
+    integrator.set_fixed_step_mode(True)
+    port = plant.get_applied_generalized_force_input_port()
+    port.FixValue(simulator.get_mutable_context(), (0.0,))
+    for k in range(4000):
+        simulator.AdvanceTo((k + 1) * 0.05)
+    assert integrator.get_num_steps_taken() > 4100
+
+
+@pytest.mark.parametrize("integrator", CONTINUOUS)
+def test_continuous_plants_have_no_stops(integrator):
+    needs("drake")
+    with pytest.raises(ValueError, match="ignores joint stops; use `integrator`: tamsi, sap"):
+        gym.make(
+            "IntegPendulum-v0", engine="drake", integrator=integrator, contact="engine",
+            joint_limit=1.0,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("integrator", ALL)
+def test_what_is_solved_is_reported_where_drake_tells(integrator):
+    needs("drake")
+    env = gym.make("IntegCartPole-v0", engine="drake", integrator=integrator, dt=0.02)
+    env.reset(seed=0)
+    *_, info = env.step(1)
+    solver = env.unwrapped.setup.engine.solver()
+    if integrator in DISCRETE:
+        assert info["solver_status"] == "not_reported"
+    else:
+        assert info["solver_status"] == "ok"
+    assert (info["solver_iterations"] > 0) is (integrator in IMPLICIT)
+    assert solver["solver_tolerance"] == (1e-12 if integrator in IMPLICIT else None)
+
+
+@pytest.mark.parametrize("integrator", ["runge_kutta3", "radau3"])
+def test_lanes_report_as_single_environments_do(integrator):
+    needs("drake")
+    arguments = {"engine": "drake", "integrator": integrator, "dt": 0.02}
+    many = gym.make_vec("IntegCartPole-v0", num_envs=2, **arguments)
+    states = np.array([[0.0, 1.0, 0.1, 2.0], [0.0, 1.0, 0.1, 150.0]])
+    many.reset(options={"state": states})
+    *_, told = many.step(np.ones(2, dtype=int))
+    for lane in range(2):
+        single = gym.make("IntegCartPole-v0", disable_env_checker=True, **arguments)
+        single.reset(options={"state": tuple(states[lane])})
+        *_, info = single.step(1)
+        for name in ("solver_iterations", "solver_status", "energy"):
+            assert told[name][lane] == info[name]
+    expected = "not_converged" if integrator == "radau3" else "ok"
+    assert told["solver_status"].tolist() == ["ok", expected]
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_the_most_iterations_of_any_step_are_told(integrator):
+    setup = _setup(integrator)
+    q, v, control = states(setup, 1)[0]
+    told, many = [], setup.engine.advance(SCALAR, q, v, ((control, 4),), None)
+    for _ in range(4):
+        motion = setup.engine.advance(SCALAR, q, v, ((control, 1),), None)
+        q, v = motion.q, motion.v
+        told.append(motion.iterations)
+    assert many.iterations == max(told)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_a_step_that_drake_divides_is_told_as_not_converged(integrator):
+    """At a fixed step too, Drake goes on in parts where Newton's method fails."""
+    setup = _setup(integrator)
+    known, rng = one_step_map(setup.engine.map), np.random.default_rng(4)
+    errors: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(60):
+        q, v = tuple(rng.uniform(-3.0, 3.0, 2)), tuple(rng.uniform(-200.0, 200.0, 2))
+        motion = setup.engine.advance(SCALAR, q, v, ((1.0, 1),), None)
+        expected = mapped(known, setup, q, v, 1.0)
+        gaps = np.abs((*motion.q, *motion.v) - expected) / (1.0 + np.abs(expected))
+        errors[motion.converged].append(gaps.max())
+    assert max(errors[True]) < 1e-9
+    assert min(errors[False]) > 1e-6
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_a_step_that_drake_gives_up_is_a_divergence(integrator):
+    needs("drake")
+    env = gym.make("IntegCartPole-v0", engine="drake", integrator=integrator, dt=0.5)
+    env.reset(seed=0, options={"state": (0.0, -600.0, 0.1, 900.0)})
+    observation, _, terminated, _, info = env.step(1)
+    assert terminated
+    assert info["solver_status"] == "diverged"
+    assert np.isfinite(observation).all()
+
+
+@pytest.mark.parametrize("integrator", ALL)
+def test_no_cap_on_speed_and_no_hidden_damping(integrator):
+    setup = _setup(integrator, dt=1e-4)
+    known = one_step_map(setup.engine.map)
+    for q, v in (((0.3, -0.4), (-500.0, 500.0)), ((0.0, 3.0), (1e-6, 0.0))):
+        expected = mapped(known, setup, q, v, 0.7)
+        np.testing.assert_allclose(one_step(setup, q, v, 0.7), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("integrator", DISCRETE)
+def test_stops_are_recorded_with_what_they_are_made_of(integrator):
+    setup = _setup(integrator, "IntegCartPoleSwingUp-v0", contact="engine", dt=0.001)
+    told = setup.engine.describe()["stops"]
+    assert told["time_step"] == 0.001
+    assert told["discrete_contact_solver"] == ("kTamsi" if integrator == "tamsi" else "kSap")
+
+
+@pytest.mark.parametrize("integrator", ["lagged", "runge_kutta3", "radau3"])
+def test_an_episode_leaves_the_process_as_it_was(integrator, tmp_path):
+    needs("drake")
+    assert told_by_an_episode("drake", integrator, tmp_path) == (0, "")
+
+
+@pytest.mark.parametrize("integrator", ["radau1", "implicit_euler"])
+def test_divided_steps_have_no_part_in_the_fingerprint(integrator):
+    needs("drake")
+    found = fingerprint("drake", integrator, "cart_pole")
+    assert found.map == DrakeEngine.maps[integrator]
+    assert max(found.defects.values()) < 1e-9

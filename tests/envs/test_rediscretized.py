@@ -1,0 +1,149 @@
+"""Gymnasium's MuJoCo tasks under an integrator and timestep of one's choice."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import needs
+
+import integ_gym
+
+TASKS = ("HalfCheetah-v5", "Hopper-v5", "InvertedPendulum-v5", "Swimmer-v5", "Ant-v5")
+
+
+@pytest.fixture(autouse=True)
+def _mujoco():
+    needs("mujoco")
+
+
+def _actions(env, count, size=1.0):
+    rng = np.random.default_rng(1)
+    low, high = env.action_space.low, env.action_space.high
+    return (size * rng.uniform(low, high, (count, len(low)))).astype(np.float32)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_unchanged_it_is_the_stock_task_to_the_last_bit(task):
+    stock, ours = gym.make(task), integ_gym.rediscretize(gym.make(task))
+    assert (stock.reset(seed=5)[0] == ours.reset(seed=5)[0]).all()
+    for action in _actions(stock, 100):
+        expected, got = stock.step(action), ours.step(action)
+        assert (expected[0] == got[0]).all()
+        assert expected[1:4] == got[1:4]
+        assert expected[4].items() <= got[4].items()
+        if expected[2] or expected[3]:
+            break
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_the_control_period_and_the_rewards_scale_stay(task, integrator):
+    stock = gym.make(task)
+    step = stock.unwrapped.model.opt.timestep
+    ours = integ_gym.rediscretize(gym.make(task), integrator=integrator, dt=step / 2.0)
+    assert ours.unwrapped.dt == pytest.approx(stock.unwrapped.dt, rel=1e-12)
+    assert ours.unwrapped.frame_skip == 2 * stock.unwrapped.frame_skip
+    stock.reset(seed=0)
+    ours.reset(seed=0)
+    action = np.zeros(stock.action_space.shape, np.float32)
+    expected, got = stock.step(action), ours.step(action)
+    assert got[1] == pytest.approx(expected[1], abs=0.02 + 0.02 * abs(expected[1]))
+    assert got[4]["time"] == pytest.approx(stock.unwrapped.dt)
+
+
+def test_a_timestep_that_does_not_divide_is_refused_with_the_nearest():
+    with pytest.raises(ValueError, match=r"control_period.*whole multiple.*nearest valid"):
+        integ_gym.rediscretize(gym.make("HalfCheetah-v5"), dt=0.03)
+
+
+def test_an_unknown_integrator_is_refused_with_those_there_are():
+    with pytest.raises(ValueError, match=r"unknown integrator of MuJoCo 'Eulr'.*'Euler'"):
+        integ_gym.rediscretize(gym.make("HalfCheetah-v5"), integrator="Eulr")
+
+
+def test_only_mujoco_tasks_are_taken_and_only_once():
+    with pytest.raises(TypeError, match="one of Gymnasium's MuJoCo environments, got CartPoleEnv"):
+        integ_gym.rediscretize(gym.make("CartPole-v1"))
+    once = integ_gym.rediscretize(gym.make("Hopper-v5"))
+    with pytest.raises(TypeError, match="rediscretized already"):
+        integ_gym.rediscretize(once)
+
+
+def _residual(dt, integrator="Euler"):
+    """Σ|residual| of a driven inverted pendulum with damping, until it falls."""
+    env = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"), integrator=integrator, dt=dt)
+    env.reset(seed=2)
+    told = [env.step(action)[4] for action in _actions(env, 8, size=0.3)]
+    assert all(info["dissipated"] > 0.0 for info in told)
+    return sum(abs(info["energy_residual"]) for info in told)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "discrete"])
+def test_the_ledger_of_free_motion_closes_at_the_methods_order(integrator):
+    coarse, fine = _residual(0.01, integrator), _residual(0.005, integrator)
+    assert 0.0 < fine < coarse
+    assert math.log2(coarse / fine) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_ledger_with_a_loss_that_is_not_known_is_open():
+    """RK4 with damping, a swimmer's fluid, and a foot on the ground."""
+    pendulum = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"), integrator="RK4")
+    swimmer = integ_gym.rediscretize(gym.make("Swimmer-v5"), integrator="Euler")
+    hopper = integ_gym.rediscretize(gym.make("Hopper-v5"), integrator="Euler")
+    for env in (pendulum, swimmer, hopper):
+        env.reset(seed=0)
+        residuals = [env.step(action)[4]["energy_residual"] for action in _actions(env, 8)]
+        assert np.isnan(residuals).any()
+    assert np.isnan(residuals).any() != np.isnan(residuals).all()
+
+
+def test_penetration_and_violation_are_told():
+    env = integ_gym.rediscretize(gym.make("HalfCheetah-v5"))
+    env.reset(seed=0)
+    told = [env.step(action)[4] for action in _actions(env, 20)]
+    assert max(info["penetration"] for info in told) > 1e-4
+    assert max(info["constraint_violation"] for info in told) > 1e-4
+    assert max(info["solver_iterations"] for info in told) >= 1
+
+
+def test_a_divergence_ends_the_episode_where_mujoco_would_start_it_anew():
+    env = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"))
+    env.reset(seed=0)
+    last = env.step(np.zeros(1, np.float32))[0]
+    env.unwrapped.data.qvel[:] = 1e7
+    observation, reward, terminated, _, info = env.step(np.zeros(1, np.float32))
+    assert terminated
+    assert info["solver_status"] == "diverged"
+    assert (observation == last).all()
+    assert reward == 0.0
+    assert not info["success"]
+
+
+def test_an_action_that_is_not_finite_holds_the_last_one():
+    env = integ_gym.rediscretize(gym.make("Hopper-v5"))
+    env.reset(seed=0)
+    env.step(np.full(3, 0.2, np.float32))
+    info = env.step(np.array([0.1, np.nan, 0.1], np.float32))[4]
+    assert info["fallback_used"]
+    assert info["leg_joint_control_applied"] == pytest.approx(0.2)
+    info = env.step(np.full(3, 5.0, np.float32))[4]
+    assert info["saturated"]
+    assert info["leg_joint_control_applied"] == 1.0
+
+
+def test_success_is_survival_or_a_return():
+    falling = integ_gym.rediscretize(gym.make("Hopper-v5"))
+    earning = integ_gym.rediscretize(gym.make("Hopper-v5"), success_return=5.0)
+    for env, expected in ((falling, False), (earning, True)):
+        env.reset(seed=0)
+        ended, total = False, 0.0
+        while not ended:
+            _, reward, terminated, truncated, info = env.step(env.action_space.high)
+            total += reward
+            ended = terminated or truncated
+        assert terminated
+        assert total > 5.0
+        assert info["success"] is expected
