@@ -80,15 +80,11 @@ def _print_counts(lines: Sequence[Line], file: TextIO) -> None:
     """Expectations that hold of those that there are, by plant and integrator and section."""
     asked = [line for line in lines if line["holds"] is not None]
     sections = list(dict.fromkeys(line["section"] for line in asked))
-    owners = sorted(
-        {_owner(line) for line in asked}, key=lambda o: [_owner(x) for x in asked].index(o)
-    )
+    plants = list(dict.fromkeys(line["plant"] for line in asked))
+    owners = sorted(dict.fromkeys(map(_owner, asked)), key=lambda owner: plants.index(owner[0]))
     print("\nExpectations that hold, of those there are", file=file)
-    rows = []
-    for owner in owners:
-        own = [line for line in asked if _owner(line) == owner]
-        rows.append((*owner, *(_count([x for x in own if x["section"] == s]) for s in sections)))
-    rows.append(("all", "", *(_count([x for x in asked if x["section"] == s]) for s in sections)))
+    rows = [(*owner, *(_count(asked, section, owner) for section in sections)) for owner in owners]
+    rows.append(("all", "", *(_count(asked, section) for section in sections)))
     print_aligned(("plant", "integrator", *sections), rows, file)
 
 
@@ -96,8 +92,10 @@ def _owner(line: Line) -> tuple[str, str]:
     return line["plant"], "" if line["integrator"] == ANY else line["integrator"]
 
 
-def _count(lines: Sequence[Line]) -> str:
-    return f"{sum(line['holds'] for line in lines)}/{len(lines)}" if lines else ""
+def _count(asked: Sequence[Line], section: str, owner: tuple[str, str] | None = None) -> str:
+    """Those that hold of a section's, and of one plant and integrator or of all."""
+    own = [x for x in asked if x["section"] == section and owner in (None, _owner(x))]
+    return f"{sum(line['holds'] for line in own)}/{len(own)}" if own else ""
 
 
 def _print_failures(lines: Sequence[Line], file: TextIO) -> None:

@@ -156,6 +156,21 @@ def test_table_says_what_does_not_hold(diagnosis):
         assert f"{line['integrator']}: {line['shown']}; expected {line['expected']}" in after
 
 
+def test_counts_of_what_holds(diagnosis):
+    _, result, printed = diagnosis
+    asked = [line for line in result["findings"] if line["holds"] is not None]
+    rows = [row.split() for row in printed.splitlines()]
+    counts = [
+        f"{sum(line['holds'] for line in own)}/{len(own)}"
+        for section in SECTIONS
+        if (own := [line for line in asked if line["section"] == section])
+    ]
+    assert ["all", *counts] in rows
+    own = [x for x in asked if x["integrator"] == BUILT_IN and x["section"] == "friction"]
+    (row,) = [row for row in rows if row[:2] == ["pendulum", BUILT_IN] and "/" in row[-1]]
+    assert f"{sum(line['holds'] for line in own)}/{len(own)}" in row
+
+
 def test_every_line_is_printed(diagnosis):
     _, result, printed = diagnosis
     rows = {" ".join(row.split()) for row in printed.splitlines()}
