@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from typing import Any
 
@@ -12,7 +13,10 @@ EXTRAS = {
     "drake": ("pydrake",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
+    "mjx": ("mujoco.mjx", "jax"),
     "mujoco": ("mujoco", "imageio"),
+    "mujoco_warp": ("mujoco_warp",),
+    "newton": ("newton", "mujoco_warp"),
     "pinocchio": ("pinocchio",),
     "pybullet": ("pybullet",),
     "render": ("pygame",),
@@ -41,10 +45,19 @@ def load(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if error.name is None or error.name.partition(".")[0] != package:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
-        raise missing(package, extra) from None
+        package = error.name.partition(".")[0]
+        raise missing(error.name if _imports(package) else package, extra) from None
+
+
+def _imports(package: str) -> bool:
+    """Whether a package can be imported; what is missing is then a module of it."""
+    try:
+        importlib.import_module(package)
+    except ModuleNotFoundError:
+        return False
+    return True
 
 
 def missing(package: str, *extras: str) -> ModuleNotFoundError:
@@ -57,7 +70,16 @@ def missing(package: str, *extras: str) -> ModuleNotFoundError:
 
 def missing_modules(extra: str) -> list[str]:
     """Modules of an extra that are not installed; none of an extra that needs nothing."""
-    return [module for module in EXTRAS.get(extra, ()) if find_spec(module) is None]
+    return [module for module in EXTRAS.get(extra, ()) if not _installed(module)]
+
+
+def _installed(module: str) -> bool:
+    """Whether there is a module; unlike `find_spec`, imports none that it lies in."""
+    top, *inner = module.split(".")
+    spec = find_spec(top)
+    for name in inner:
+        spec = spec and PathFinder.find_spec(name, spec.submodule_search_locations)
+    return spec is not None
 
 
 def require(*extras: str) -> None:

@@ -267,8 +267,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             horizon=params.horizon,
             known_delay=setup.timing.delay,
         )
-        integrator = setup.settings.integrator
-        engine = type(setup.engine)(system, integrator, params.dt)  # type: ignore[call-arg]
+        engine = setup.engine.at(system, params.dt)
         return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
 
     def start(self, drawn: Components, params: Params) -> Components:
@@ -359,7 +358,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """`info` of the environment after the transition that led here.
 
         The keys of the single environment's; ``solver_status`` is a code: 0 ok, 1 not converged,
-        2 diverged.
+        2 diverged, -1 not reported.
         """
         setup = self.setup_of(self.lane_params(self._default(params), state.member))
         info = booked(setup, state.env, state.outcome)
@@ -501,8 +500,8 @@ def make(
 
     Raises:
         TypeError: for an unknown argument.
-        ValueError: for an impossible value, an engine that is not native, or float64 outside JAX's
-            64-bit mode.
+        ValueError: for an impossible value, an engine outside JAX or its own stops, or float64
+            outside JAX's 64-bit mode.
         ModuleNotFoundError: without JAX, with the command that installs it.
     """
     if mixture is None:
@@ -530,11 +529,16 @@ def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     Raises:
         TypeError, ValueError: see :func:`make`.
     """
-    setup = environment_setup(env_id, arguments)
-    if setup.settings.engine != "native":
+    if arguments.get("contact") == "engine":
         raise ValueError(
-            f"the functional environment has engine 'native' only, got {setup.settings.engine!r}; "
-            "use gym.make or gym.make_vec for other engines"
+            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
+            "in every engine, or gym.make or gym.make_vec"
+        )
+    setup = environment_setup(env_id, arguments)
+    if not setup.engine.batched:
+        raise ValueError(
+            "the functional environment needs an engine made of JAX's operations, 'native' or "
+            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
         )
     return setup
 

@@ -78,14 +78,16 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> dict[str, A
 
     The finest step of both rows' own integrators decides, and so does the reference.
     """
-    own = {d.integrator for name in (a, b) for d in layout.homes[name].shares}
+    homes = [d for name in (a, b) for d in layout.homes[name].shares]
+    own = {(d.engine, d.integrator) for d in homes}
     cells = []
     for name in layout.cells_of[a]:
         cell = layout.cells[name]
         if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
             continue
         role: Any = cell.role
-        if role == "quarter_step" and cell.discretization.integrator not in own:
+        place = cell.discretization
+        if role == "quarter_step" and (place.engine, place.integrator) not in own:
             role = None
         cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
     return {"a": a, "b": b, **asdict(compare_policies(cells))}
@@ -180,10 +182,12 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     if rates[low] == rates[high]:
         return (
             f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
-            "discretizations, the reference among them."
+            f"discretizations{', the reference among them' if layout.reference else ''}."
         )
+    anchor, where = layout.reference, "the reference"
+    if anchor is None:
+        anchor, where = next(iter(layout.rows[0].shares)), "its home"
     return (
-        f"{row} succeeds in {rates[layout.reference]:.0%} of episodes on the reference; over "
-        f"{len(rates)} discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} "
-        f"({high})."
+        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
+        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
     )

@@ -1,18 +1,22 @@
-"""``integ-gym evaluate``: evaluate an existing policy over the built-in discretizations."""
+"""``integ-gym evaluate``: evaluate an existing policy over many discretizations."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.existing import Grid, evaluate_existing, plan, read_existing, work
+from integ_gym.eval.mujoco_task import plan_task, read_for_task
+from integ_gym.eval.task_evaluation import evaluate_task
 from integ_gym.evidence.command_line import CommandParser
 from integ_gym.train.ppo import named_value
 
@@ -22,9 +26,12 @@ examples:
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine \\
       --integrator rk4 --integrator explicit_euler --dt 0.05 --dt 0.01
   integ-gym evaluate policy.zip --env IntegCartPole-v0 --obs-stats stats.json --out runs/mine
+  integ-gym evaluate policy.zip --env Hopper-v5 --out runs/hopper \\
+      --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
 
 The policy's home is the discretization in its side-car POLICY.json, or else that of Gymnasium's own
-environment. FILE.json of --obs-stats holds VecNormalize's numbers:
+environment. A MuJoCo task of Gymnasium's has no reference; its integrators are MuJoCo's, and the
+home is the stock task. FILE.json of --obs-stats holds VecNormalize's numbers:
   {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}
 """
 
@@ -39,7 +46,10 @@ def parser() -> argparse.ArgumentParser:
     )
     add = made.add_argument
     add("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")
-    add("--env", required=True, choices=list(ENVIRONMENTS), help="environment id")
+    add(
+        "--env", required=True, metavar="ID",
+        help=f"{', '.join(ENVIRONMENTS)}, or any MuJoCo task of Gymnasium's, such as Hopper-v5",
+    )  # fmt: skip
     add("--out", required=True, type=Path, metavar="DIR", help="where results go")
     add(
         "--integrator", action="append", default=[], metavar="NAME",
@@ -47,11 +57,17 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--dt", action="append", default=[], type=float, metavar="S",
-        help="integration step, s; may be repeated (default: the control period, 1/2, 1/4 of it)",
+        help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
+        "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
     add(
         "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
         help="environment argument; may be repeated",
+    )  # fmt: skip
+    add(
+        "--success-return", type=float, metavar="R",
+        help="of a MuJoCo task: an episode succeeds if its return reaches R (default: if it is "
+        "not terminated within the time limit)",
     )  # fmt: skip
     add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
     add(
@@ -69,19 +85,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    existing = read_existing(
-        given.policy, given.env, dict(given.env_arg), given.obs_stats, given.own_code
-    )
-    spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
+    ours = given.env in ENVIRONMENTS
+    total, evaluate = _planned(given) if ours else _planned_task(given)
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
-    total = work(spec, existing.home)
     with tqdm(
         total=total, unit="cell", desc="evaluate", disable=given.no_progress, delay=0.5
     ) as bar:
-        panel = evaluate_existing(existing, spec, given.out, command, bar.update, _warn)
+        panel = evaluate(given.out, command, bar.update, _warn)
     print(f"{panel['question']}\n{panel['answer']}")
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
+
+
+def _planned(given: argparse.Namespace) -> tuple[int, Callable[..., dict[str, Any]]]:
+    """Cells to run in one of our environments, and what runs them."""
+    if given.success_return is not None:
+        raise ValueError(
+            f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
+            "units; leave it out"
+        )
+    existing = read_existing(
+        given.policy, given.env, dict(given.env_arg), given.obs_stats, given.own_code
+    )
+    spec = plan(existing, given.env, _grid(given))
+    return work(spec, existing.home), partial(evaluate_existing, existing, spec)
+
+
+def _planned_task(given: argparse.Namespace) -> tuple[int, Callable[..., dict[str, Any]]]:
+    """Cells to run in a MuJoCo task, and what runs them."""
+    existing = read_for_task(given.policy, given.env, dict(given.env_arg), given.obs_stats)
+    spec = plan_task(existing, given.env, _grid(given), given.success_return)
+    return work(spec, existing.home), partial(evaluate_task, existing, spec)
+
+
+def _grid(given: argparse.Namespace) -> Grid:
+    return Grid(given.integrator, given.dt, given.episodes)
 
 
 def _warn(doubt: str) -> None:

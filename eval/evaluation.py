@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -22,8 +22,15 @@ from integ_gym.train.policy_stack import PolicyStack
 
 Array = npt.NDArray[Any]
 
+OnCell: TypeAlias = Callable[[Cell, int], None]
+"""Told of a cell that is finished and of the number of policies in it."""
+
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
+
+
+def quiet(cell: Cell, policies: int) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ def evaluate(
     conditions: Conditions,
     store: EvidenceStore,
     batch: str,
-    on_cell: Callable[[int], None] = lambda policies: None,
+    on_cell: OnCell = quiet,
 ) -> None:
     """Run all policies side by side, cell by cell, and commit all records as one batch.
 
@@ -105,7 +112,7 @@ def evaluate(
         conditions: what all cells share.
         store: where the records go.
         batch: name of the batch, which must not exist yet.
-        on_cell: told after every cell how many policies were in it.
+        on_cell: told after every cell which it was and how many policies were in it.
     """
     store.commit_all(batch, _tables(subjects, conditions, store, on_cell))
 
@@ -114,7 +121,7 @@ def _tables(
     subjects: Sequence[Subject],
     conditions: Conditions,
     store: EvidenceStore,
-    on_cell: Callable[[int], None],
+    on_cell: OnCell,
 ) -> Iterator[Any]:
     """The records of every cell, as soon as the replays are known that label its failures."""
     latencies = inference_latencies(subjects, conditions)
@@ -126,13 +133,13 @@ def _tables(
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
         contexts = [
-            _context(subjects[place], cell, conditions, latencies[place]) for place in places
+            context_of(subjects[place], cell, conditions, latencies[place]) for place in places
         ]
         recorder = _recorder(cell, contexts, conditions, store)
         policies = [subjects[place].policy for place in places]
         successes.note(cell, places, roll_out(recorder, policies, conditions).success)
         recorder.close()
-        on_cell(len(places))
+        on_cell(cell, len(places))
         waiting.append(_Played(cell, places, recorder))
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]
@@ -202,10 +209,11 @@ def inference_latencies(
     environment = _environment(subjects[0].cells[0], conditions, 1)
     observation, _ = environment.reset(seed=conditions.episode_seed)
     environment.close()
-    return [_latency(subject.policy, observation) for subject in subjects]
+    return [inference_latency(subject.policy, observation) for subject in subjects]
 
 
-def _latency(policy: Policy, observation: Array) -> tuple[float, float]:
+def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:
+    """Mean and 99th percentile of the time of one decision about observations (1, n), ns."""
     times = []
     for _ in range(LATENCY_SAMPLES):
         start = time.perf_counter_ns()
@@ -218,9 +226,17 @@ def _environment(cell: Cell, conditions: Conditions, lanes: int) -> Any:
     return gym.make_vec(conditions.env_id, num_envs=lanes, **cell.arguments(conditions.environment))
 
 
-def _context(
+def context_of(
     subject: Subject, cell: Cell, conditions: Conditions, latency: tuple[float, float]
 ) -> EpisodeContext:
+    """What the episodes of one policy in one cell are for.
+
+    Args:
+        subject: the policy.
+        cell: where.
+        conditions: what all cells share.
+        latency: mean and 99th percentile of the time of a decision, ns.
+    """
     return EpisodeContext(
         run_id=conditions.run_id,
         cell=cell.name,

@@ -9,22 +9,27 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.cells import Cell
-from integ_gym.eval.evaluation import Subject, conditions_of, evaluate
+from integ_gym.eval.evaluation import (
+    Conditions,
+    OnCell,
+    Subject,
+    conditions_of,
+    evaluate,
+    quiet,
+)
+from integ_gym.eval.expected_time import cell_seconds, cell_timing
 from integ_gym.eval.run_directory import RunDirectory, key_of
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.layout import Layout
 from integ_gym.evidence.store import EvidenceStore
 
 PREFIX = "evaluate-"
-
-DECISION_SECONDS = 4e-6
-"""Time that one recorded decision is taken to need, s."""
 
 LONGEST = 60.0
 """What a batch should take at most, s."""
@@ -34,6 +39,10 @@ MEMORY = 1 << 30
 
 COPIES = 6
 """How often a cell's rows are in memory: as they come, by episode, as a table, as a row group."""
+
+
+Evaluation: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore, str, OnCell], None]
+"""See :func:`integ_gym.eval.evaluation.evaluate`."""
 
 
 class Evaluated(NamedTuple):
@@ -101,7 +110,8 @@ def evaluate_batch(
     spec: PanelSpec,
     directory: RunDirectory,
     batch: Sequence[Subject],
-    on_cell: Callable[[int], None] = lambda policies: None,
+    on_cell: OnCell = quiet,
+    run: Evaluation = evaluate,
 ) -> None:
     """Evaluate policies in all their cells and mark that as finished.
 
@@ -109,13 +119,14 @@ def evaluate_batch(
         spec: the panel.
         directory: held by the caller.
         batch: the policies.
-        on_cell: told after every cell how many policies were in it.
+        on_cell: told after every cell which it was and how many policies were in it.
+        run: what evaluates them.
     """
     hashes = _hashes(batch)
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
     start = time.time()
-    evaluate(batch, conditions_of(spec), EvidenceStore(directory.evidence), unit, on_cell)
+    run(batch, conditions_of(spec), EvidenceStore(directory.evidence), unit, on_cell)
     directory.finish(unit, _key(spec, hashes), start, policies=hashes)
 
 
@@ -124,21 +135,20 @@ def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
 
 
 def _key(spec: PanelSpec, hashes: Mapping[str, str]) -> str:
-    return key_of(spec=spec.to_json(), policies=hashes)
+    return key_of(spec.engine_versions(), spec=spec.to_json(), policies=hashes)
 
 
 def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
     """How many policies fit a batch."""
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
-    sizes = {name: _size(spec, cell) for name, cell in cells.items()}
-    longest = max(sum(sizes[cell.name][0] for cell in subject.cells) for subject in subjects)
-    seconds = DECISION_SECONDS * spec.episodes * longest
-    most_bytes = COPIES * spec.episodes * max(size for _, size in sizes.values())
+    times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
+    seconds = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
+    most_bytes = COPIES * spec.episodes * max(_bytes(spec, cell) for cell in cells.values())
     return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
 
 
-def _size(spec: PanelSpec, cell: Cell) -> tuple[int, int]:
-    """Decisions of one episode in a cell, and bytes of its rows."""
-    setup = environment_setup(spec.env_id, cell.arguments(spec.environment))
-    horizon = setup.timing.horizon
-    return horizon, 8 * len(Layout(setup.plant, setup.task)) * (horizon + 1)
+def _bytes(spec: PanelSpec, cell: Cell) -> int:
+    """Size of the rows of one episode in a cell."""
+    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
+    columns = len(Layout(truth.plant, truth.task))
+    return 8 * columns * (cell_timing(spec, cell).horizon + 1)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from integ_gym.envs.environment import action_space, observation_space
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.mixture import DISCRETIZATION, Mixture
@@ -21,6 +23,7 @@ from integ_gym.eval.cells import (
     Home,
     dividing_step,
 )
+from integ_gym.eval.engine_cells import NATIVE
 from integ_gym.eval.evaluation import Subject, conditions_of, outcomes_in
 from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
 from integ_gym.eval.matrix import Matrix, Row
@@ -32,13 +35,16 @@ from integ_gym.eval.panel_artefact import (
     shares_of,
     write_outputs,
 )
+from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import BASELINES, PanelSpec, standard_perturbations
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy import MlpPolicy, Policy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
 from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, has_sidecar, read_trained
+
+Array = npt.NDArray[Any]
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
@@ -97,7 +103,9 @@ def read_existing(
     obs_stats: Path | None = None,
     own_code: bool = False,
 ) -> Existing:
-    """A policy from its file, with what its side-car says; see :func:`load` and :func:`describe`.
+    """A policy from its file, with what its side-car says.
+
+    See :func:`load_policy` and :func:`describe`.
 
     Args:
         path: the zip that SB3 wrote.
@@ -106,7 +114,7 @@ def read_existing(
         obs_stats: JSON file of VecNormalize's statistics.
         own_code: see :func:`describe`.
     """
-    policy, card = load(path, obs_stats)
+    policy, card = load_policy(path, obs_stats)
     name = path.stem if card is None else str(card.get("policy_id", path.stem))
     files = {POLICY_FILE: path}
     files |= {} if card is None else {SIDECAR_FILE: path.with_suffix(".json")}
@@ -116,7 +124,9 @@ def read_existing(
     return replace(existing, files=files, seed=None if card is None else card.get("seed"))
 
 
-def load(path: Path, obs_stats: Path | None = None) -> tuple[MlpPolicy, dict[str, Any] | None]:
+def load_policy(
+    path: Path, obs_stats: Path | None = None
+) -> tuple[MlpPolicy, dict[str, Any] | None]:
     """A policy and its side-car, the JSON file of the same name; None where there is none.
 
     Raises:
@@ -226,6 +236,18 @@ def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
     home, conditions = Cell(_main(existing.home), "grid"), conditions_of(spec)
     random = make_baseline("random", nominal_setup(spec))
     own, chance = outcomes_in(home, [existing.policy, random], conditions).returns
+    return doubts_of(existing, home.name, own, chance)
+
+
+def doubts_of(existing: Existing, home: str, own: Array, chance: Array) -> list[str]:
+    """Doubt where a policy is no better than random.
+
+    Args:
+        existing: the policy.
+        home: name of its home cell.
+        own: its returns there, shape (episodes,).
+        chance: those of the random policy from the same starts.
+    """
     difference = own - chance
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
     if difference.mean() > 2.0 * error:
@@ -237,7 +259,7 @@ def doubts(existing: Existing, spec: PanelSpec) -> list[str]:
         else "was it trained for long enough?"
     )
     return [
-        f"on its home discretization ({home.name}) the policy's return {own.mean():.1f} over "
+        f"on its home discretization ({home}) the policy's return {own.mean():.1f} over "
         f"{len(own)} episodes is {better} random's {chance.mean():.1f}; {remedy}"
     ]
 
@@ -266,34 +288,61 @@ def evaluate_existing(
     Raises:
         RunDirectoryError: for a directory that holds something else.
     """
-    row = existing.policy.policy_id
-    directory = RunDirectory(out, {**spec.to_json(), "policy": existing.policy.content_hash})
+    directory = directory_of(existing, spec, out)
     baselines = [make_baseline(name, nominal_setup(spec)) for name in spec.baselines]
-    subjects = [
-        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
-        *(Subject(baseline, spec.cells_of(None)) for baseline in baselines),
-    ]
     with directory.opened():
         warnings = doubts(existing, spec)
         for doubt in warnings:
             on_doubt(doubt)
-        _keep(existing.files, directory.policies / row)
-        waiting = not_evaluated(spec, directory, subjects)
-        on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
-        for batch in batches_of(spec, waiting, workers=1):
-            evaluate_batch(spec, directory, batch, on_cell)
-        layout = make_layout(spec, _rows(existing, spec), {row: existing.home})
-        matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-        panel = build_artefact(layout, matrix, _facts(existing, spec, directory, command))
+        for batch in batches_of(spec, begin(existing, spec, directory, baselines, on_cell), 1):
+            evaluate_batch(spec, directory, batch, lambda _, policies: on_cell(policies))
+        layout, matrix = outcome(existing, spec, directory)
+        panel = build_artefact(layout, matrix, facts_of(existing, spec, directory, command))
         panel["warnings"] = warnings
         write_outputs(panel, layout, directory)
     return panel
 
 
-def _keep(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy the policy's files, so that the directory holds all that the result rests on."""
-    for name, source in files.items():
-        replace_file(folder / name, source.read_bytes())
+def directory_of(existing: Existing, spec: PanelSpec, out: Path) -> RunDirectory:
+    """The directory of one policy's evaluation; another policy in it is refused."""
+    content = {**spec.to_json(), "policy": existing.policy.content_hash}
+    return RunDirectory(out, content, spec.engine_versions())
+
+
+def begin(
+    existing: Existing,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    baselines: Sequence[Policy],
+    on_cell: Callable[[int], None],
+) -> list[Subject]:
+    """Keep the policy's files, and tell which of the policies have not been evaluated yet.
+
+    Args:
+        existing: the policy.
+        spec: the evaluation.
+        directory: held by the caller.
+        baselines: policies beside it.
+        on_cell: told how many cells are done already.
+    """
+    for name, source in existing.files.items():
+        replace_file(directory.policies / existing.policy.policy_id / name, source.read_bytes())
+    subjects = [
+        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
+        *(Subject(baseline, spec.cells_of(None)) for baseline in baselines),
+    ]
+    waiting = not_evaluated(spec, directory, subjects)
+    on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
+    return waiting
+
+
+def outcome(
+    existing: Existing, spec: PanelSpec, directory: RunDirectory
+) -> tuple[PanelLayout, Matrix]:
+    """Rows and cells of a finished evaluation, and what came out."""
+    homes = {existing.policy.policy_id: existing.home}
+    layout = make_layout(spec, _rows(existing, spec), homes)
+    return layout, Matrix(layout.rows, evaluation_records(directory), spec.episodes)
 
 
 def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -336,10 +385,11 @@ def _main(home: Home) -> Discretization:
 def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     home = _main(existing.home)
     period = home.control_period
-    integrators = grid.integrators or [n for n in INTEGRATORS.names() if n != "reference"]
+    ours = [n for n in INTEGRATORS.names() if n != "reference"]
+    integrators, engine = (grid.integrators, home.engine) if grid.integrators else (ours, NATIVE)
     coarsest = dividing_step({**existing.environment, "dt": period})
     dts = grid.dts or [coarsest / n for n in REFINEMENTS]
-    columns = [Discretization(i, dt, period, home.engine) for i in integrators for dt in dts]
+    columns = [Discretization(i, dt, period, engine) for i in integrators for dt in dts]
     return PanelSpec(
         name=f"evaluate {existing.policy.policy_id}",
         env_id=env_id,
@@ -366,9 +416,10 @@ def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     )
 
 
-def _facts(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str
+def facts_of(
+    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, workers: int = 1
 ) -> dict[str, Any]:
+    """What the artefact says of the evaluation beside its outcome."""
     row = existing.policy.policy_id
     return {
         "name": spec.name,
@@ -390,5 +441,5 @@ def _facts(
                 for name in spec.baselines
             },
         },
-        "cost": cost_of(directory, [], workers=1),
+        "cost": cost_of(directory, [], workers),
     }

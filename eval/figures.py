@@ -517,7 +517,8 @@ def _ladder(panel: Panel) -> Figure | None:
     figure = blank_figure(max(0.3 + across * unit, 6.9), top + down * (height + 1.02) + 0.1)
     high = float(figure.get_size_inches()[1])
     canvas = inch_canvas(figure)
-    about = "success of the same policies as the step shrinks; finer to the right, dashed: truth"
+    about = "success of the same policies as the step shrinks; finer to the right"
+    about += "" if panel.truth is None else ", dashed: truth"
     draw_heading(canvas, 0.3, "Refinement ladder", about)
     scheme_legend(canvas, schemes, float(figure.get_size_inches()[0]))
     for number, ladder in enumerate(ladders):

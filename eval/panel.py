@@ -16,7 +16,9 @@ from tqdm import tqdm
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.evaluation import Subject
 from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
+from integ_gym.eval.expected_time import cell_seconds, cells_seconds, training_decision_seconds
 from integ_gym.eval.panel_fleet import check_fleet, train_units
+from integ_gym.eval.reuse import FinishedPolicies
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, SpecError
 from integ_gym.eval.units import (
@@ -33,12 +35,6 @@ from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import train
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
 from integ_gym.train.worker import Progress, cores, report_work
-
-STEPS_PER_SECOND = 7000.0
-"""Training decisions per second and core that the progress bar counts on."""
-
-CELL_SECONDS = 0.02
-"""Time of one policy in one cell that the progress bar counts on, s."""
 
 
 class PanelError(RuntimeError):
@@ -81,6 +77,7 @@ def run_panel(
     *,
     workers: int | None = None,
     progress: bool = True,
+    policies: Path | None = None,
     finish: Callable[[RunDirectory], None] = lambda directory: None,
 ) -> RunDirectory:
     """Train and evaluate everything that is not finished yet.
@@ -90,6 +87,7 @@ def run_panel(
         out: its directory.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time.
+        policies: directory of a finished panel whose policies are taken instead of training.
         finish: called at the end, while the directory is still held.
 
     Raises:
@@ -97,8 +95,11 @@ def run_panel(
         PanelError: if a unit of work fails; what was finished stays.
     """
     check_spec(spec)
-    directory = RunDirectory(out, spec.to_json())
+    directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
+    finished = None if policies is None else FinishedPolicies(policies, spec)
     with directory.opened():
+        if finished is not None:
+            finished.bring(directory)
         _run_units(spec, directory, workers or cores(), progress)
         finish(directory)
     return directory
@@ -117,7 +118,7 @@ def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress:
                 work.do("training", _train_unit, {u.policy: (spec, directory, u) for u in trained})
             subjects = [subject_of(spec, directory, unit) for unit in units]
             waiting = not_evaluated(spec, directory, subjects)
-            work.skip(_cell_seconds(subjects) - _cell_seconds(waiting))
+            work.skip(_evaluation_seconds(spec, subjects) - _evaluation_seconds(spec, waiting))
             batches = batches_of(spec, waiting, workers)
             work.do("evaluating", _evaluate, {_named(b): (spec, directory, b) for b in batches})
         except BaseException:
@@ -126,7 +127,7 @@ def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress:
 
 
 def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:
-    total = CELL_SECONDS * sum(len(spec.cells_of(unit.home)) for unit in units)
+    total = sum(cells_seconds(spec, spec.cells_of(unit.home)) for unit in units)
     if not spec.fleet:
         total += sum(_training_seconds(spec, unit) for unit in units if unit.home is not None)
     return tqdm(
@@ -184,18 +185,19 @@ def _named(batch: Sequence[Subject]) -> str:
     return ", ".join(subject.policy.policy_id for subject in batch)
 
 
-def _cell_seconds(subjects: Sequence[Subject]) -> float:
-    """Expected time of an evaluation on one core, s."""
-    return CELL_SECONDS * sum(len(subject.cells) for subject in subjects)
+def _evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
 
 
 def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
-    return training_config(spec, unit).total_steps / STEPS_PER_SECOND
+    assert unit.home is not None
+    return training_config(spec, unit).total_steps * training_decision_seconds(unit.home)
 
 
 def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     """Train one policy and mark it finished, unless it is."""
-    config = training_config(spec, unit)
+    assert unit.home is not None
+    config, each = training_config(spec, unit), training_decision_seconds(unit.home)
     key = training_key(config)
     if is_trained(directory, unit, key):
         report_work(_training_seconds(spec, unit))
@@ -216,7 +218,7 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
         config,
         final,
         progress=False,
-        on_steps=_report_training,
+        on_steps=lambda steps: report_work(steps * each),
         wrap=recorded,
         tensorboard=False,
     )
@@ -224,12 +226,10 @@ def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
     directory.finish(unit.training, key, start, policy=trained.content_hash)
 
 
-def _report_training(steps: int) -> None:
-    report_work(steps / STEPS_PER_SECOND)
-
-
 def _evaluate(spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject]) -> None:
-    evaluate_batch(spec, directory, batch, lambda policies: report_work(CELL_SECONDS * policies))
+    evaluate_batch(
+        spec, directory, batch, lambda cell, n: report_work(n * cell_seconds(spec, cell))
+    )
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:

@@ -9,6 +9,7 @@ from typing import Any
 
 from integ_gym.eval.artefact import build_artefact
 from integ_gym.eval.cells import Home
+from integ_gym.eval.engine_agreement import agreement_answer, agreements
 from integ_gym.eval.evaluation_units import Evaluated, evaluated
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
@@ -45,6 +46,10 @@ def write_artefact(
         "seeds_total": len(spec.seeds),
     }
     panel = build_artefact(layout, matrix, facts)
+    panel["versions"] = directory.versions()
+    panel["engine_agreement"] = agreements(layout, matrix)
+    if not spec.family:
+        panel["answer"] = agreement_answer(panel["engine_agreement"]) or panel["answer"]
     write_outputs(panel, layout, directory)
     return panel
 
@@ -106,7 +111,7 @@ def make_layout(spec: PanelSpec, rows: tuple[Row, ...], homes: Mapping[str, Home
         homes=homes,
         cells=cells,
         cells_of={name: tuple(c.name for c in own) for name, own in own_cells.items()},
-        reference=spec.columns()[-1].name,
+        reference=next((c.name for c in spec.columns() if c.kind == "reference"), None),
         family=spec.family,
         compare=spec.compare,
     )

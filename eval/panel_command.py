@@ -23,6 +23,10 @@ examples:
   integ-gym panel --out runs/panel        again: finishes what was interrupted
   integ-gym panel --trainer fleet --out runs/fleet
                                           all policies at once, compiled
+  integ-gym panel engines --out runs/engines
+                                          the same policies on every installed engine
+  integ-gym panel engines --policies runs/panel --out runs/engines
+                                          without training them again
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
                                           a panel of your own, see docs/panel.md
 """
@@ -45,6 +49,10 @@ def parser() -> argparse.ArgumentParser:
         "--trainer", choices=TRAINERS,
         help="stable-baselines3, or the compiled fleet trainer; default: the specification's",
     )  # fmt: skip
+    add(
+        "--policies", type=Path, metavar="DIR",
+        help="take the policies of this finished panel, trained alike, instead of training",
+    )  # fmt: skip
     add("--workers", type=int, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
@@ -61,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         spec = replace(spec, trainer=arguments.trainer)
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     words += ["--trainer", arguments.trainer] if arguments.trainer else []
+    words += ["--policies", str(arguments.policies)] if arguments.policies else []
     command = shlex.join([*words, "--out", str(arguments.out)])
     workers = arguments.workers or cores()
     panel: dict[str, Any] = {}
@@ -69,7 +78,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         panel.update(write_artefact(spec, directory, command, workers))
 
     run_panel(
-        spec, arguments.out, workers=workers, progress=not arguments.no_progress, finish=report
+        spec,
+        arguments.out,
+        workers=workers,
+        progress=not arguments.no_progress,
+        policies=arguments.policies,
+        finish=report,
     )
     print(f"{panel['question']}\n{panel['answer']}")
     for verdict in panel["verdicts"]:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import require
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
@@ -29,6 +30,12 @@ def check_fleet(spec: PanelSpec) -> None:
         TypeError, ValueError: for a run that it cannot train.
     """
     require("fleet")
+    for trained in spec.trained_on():
+        if not ENGINES.load(trained.engine).batched:
+            raise ValueError(
+                f"the fleet cannot train on {trained.name!r}: engine {trained.engine!r} is not "
+                'made of JAX\'s operations; use `trainer = "sb3"`'
+            )
     from integ_gym.train import fleet
 
     fleet.plan([training_config(spec, unit) for unit in _trained(units_of(spec))], workers=1)

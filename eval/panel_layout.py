@@ -19,7 +19,7 @@ class PanelLayout:
         homes: training discretization or mixture by row name.
         cells: all cells by name.
         cells_of: names of the cells that a row was evaluated in.
-        reference: name of the reference cell.
+        reference: name of the reference cell; None where the plant has no reference.
         family: declared comparisons (row, cell).
         compare: declared pairs of rows.
     """
@@ -28,7 +28,7 @@ class PanelLayout:
     homes: Mapping[str, Home]
     cells: Mapping[str, Cell]
     cells_of: Mapping[str, tuple[str, ...]]
-    reference: str
+    reference: str | None
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
 

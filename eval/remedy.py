@@ -33,6 +33,7 @@ def remedies(layout: PanelLayout, matrix: Matrix) -> list[dict[str, Any]]:
 def _remedy(
     layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence[str]
 ) -> dict[str, Any]:
+    assert layout.reference is not None
     cells = [_cell(layout, matrix, mixture, singles, cell) for cell in layout.columns()]
     truth = {row: float(matrix.rates(row, layout.reference).mean()) for row in (mixture, *singles)}
     summary = (

@@ -5,8 +5,6 @@ forbids that it ever does; the only script is named there by its hash, so that n
 can become one.
 """
 
-import base64
-import hashlib
 import json
 import math
 import shlex
@@ -19,10 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.envs.extras import load
 from integ_gym.eval import verdict as rules
+from integ_gym.eval.page import page_environment, page_parts
 from integ_gym.eval.report_data import (
     CLASS_WORDS,
+    NONE,
     PASS,
     VERDICT_ORDER,
     Cell,
@@ -44,6 +43,7 @@ from integ_gym.eval.report_data import (
     seconds,
     step,
 )
+from integ_gym.eval.report_engines import engine_lines
 from integ_gym.eval.report_remedy import costs_of, line_words, remedies_of, success_of
 from integ_gym.evidence.atomic import replace_file
 
@@ -101,33 +101,6 @@ KIND_WORDS: Final = {
 _PLOT: Final = (36.0, 12.0, 286.0, 176.0)  # left, top, right, bottom of a ladder's axes
 _ENERGY_FLOOR: Final = 1e-4  # share of the largest residual below which colour is linear
 
-_SCRIPT: Final = """
-(function () {
-  function reveal() {
-    var id = decodeURIComponent(location.hash.slice(1));
-    var target = id && document.getElementById(id);
-    if (!target) { return; }
-    var box = target.closest("details");
-    if (box && !box.open) { box.open = true; target.scrollIntoView(); }
-  }
-  addEventListener("hashchange", reveal);
-  reveal();
-  if (!navigator.clipboard) { return; }
-  document.querySelectorAll("pre.command").forEach(function (block) {
-    var button = document.createElement("button");
-    button.type = "button";
-    button.textContent = "copy";
-    button.addEventListener("click", function () {
-      navigator.clipboard.writeText(block.textContent).then(function () {
-        button.textContent = "copied";
-        setTimeout(function () { button.textContent = "copy"; }, 1500);
-      }, function () { getSelection().selectAllChildren(block); });
-    });
-    block.parentElement.appendChild(button);
-  });
-})();
-"""
-
 
 def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
     """Write ``report.html`` into a panel's directory.
@@ -167,37 +140,24 @@ def render(panel: Json) -> str:
 
 @cache
 def _template() -> Any:
-    jinja2 = load("jinja2", "report")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    markup = load("markupsafe", "report")
-
-    def soft(text: Any) -> Any:
-        """Allow line breaks after underscores."""
-        safe = str(markup.escape(text))
-        return markup.Markup(safe.replace("_", "_<wbr>"))
-
-    environment.filters.update(
-        soft=soft, fixed=fixed, compact=compact, seconds=seconds, step=step, href=_href,
-        success_of=success_of, line_words=line_words,
-    )  # fmt: skip
+    environment = page_environment()
+    environment.filters.update(href=_href, success_of=success_of, line_words=line_words)
     source = resources.files("integ_gym.eval").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
 
 def _context(panel: Panel) -> dict[str, Any]:
-    digest = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
     return {
+        **page_parts(),
         "panel": panel,
-        "script": load("markupsafe", "report").Markup(_SCRIPT),
-        "script_hash": f"sha256-{digest}",
         "tiles": _tiles(panel),
         "cards": [_card(panel, gap, raw, _gap_axis(panel)) for gap, raw in panel.verdicts],
         "success": _matrix(panel, _success_cells),
+        "returns": _returns(panel),
         "energy": _energy(panel),
         "gaps": _gaps(panel),
         "remedies": remedies_of(panel),
+        "engine_lines": engine_lines(panel),
         "costs": costs_of(panel),
         "rate_axis": RATE_AXIS,
         "ladders": _ladders(panel),
@@ -480,6 +440,29 @@ def ink_on(background: str) -> str:
 
 def _channels(colour: str) -> tuple[int, int, int]:
     return int(colour[:2], 16), int(colour[2:4], 16), int(colour[4:6], 16)
+
+
+def _returns(panel: Panel) -> dict[str, Any] | None:
+    """Matrix of returns, where no truth judges success; None if the panel has none."""
+    shown = [e.returns.estimate for e in panel.entries.values() if e.returns is not None]
+    if panel.truth is not None or not shown:
+        return None
+    low, high = min(shown), max(shown)
+
+    def shade(entry: Entry) -> Shade:
+        return _return_cell(entry, low, high)
+
+    return {"blocks": _matrix(panel, shade), "low": low, "high": high}
+
+
+def _return_cell(entry: Entry, low: float, high: float) -> Shade:
+    value = None if entry.returns is None else entry.returns.estimate
+    title = f"{entry.row.name}, evaluated on {entry.cell.name}: return {compact(value, 4)}"
+    if value is None:
+        return Shade(NONE, "", "empty", (), title, entry, entry.home)
+    background = success_colour((value - low) / (high - low) if high > low else 1.0)
+    style = f"background:{background};color:{ink_on(background)}"
+    return Shade(compact(value, 3), style, "", (), title, entry, entry.home)
 
 
 def _energy(panel: Panel) -> dict[str, Any] | None:

@@ -486,8 +486,9 @@ class Panel:
         period = row.control_period if row.control_period is not None else self._usual_period
         fixed_period: dict[str, list[Rung]] = {}
         following: dict[str, list[Rung]] = {}
+        engines = {"native", *(cell.engine for cell in self.cells if cell.name in row.homes)}
         for cell in self.cells:
-            entry = self.entry(row, cell)
+            entry = self.entry(row, cell) if cell.engine in engines else None
             if entry is None or entry.success is None or not cell.plain or cell.dt is None:
                 continue
             if _close(cell.control_period, cell.dt):
@@ -548,6 +549,14 @@ class Panel:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What to conclude from the classes against the reference, the surest first."""
+        if self.truth is None:
+            return (
+                Finding(
+                    "missing",
+                    "There is no truth column here: this page shows where discretizations "
+                    "disagree, not which of them is right.",
+                ),
+            )
         if not self.trust:
             return (
                 Finding(

@@ -39,14 +39,22 @@ class RunDirectory:
     Args:
         path: the directory.
         specification: what the run is; another one in the same directory is refused.
+        engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
-    def __init__(self, path: Path, specification: Mapping[str, Any]) -> None:
+    def __init__(
+        self, path: Path, specification: Mapping[str, Any], engines: Mapping[str, str] | None = None
+    ) -> None:
         self.path = path
         self.evidence = path / "evidence"
         self.policies = path / "policies"
         self._units = path / "units"
         self._specification = json.loads(json.dumps(specification))
+        self._engines = dict(engines or {})
+
+    def versions(self) -> dict[str, str]:
+        """Versions of Python and of all packages that this run's results depend on."""
+        return {**package_versions(), **self._engines}
 
     @contextmanager
     def opened(self) -> Iterator[None]:
@@ -65,7 +73,7 @@ class RunDirectory:
             self._check()
             manifest = self.path / MANIFEST
             if not manifest.exists():
-                content = {"specification": self._specification, "versions": package_versions()}
+                content = {"specification": self._specification, "versions": self.versions()}
                 write_json(manifest, content)
             yield
 
@@ -94,7 +102,7 @@ class RunDirectory:
                 f"{self.path} holds another panel; give another directory with --out, or the "
                 "specification that it was started with"
             )
-        versions = package_versions()
+        versions = self.versions()
         changed = [
             f"{name} {was} (now {versions.get(name, 'missing')})"
             for name, was in held.get("versions", {}).items()
@@ -169,6 +177,11 @@ class RunDirectory:
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
         write_json(self._marker(unit), {"key": key, **times, **facts})
 
+    def adopt(self, other: RunDirectory, unit: str) -> None:
+        """Take a finished unit's records, and then its marker, from another directory."""
+        replace_file(self._records(unit), other._records(unit).read_bytes())
+        write_json(self._marker(unit), read_json(other._marker(unit)))
+
     def seconds(self, units: Iterable[str]) -> float:
         """Time that was spent on finished units, added up, s."""
         return sum(float(marker["seconds"]) for marker in self._markers(units))
@@ -204,9 +217,9 @@ class RunDirectory:
         return self.evidence / f"{unit}.parquet"
 
 
-def key_of(**parts: Any) -> str:
-    """Hash of a unit's inputs and of the versions of the packages."""
-    text = json.dumps({"versions": package_versions(), **parts}, sort_keys=True)
+def key_of(engines: Mapping[str, str], **parts: Any) -> str:
+    """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
+    text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -24,8 +24,14 @@ from integ_gym.eval.cells import (
     dividing_step,
     file_name,
 )
+from integ_gym.eval.engine_cells import (
+    INSTALLED,
+    absent_engines,
+    engine_versions,
+    on_installed,
+)
 
-BUILT_IN = ("quick",)
+BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
 
 BASELINES = ("random", "zero", "handmade")
@@ -68,6 +74,8 @@ class PanelSpec:
     episodes: int = 20
     episode_seed: int = 1000
     question: str = "Does a policy trained on one integrator and timestep survive another?"
+    left_out: tuple[str, ...] = ()
+    """Engines that are not installed, where the grid asks for all that are."""
 
     @property
     def reference(self) -> Discretization:
@@ -104,6 +112,10 @@ class PanelSpec:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
+        found += [
+            f'Engine {name} is not installed, so it is left out: pip install "integ-gym[{name}]".'
+            for name in self.left_out
+        ]
         setup = environment_setup(self.env_id, self.columns()[-1].arguments(self.environment))
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
@@ -131,6 +143,10 @@ class PanelSpec:
         return tuple(
             Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
         )
+
+    def engine_versions(self) -> dict[str, str]:
+        """Version of the distribution behind each foreign engine that is used."""
+        return engine_versions({d.engine for d in (*self.trained_on(), *self.grid)})
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
@@ -169,7 +185,7 @@ class PanelSpec:
     def _sources(self) -> dict[str, str]:
         """SHA-256 of the source of every integrator of the user's own."""
         used = (*self.trained_on(), *self.grid)
-        names = {d.integrator for d in used if d.engine == "native"}
+        names = {d.integrator for d in used if d.engine == "native" or ":" in d.integrator}
         hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
         return {name: value for name, value in hashes.items() if value is not None}
 
@@ -258,6 +274,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         episodes=_integer("episodes", data.get("episodes", 20)),
         episode_seed=_integer("episode_seed", data.get("episode_seed", 1000)),
         question=_text("question", data.get("question", PanelSpec.question)),
+        left_out=absent_engines() if any(map(_asks_for_installed, data["evaluate"])) else (),
     )
 
 
@@ -283,11 +300,11 @@ def _check(spec: PanelSpec) -> None:
                 "cells vary; use `evaluate` for it"
             )
     _check_environment(spec)
-    for row_home in (*spec.train, None):
-        cells = spec.cells_of(row_home)
-        for cell in cells:
-            environment_setup(spec.env_id, cell.arguments(spec.environment))
+    every = [spec.cells_of(home) for home in (*spec.train, None)]
+    for cells in every:
         _check_unique("cells", [cell.name for cell in cells])
+    for cell in {cell.name: cell for cells in every for cell in cells}.values():
+        environment_setup(spec.env_id, cell.arguments(spec.environment))
     for trained in spec.trained_on():
         if trained not in spec.grid and trained != spec.reference:
             raise SpecError(
@@ -367,9 +384,15 @@ def _train(data: Mapping[str, Any], period: float) -> tuple[Home, ...]:
 
 
 def _evaluate(data: Mapping[str, Any], period: float) -> tuple[Discretization, ...]:
-    entries = _list(data, "evaluate")
+    entries: list[Any] = []
+    for entry in _list(data, "evaluate"):
+        entries += on_installed(entry) if _asks_for_installed(entry) else [entry]
     found = [member for entry in entries for member, _ in _expand("evaluate", entry, period)]
     return tuple(dict.fromkeys(found))
+
+
+def _asks_for_installed(entry: Any) -> bool:
+    return isinstance(entry, Mapping) and entry.get("engine") == INSTALLED
 
 
 def _mixture(entry: Mapping[str, Any], period: float) -> DiscretizationMixture:

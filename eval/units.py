@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from integ_gym.eval.cells import Home, file_name
+from integ_gym.eval.engine_cells import NATIVE, engine_versions
 from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.context import EpisodeContext
@@ -57,7 +58,10 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
 
 def training_key(config: PPOConfig) -> str:
     """Hash of all that a training run depends on."""
-    return key_of(config=asdict(config))
+    arguments = config.env_arguments
+    members = (arguments, *arguments.get("mixture", ()))
+    engines = {str(member.get("engine", NATIVE)) for member in members}
+    return key_of(engine_versions(engines), config=asdict(config))
 
 
 def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:

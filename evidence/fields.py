@@ -222,7 +222,13 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
     _real(_LEDGER, "energy_start", "J", "energy at time 0; zero at rest hanging"),
     _real(_LEDGER, "energy_end", "J", "energy at the end"),
     _real(_LEDGER, "work_total", "J", "work of the actuator"),
-    _real(_LEDGER, "dissipated_total", "J", "energy that damping took out"),
+    _real(
+        _LEDGER,
+        "dissipated_total",
+        "J",
+        "energy that damping took out; null: a loss is not known",
+        nullable=True,
+    ),
     _real(
         _LEDGER,
         "contact_loss_total",

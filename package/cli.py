@@ -24,6 +24,10 @@ COMMANDS = {
         "integ_gym.eval.engines_command",
         "tell what every engine really does",
     ),
+    "census": (
+        "integ_gym.eval.census_command",
+        "tell what every pendulum and cart-pole of the name really does",
+    ),
     "report": ("integ_gym.eval.report_command", "write a panel's page and figures again"),
     "evidence": ("integ_gym.evidence.command", "show, query, verify and export records"),
 }
@@ -36,6 +40,7 @@ examples:
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
   integ-gym diagnose --out runs/diagnose
   integ-gym engines
+  integ-gym census --out runs/census
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
 """

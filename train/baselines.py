@@ -146,14 +146,31 @@ class RandomPolicy(Baseline):
         Returns:
             float32 of shape (n, 1), N or N m, or int64 of shape (n,) for a `Discrete` space.
         """
-        values = np.asarray(observations, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
-        bits = np.full(len(values), self.seed, dtype=np.uint64)
-        for column in values.view(np.uint32).T:
-            bits = _scrambled(bits ^ column.astype(np.uint64))
-        uniform = (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
+        uniform = hashed_uniform(observations, self.seed, 1)[:, 0]
         if self.count is not None:
             return (uniform * self.count).astype(np.int64)
         return ((2.0 * uniform - 1.0) * self.limit).astype(np.float32)[:, None]
+
+
+def hashed_uniform(observations: NDArray[Any], seed: int, count: int) -> NDArray[np.float64]:
+    """Numbers in [0, 1) that a hash makes of the seed and of the observations' float32 bits.
+
+    Args:
+        observations: shape (n, obs_dim).
+        seed: chooses the function.
+        count: numbers per observation.
+
+    Returns:
+        Shape (n, count).
+    """
+    values = np.asarray(observations, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
+    bits = np.full(len(values), seed, dtype=np.uint64)
+    for column in values.view(np.uint32).T:
+        bits = _scrambled(bits ^ column.astype(np.uint64))
+    drawn = [bits]
+    for _ in range(count - 1):
+        drawn.append(_scrambled(drawn[-1]))
+    return (np.stack(drawn, axis=1) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def _scrambled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:

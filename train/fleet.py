@@ -443,7 +443,8 @@ def _program(kind: Kind, env: FunctionalEnv, layout: Layout | None) -> FleetProg
     key = (kind.structure, kind.algorithm, layout is not None)
     if key not in _programs:
         entries = ((), ()) if layout is None else (layout.names, first_entries(layout))
-        _programs[key] = FleetProgram(env, kind.algorithm, *entries)
+        on_cpu = jax.default_backend() == "cpu"
+        _programs[key] = FleetProgram(env, kind.algorithm, *entries, in_turn=on_cpu)
     return _programs[key]
 
 

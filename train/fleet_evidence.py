@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.envs.info import quiet_status
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.versions import installed_versions
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.fields import STATUS_CODES
+from integ_gym.evidence.layout import STATUS, Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import record_table
 
@@ -38,7 +40,7 @@ class TrainingEvidence:
 
 
 def first_entries(layout: Layout) -> tuple[str, ...]:
-    """Entries of a row that are not zero right after a reset."""
+    """Entries of a row that differ right after a reset; of the others, only the status is not 0."""
     return ("energy", "goal_since", *layout.state, *layout.sensed)
 
 
@@ -84,6 +86,7 @@ class EpisodeAssembler:
         self._opened = np.full(lanes, _now())
         self._draws = np.zeros(lanes, dtype=np.int64)
         self._places = [layout.place(name) for name in first_entries(layout)]
+        self._quiet = layout.place(STATUS), STATUS_CODES[quiet_status(setups[0])]
         self._next_index = evidence.context.first_episode
         self._clock = _now()
 
@@ -140,6 +143,8 @@ class EpisodeAssembler:
         joined[:, : left.shape[1]] = left
         joined[:, places] = rows[:, :, lane]
         joined[np.ix_(self._places, places[starts] - 1)] = first_rows[:, starts, lane]
+        status, quiet = self._quiet
+        joined[status, places[starts] - 1] = quiet
         return joined, places
 
     def _log_episodes(

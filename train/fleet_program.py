@@ -249,6 +249,8 @@ class FleetProgram:
         algorithm: the structure of the learner.
         entries: entries of an evidence row, in order; empty for no evidence.
         first_entries: those that are not zero after a reset.
+        in_turn: whether policies learn one after the other, each of which fits a core's cache, or
+            all at once.
     """
 
     def __init__(
@@ -257,12 +259,14 @@ class FleetProgram:
         algorithm: Algorithm,
         entries: tuple[str, ...] = (),
         first_entries: tuple[str, ...] = (),
+        in_turn: bool = True,
     ) -> None:
         self.env = env
         self.algorithm = algorithm
         self.entries = entries
         self.first_entries = first_entries
         self.discrete = env.setup.task.discrete is not None
+        self.in_turn = in_turn
 
     @cached_property
     def iterate(self) -> Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]:
@@ -298,11 +302,34 @@ class FleetProgram:
         batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
         iteration = learner.iteration + 1
         rate = self._learning_rate(knobs, iteration)
-        stack, adam = self.update(
-            learner.stack, learner.adam, batch, self._permutations(shuffling), knobs, rate
+        orders = jnp.swapaxes(self._permutations(shuffling), 0, 1)
+        stack, adam = self._each(
+            self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
         return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
+
+    def _learn(
+        self, stack: Stack, adam: Adam, batch: Batch, orders: Array, knobs: Knobs, rate: Array
+    ) -> tuple[Stack, Adam]:
+        """:meth:`update`, with the axis of policies first in all arrays."""
+        return self.update(stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate)
+
+    def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
+        """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
+
+        Args:
+            function: of arrays whose first axis counts policies, to such arrays.
+            given: what it is applied to.
+        """
+        if not self.in_turn:
+            return function(*given)
+
+        def one(given: Any) -> Any:
+            alone = function(*jax.tree.map(lambda x: x[None], given))
+            return jax.tree.map(lambda x: x[0], alone)
+
+        return jax.lax.map(one, given)
 
     @property
     def _noise_size(self) -> int:
@@ -411,8 +438,11 @@ class FleetProgram:
         critic = one_side(stack, 1)
         shape = outcome.reward.shape
 
+        def value_of(critic: Stack, observations: Array) -> Array:
+            return outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+
         def value(observations: Array) -> Array:
-            values = outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+            values = self._each(value_of, (critic, observations))
             return jnp.moveaxis(values.reshape(shape[1], shape[2], shape[0]), -1, 0)
 
         values, next_values = value(before), value(after)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Motion, Segments
 from integ_gym.envs.integrators.interface import Step
@@ -36,6 +37,15 @@ class SteppedEngine(ABC):
             )
         self.system = system
         self.dt = dt
+
+    def at(self, system: PlantSystem, dt: Component) -> Self:
+        """The same engine for other values of parameters and step, which are not looked at.
+
+        Of engines that are :attr:`~integ_gym.envs.engines.interface.Engine.batched`.
+        """
+        other = copy.copy(self)
+        other.system, other.dt = system, dt
+        return other
 
     @abstractmethod
     def move(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from integ_gym.envs.ops import Component, Components, Ops
+from integ_gym.envs.system import PlantSystem
 
 DIVERGENCE_SPEED = 1e3
 """A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""
@@ -48,7 +49,7 @@ class Engine(Protocol):
     """
 
     batched: ClassVar[bool]
-    """Whether all is made of our own arithmetic, so that components may be of any kind."""
+    """Whether components may be of any kind, JAX's traced ones included."""
     width: ClassVar[int]
     """Bits of the floats that it computes with outside JAX."""
     reports: bool
@@ -64,6 +65,9 @@ class Engine(Protocol):
         sample_at: Component | None,
     ) -> Motion:
         """Advance through the segments; note the state after sub-step ``sample_at`` (from 1)."""
+
+    def at(self, system: PlantSystem, dt: Component) -> Engine:
+        """The same engine for other values of the plant's parameters and the step; if batched."""
 
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.engines.interface import Motion
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.numerics.convergence import ROUNDING, convergence
 from integ_gym.envs.numerics.matching import Case, Match, cases_of, match
@@ -23,8 +22,8 @@ from integ_gym.envs.numerics.stepping import (
     advance_lanes,
     engine_of,
     jacobian,
+    one_step,
 )
-from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.system import PlantSystem
@@ -115,7 +114,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     """
     method = f"{engine}/{integrator}"
     free = PLANTS.load(plant)()
-    damped = replace(free, **dict.fromkeys(_damping_parameters(free), DAMPING))
+    damped = replace(free, **dict.fromkeys(damping_parameters(free), DAMPING))
     made = engine_of(method, PlantSystem(free), STEP)
     groups = {
         "free": (free, False),
@@ -161,18 +160,9 @@ def _matched(
     method: str, plant: Plant, dt: float, cases: Sequence[Case], names: Sequence[str]
 ) -> Match:
     """Comparison with the known maps, from where the engine's solver converges."""
-    engine = engine_of(method, PlantSystem(plant), dt)
-
-    def moved(q: Components, v: Components, control: float) -> Motion:
-        motion: Motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
-        return motion
-
-    def applied(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        motion = moved(q, v, control)
-        return motion.q, motion.v
-
-    solved = [case for case in cases if moved(*case).converged]
-    return match(applied, plant, dt, solved or cases, names)
+    taken = one_step(method, plant, dt)
+    solved = [case for case in cases if math.isfinite(taken(*case)[1][0])]
+    return match(taken, plant, dt, solved or cases, names)
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
@@ -197,7 +187,7 @@ def _small_oscillations(method: str, plant: Plant, width: float) -> tuple[float,
     )
 
 
-def _damping_parameters(plant: Any) -> list[str]:
+def damping_parameters(plant: Any) -> list[str]:
     """Names of the viscous damping of the plant's joints."""
     names = (f.name for f in fields(plant))
     return [n for n in names if n.endswith("damping") and not n.startswith("stop")]

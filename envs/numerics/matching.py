@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from integ_gym.envs.maps import map_names, one_step_map
+from integ_gym.envs.numerics.stepping import OneStep
 from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.system import PlantSystem
-
-OneStep = Callable[[Components, Components, float], tuple[Components, Components]]
-"""(q, v, control) to (q, v) after one step."""
 
 Case = tuple[Components, Components, float]
 """(q, v, control): where a step begins."""
@@ -59,12 +59,11 @@ def match(
         names: of the maps; by default all.
         substeps: steps of dt / substeps that the maps take.
     """
-    taken = [_joined(*step(*case)) for case in cases]
-    system = PlantSystem(plant)
+    taken = [step(*case) for case in cases]
     defects = {}
     for name in names or map_names():
         errors = [
-            _error(got, _mapped(name, system, dt / substeps, substeps, case))
+            largest_error(got, mapped(name, plant, dt / substeps, substeps, case))
             for got, case in zip(taken, cases, strict=True)
         ]
         defects[name] = max(errors)
@@ -81,22 +80,44 @@ def cases_of(plant: Plant, controlled: bool, count: int = 10, spread: float = 2.
     ]
 
 
-def _mapped(name: str, system: PlantSystem, dt: float, substeps: int, case: Case) -> np.ndarray:
+def mapped(
+    name: str, plant: Plant, dt: float, substeps: int, case: Case, max_speed: float | None = None
+) -> tuple[Components, Components]:
+    """(q, v) after some steps of a known map; `inf` where its arithmetic fails.
+
+    Args:
+        name: of the map.
+        plant: with numbers as parameters.
+        dt: of one step, s.
+        substeps: how many.
+        case: where they begin.
+        max_speed: limit on each velocity, acting where the map has it act.
+    """
+    known: Any = plant
+    return _mapped(name, known, dt, substeps, case, max_speed)
+
+
+@lru_cache(maxsize=1 << 16)
+def _mapped(
+    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None
+) -> tuple[Components, Components]:
     q, v, control = case
-    known = one_step_map(name)
+    system, known = PlantSystem(plant, max_speed), one_step_map(name)
     try:
         for _ in range(substeps):
             end = known.step(SCALAR, system, q, v, system.no_losses, control, dt)
-            q, v = end.q, end.v
+            q, v = end.q, system.limit(SCALAR, end.v)
     except ArithmeticError:
-        return np.full(2 * len(q), np.inf)
-    return _joined(q, v)
+        lost = (float("inf"),) * len(q)
+        return lost, lost
+    return q, v
 
 
-def _joined(q: Components, v: Components) -> np.ndarray:
-    return np.array((*q, *v), dtype=np.float64)
-
-
-def _error(got: np.ndarray, expected: np.ndarray) -> float:
-    error = np.abs(got - expected) / (1.0 + np.abs(expected))
+def largest_error(
+    got: tuple[Components, Components], expected: tuple[Components, Components]
+) -> float:
+    """Largest difference of two (q, v), relative to 1 + |value|; `inf` where one is not finite."""
+    a, b = (np.array((*q, *v), dtype=np.float64) for q, v in (got, expected))
+    with np.errstate(invalid="ignore"):
+        error = np.abs(a - b) / (1.0 + np.abs(b))
     return float(error.max()) if np.isfinite(error).all() else float("inf")

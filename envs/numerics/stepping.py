@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,13 +11,16 @@ import numpy.typing as npt
 
 from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.ops import SCALAR, Component
+from integ_gym.envs.ops import SCALAR, Component, Components
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array
 """(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
+
+OneStep = Callable[[Components, Components, float], tuple[Components, Components]]
+"""(q, v, control) to (q, v) after one step."""
 
 
 class Advance(Protocol):
@@ -62,6 +66,27 @@ def advance(
     except ArithmeticError:
         return np.full(len(state), np.nan)
     return np.array(join_state(motion.q, motion.v))
+
+
+def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
+    """One step of an integrator as a function; NaN where its solver does not converge.
+
+    Args:
+        integrator: a registered name, ``"module:Class"``, or ``"engine/integrator"``.
+        plant: with numbers as parameters.
+        dt: step, s.
+
+    Raises:
+        ValueError: for an unknown integrator.
+    """
+    engine = engine_of(integrator, PlantSystem(plant), dt)
+    lost = (math.nan,) * len(plant.coordinates)
+
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+        motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+        return (motion.q, motion.v) if motion.converged else (lost, lost)
+
+    return advanced
 
 
 def advance_lanes(

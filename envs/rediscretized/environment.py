@@ -283,6 +283,11 @@ def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
     return env.unwrapped
 
 
+def mujoco_integrators() -> tuple[str, ...]:
+    """Names of the integrators that the installed MuJoCo has."""
+    return tuple(_integrators(load("mujoco", "mujoco")))
+
+
 def _integrators(mujoco: Any) -> dict[str, int]:
     """MuJoCo's integrators by the names that its model files use."""
     names = {"EULER": "Euler", "RK4": "RK4", "IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast"}

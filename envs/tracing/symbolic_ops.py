@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.envs.ops import SCALAR, Carry
-from integ_gym.envs.tracing.symbols import Symbol, is_boolean, same
+from integ_gym.envs.tracing.symbols import NotTraceable, Symbol, is_boolean, same
 from integ_gym.envs.tracing.trace import Trace
 
 
@@ -73,7 +73,9 @@ class SymbolicOps:
     def foreign(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], truths: tuple[bool, ...]
     ) -> tuple[Any, ...]:
-        """One call that is made as it stands, and its results."""
+        """One call that is made as it stands, and its results; of floats only."""
+        if not self._trace.dialect.raises:
+            raise NotTraceable("a call of floats is not traced for arrays")
         called = self._trace.call(function, arguments)
         return tuple(
             self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from integ_gym.envs.numerics import independent_motion
@@ -17,16 +19,19 @@ from integ_gym.eval.diagnosis.subject import Subject
 SECTION = "actuation"
 
 LEVELS = (3.0, 0.6, -3.0, -0.6)
-"""Commands in units of the actuator's limit, each held for :data:`HELD` decisions."""
+"""Commands in units of the actuator's limit, one after the other."""
 
 HELD = 10
+"""Decisions for which each is held, where all of them then take no more than two periods of the
+slowest small oscillation: errors of longer motions say nothing of the order."""
 
 
 def diagnose_actuation(diagnosis: Diagnosis) -> None:
     """Drive the plant from rest by commands within and beyond its limit."""
     subject = diagnosis.subject
     limit = actuator_limit(subject)
-    commands = limit * np.repeat(LEVELS, HELD)
+    levels = _levels(subject)
+    commands = limit * levels
     within = np.clip(commands, -limit, limit)
     truth = independent_motion(subject.plant, subject.rest, within, subject.control_period)
     for integrator in diagnosis.integrators:
@@ -38,7 +43,15 @@ def diagnose_actuation(diagnosis: Diagnosis) -> None:
         booked_line(diagnosis, integrator, rollouts, "work booked", "actuator_work", truth.work)
         ledger_line(diagnosis, integrator, rollouts)
         for env_id in subject.environments:
-            _environment(diagnosis, integrator, env_id, np.repeat(LEVELS, HELD))
+            _environment(diagnosis, integrator, env_id, levels)
+
+
+def _levels(subject: Subject) -> Array:
+    """One command per decision, in units of the limit, shape (decisions,)."""
+    two_periods = 4.0 * math.pi / subject.slowest
+    held = math.floor(two_periods / (len(LEVELS) * subject.control_period))
+    levels: Array = np.repeat(LEVELS, min(HELD, max(1, held)))
+    return levels
 
 
 def actuator_limit(subject: Subject) -> float:
@@ -59,7 +72,7 @@ def _applied(
     unit = diagnosis.subject.plant.control_unit
     own = {dt: rollouts[dt] for dt in diagnosis.steps(integrator)}
     acted = [r.info["control"][1:, 0] for r in own.values()]
-    off = tuple(float(np.nanmax(np.abs(x - within))) for x in acted)
+    off = [largest(np.abs(x - within)) for x in acted]
     limit = f"{said(float(within.max()))} {unit}"
     diagnosis.add(
         integrator,
@@ -73,6 +86,12 @@ def _applied(
     diagnosis.add(
         integrator, "decisions counted as saturated", counts, "", expectation, steps=tuple(own)
     )
+
+
+def largest(values: Array) -> float:
+    """Of the numbers that are some; NaN where none is."""
+    numbers = values[np.isfinite(values)]
+    return float(numbers.max()) if numbers.size else math.nan
 
 
 def _environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels: Array) -> None:

@@ -46,11 +46,6 @@ class Commands:
         return np.full((len(observations), 1), value)
 
 
-def nothing() -> Commands:
-    """No control at all."""
-    return Commands("zero", np.zeros(1))
-
-
 class Bench:
     """Runs episodes and keeps their evidence.
 

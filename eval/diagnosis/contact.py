@@ -35,6 +35,9 @@ GAIN = 1e-6
 SMALL = 0.02
 """hω of the mass on the stop at which the order of its ledger shows."""
 
+PARTS = 4
+"""Decisions in the time of a contact, at least: the ledger's residuals are added up over them."""
+
 KINK = (2, "the force sets in with a kink")
 """Largest order of a step in which that happens."""
 
@@ -54,17 +57,23 @@ def diagnose_contact(diagnosis: Diagnosis) -> None:
 
 
 def _strike(
-    diagnosis: Diagnosis, integrator: str, impact: Impact, dt: float, stiffness: Array, phases: int
+    diagnosis: Diagnosis,
+    integrator: str,
+    impact: Impact,
+    dt: float,
+    stiffness: Array,
+    phases: int,
+    period: float,
 ) -> Rollout:
-    """Lanes of every stiffness, one after the other in every phase."""
+    """Lanes of every stiffness, one after the other in every phase; a period is a decision's."""
     subject = diagnosis.subject
     run_up = subject.control_period
     slowest = impact.rate(float(stiffness.min()))
-    duration = subject.rounded_duration(4.0 * run_up + 1.5 * math.pi / slowest)
+    duration = math.ceil((4.0 * run_up + 1.5 * math.pi / slowest) / period) * period
     starts = np.repeat(impact.starts(dt, run_up, phases), len(stiffness), axis=0)
     return diagnosis.bench.open_loop(
         f"{SECTION}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
-        Commands("zero", NO_CONTROL), starts, duration=duration,
+        Commands("zero", NO_CONTROL), starts, control_period=period, duration=duration,
         stop_stiffness=np.tile(stiffness, phases), **impact.arguments,
     )  # fmt: skip
 
@@ -85,26 +94,34 @@ def penetration(rollout: Rollout) -> Array:
 def _at_default(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
     """At the plant's own stiffness, touched everywhere within a step."""
     subject, stiffness = diagnosis.subject, np.array([impact.stiffness])
-    steps = subject.ladder(impact.rate(impact.stiffness), SMALL)
+    rate = impact.rate(impact.stiffness)
+    steps = subject.ladder(rate, SMALL)
     if integrator == TRUTH:
-        steps = subject.steps
-    rollouts = {dt: _strike(diagnosis, integrator, impact, dt, stiffness, PHASES) for dt in steps}
-    own = [rollouts[dt] for dt in subject.steps]
+        steps = steps[-1:]
+    rollouts = {
+        dt: _strike(
+            diagnosis, integrator, impact, dt, stiffness, PHASES,
+            subject.sampling(dt, math.pi / rate / PARTS),
+        )
+        for dt in steps
+    }  # fmt: skip
+    own_steps = steps if integrator == TRUTH else subject.steps
+    own = [rollouts[dt] for dt in own_steps]
     left = [_worst(rebound(r), impact.rebound) for r in own]
     touches = f"worst of {PHASES} touches"
     diagnosis.add(
         integrator, f"share of energy left after the rebound, {touches}", left, "",
         near(impact.rebound, 1e-6 if integrator == TRUTH else TOLERANCE, left, "", "analytic"),
-        steps=subject.steps,
+        steps=own_steps,
     )  # fmt: skip
     exact = impact.penetration(impact.stiffness)
     deep = [float(penetration(r).max()) for r in own]
     diagnosis.add(
         integrator, f"largest penetration of {PHASES} touches", deep, impact.unit,
-        near(exact, TOLERANCE * exact, deep, impact.unit, "analytic"), steps=subject.steps,
+        near(exact, TOLERANCE * exact, deep, impact.unit, "analytic"), steps=own_steps,
     )  # fmt: skip
     ledger_line(diagnosis, integrator, rollouts, f"mean of {PHASES} touches", at_most=KINK)
-    solver_line(diagnosis, integrator, own, steps=subject.steps)
+    solver_line(diagnosis, integrator, own, steps=own_steps)
 
 
 def _worst(values: Array, wanted: float) -> float:
@@ -117,7 +134,9 @@ def _map(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
     rates = np.geomspace(*RANGE, STIFFNESSES) / coarsest
     stiffness = impact.mass * rates**2
     steps = [coarsest / 2**k for k in range(HALVINGS)]
-    rollouts = [_strike(diagnosis, integrator, impact, dt, stiffness, MAP_PHASES) for dt in steps]
+    rollouts = [
+        _strike(diagnosis, integrator, impact, dt, stiffness, MAP_PHASES, coarsest) for dt in steps
+    ]
 
     def over_map(values: list[Array]) -> Array:
         """Shape (steps, phases, stiffnesses)."""

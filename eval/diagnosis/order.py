@@ -43,7 +43,7 @@ def order_line(
         how: `exactly` and `at_most` of :func:`order_expected`.
     """
     steps = tuple(sorted(errors, reverse=True))
-    own = tuple(step for step in steps if step in diagnosis.subject.steps)
+    own = tuple(step for step in steps if step in diagnosis.subject.steps) or steps
     measured = tuple(errors[step] for step in own)
     add = (integrator, quantity, measured, unit)
     if integrator == TRUTH:

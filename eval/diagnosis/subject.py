@@ -87,6 +87,19 @@ class Subject:
         halves = (self.control_period / 2**k for k in range(most + 1))
         return tuple(sorted({*self.steps, *halves}, reverse=True))
 
+    def sampling(self, dt: float, interval: float) -> float:
+        """Time between two recorded instants, s: whole steps, at most an interval if one fits.
+
+        Of all steps that fit into halves of the coarsest it is the same half.
+
+        Args:
+            dt: integration step, s.
+            interval: s.
+        """
+        halvings = max(0, math.ceil(math.log2(self.control_period / interval)))
+        half = float(self.control_period / 2**halvings)
+        return max(1, math.floor(half / dt * (1.0 + 1e-9))) * dt
+
     def parameters(self, *words: str) -> tuple[str, ...]:
         """Names of the plant's parameters that end in one of the words."""
         return tuple(f.name for f in fields(self.plant) if f.name.split("_")[-1] in words)  # type: ignore[arg-type]

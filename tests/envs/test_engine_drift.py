@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from engine_cases import CASES, needs
+from engine_cases import CASES, FOREIGN, needs
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import engine_of
@@ -41,6 +41,10 @@ MEASURED = [
     for engine, integrator, env_id in CASES
     if env_id == "IntegPendulum-v0" and ENGINES.load(engine).maps[integrator] in DRIFTS
 ]
+
+
+def test_every_engine_is_measured():
+    assert {engine for engine, _ in MEASURED} == set(FOREIGN)
 
 
 @pytest.mark.parametrize(("engine", "integrator"), MEASURED)

@@ -7,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from engine_cases import FOREIGN, needs
 from gymnasium.experimental.functional import FuncEnv
 from gymnasium.vector import AutoresetMode
 from motions import ALL
 
 from integ_gym.envs import functional
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.transition import STATUS_NAMES
 
@@ -104,6 +106,26 @@ def test_equals_the_vector_environment_in_every_variant(env_id, variant):
     assert ends > 0 or variant != "short"
 
 
+ENGINES_IN_JAX = [
+    (env_id, engine, integrator)
+    for engine in FOREIGN
+    if (owner := ENGINES.load(engine)).batched
+    for place, integrator in enumerate(owner.maps)
+    for env_id in ("IntegPendulum-v0", "IntegCartPoleSwingUp-v0")[: 1 if place else 2]
+]
+
+
+@pytest.mark.parametrize(("env_id", "engine", "integrator"), ENGINES_IN_JAX)
+def test_an_engine_in_jax_equals_its_vector_environment(env_id, engine, integrator):
+    needs(engine)
+    arguments = {
+        "engine": engine, "integrator": integrator, "damping": 0.1, **VARIANTS["latency"],
+        **VARIANTS["sensor"],
+    }  # fmt: skip
+    with jax.enable_x64(True):
+        _compare(env_id, arguments)
+
+
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_a_divergence_ends_the_episode_as_in_the_vector_environment(env_id):
     with jax.enable_x64(True):
@@ -184,6 +206,28 @@ def test_one_program_serves_all_steps_and_plants():
     assert len(compiled) == 1
 
 
+def test_one_program_of_mjx_serves_all_steps_and_plants():
+    """Without damping its Euler is ours."""
+    needs("mjx")
+    arguments = {"control_period": 0.06, "dt": 0.06}
+    env = functional.make("IntegCartPole-v0", engine="mjx", integrator="Euler", **arguments)
+    own = functional.make("IntegCartPole-v0", integrator="symplectic_euler", **arguments)
+    compiled = []
+
+    @jax.jit
+    def advance(state, action, params):
+        compiled.append(1)
+        return env.transition(state, action, jax.random.key(0), params)
+
+    state = env.initial(jax.random.key(0), lanes=(LANES,))
+    action = np.arange(LANES) % 2
+    for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0, "length": 0.3, "gravity": 3.0}):
+        after = advance(state, action, env.params(**changed))
+        expected = own.transition(state, action, jax.random.key(0), own.params(**changed))
+        np.testing.assert_allclose(after.env.v, expected.env.v, rtol=1e-5, atol=1e-6)
+    assert len(compiled) == 1
+
+
 def test_single_environment_and_vmap_agree_with_a_batch():
     env = functional.make("IntegCartPole-v0", integrator="implicit_midpoint")
     starts = np.random.default_rng(0).uniform(-0.05, 0.05, (LANES, 4))
@@ -238,6 +282,14 @@ def test_refusals():
         functional.make("IntegPendulum-v0", dtype="float64")
     with pytest.raises(TypeError, match="unknown argument 'mas'"):
         functional.make("IntegPendulum-v0", mas=1.0)
+    needs("mujoco")
+    with pytest.raises(ValueError, match="'native' or 'mjx', got 'mujoco'"):
+        functional.make("IntegPendulum-v0", engine="mujoco", integrator="Euler")
+    needs("mjx")
+    with pytest.raises(ValueError, match="no `contact`='engine'"):
+        functional.make(
+            "IntegCartPoleSwingUp-v0", engine="mjx", integrator="Euler", contact="engine"
+        )
     env = functional.make("IntegPendulum-v0")
     with pytest.raises(ValueError, match="another program"):
         env.params(integrator="rk4")

@@ -524,7 +524,7 @@ def hostile_panel() -> dict[str, Any]:
         if isinstance(value, list):
             return [poison(entry, key) for entry in value]
         words = {"name", "row", "cell", "home", "reason", "question", "answer", "command", "a", "b"}
-        words |= {"integrator", "perturbation", "record_id", "query", "platform", "id"}
+        words |= {"integrator", "perturbation", "record_id", "query", "platform", "id", "singles"}
         return f"{value}{HOSTILE}" if isinstance(value, str) and key in words else value
 
     panel = {name: poison(value, name) for name, value in panel.items()}

@@ -16,6 +16,7 @@ from integ_gym.envs.plants import PLANTS
 from integ_gym.eval.diagnosis import bench, refinement
 from integ_gym.eval.diagnosis.contact import passive
 from integ_gym.eval.diagnosis.expectation import above, below, near, said, shown
+from integ_gym.eval.diagnosis.free_motion import trend
 from integ_gym.eval.diagnosis.order import order_expected
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
@@ -65,6 +66,10 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
         probes.append(len(states))
         return one_step(integrator, plant, states, *more)
 
+    monkeypatch.setattr("integ_gym.envs.steps.WARM_UP", 10**9)
+    monkeypatch.setattr(
+        "integ_gym.envs.environment.WARM_UP", 10**9
+    )  # traced steps do not call the engine
     whole, one_step = NativeEngine.advance, stepping.advance_lanes
     monkeypatch.setattr(NativeEngine, "advance", counting)
     for module in ("phase_space", "linear"):
@@ -187,6 +192,35 @@ def test_not_a_number_is_neither_near_nor_below():
 )
 def test_orders(promised, measured, how, holds):
     assert order_expected(promised, measured, **how).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("exponents", "changes", "expected", "holds"),
+    [
+        ((2.0, 1.0), (0.5, 0.2), "grows", True),
+        ((2.0, 1.0), (math.nan, 0.2), "grows", True),
+        ((2.0, 1.0), (0.5, -0.2), "grows", False),
+        ((-2.0, -1.0), (-0.5, -0.2), "decays", True),
+        ((-2.0, -1.0), (-0.5, math.nan), "decays", False),
+        ((2.0, -1.0), (0.5, -0.2), "grows at large steps alone", True),
+        ((2.0, -1.0), (0.5, 0.2), "grows at large steps alone", False),
+        ((-2.0, -1e-12), (-0.5, 0.1), "decays", True),
+        ((-1e-12, -1e-13), (0.1, 0.1), "nothing but rounding at these steps", None),
+    ],
+)
+def test_growth_and_decay_by_their_sign(exponents, changes, expected, holds):
+    steps = (0.2, 0.1)
+    found = trend(dict(zip(steps, exponents, strict=True)), dict(zip(steps, changes, strict=True)))
+    assert (found.expected, found.holds) == (expected, holds)
+
+
+@pytest.mark.parametrize("dt", [0.4, 0.1, 0.05, 0.03, 0.0125])
+def test_instants_are_whole_steps_and_close_enough(dt):
+    (subject,) = subjects(None, "pendulum", [0.4])
+    period = subject.sampling(dt, 0.05)
+    assert period / dt == pytest.approx(round(period / dt))
+    assert period <= max(dt, 0.05)
+    assert period > 0.02
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.eval.cells import Cell, Discretization, Perturbation
+from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture, Perturbation
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
 from integ_gym.eval.panel import nominal_setup
@@ -38,7 +38,7 @@ def _spec(env_id):
         name="side by side",
         env_id=env_id,
         control_period=period,
-        train=homes,
+        train=(*homes, DiscretizationMixture("both", tuple((home, 1.0) for home in homes))),
         grid=(*homes, Discretization("implicit_midpoint", 0.025, period)),
         seeds=(0, 1),
         environment=CASES[env_id],
@@ -83,7 +83,7 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    evaluate(subjects, conditions, store, "together", counted.append)
+    evaluate(subjects, conditions, store, "together", lambda _, policies: counted.append(policies))
     assert sum(counted) == sum(len(subject.cells) for subject in subjects)
     for place, subject in enumerate(subjects):
         evaluate([subject], conditions, store, f"alone-{place}")
@@ -102,7 +102,7 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
 
 def test_labels_wait_for_the_replays_that_they_rest_on():
     spec = _spec("IntegPendulum-v0")
-    home, other = spec.train
+    home, other, _ = spec.train
     cells = [spec.cells_of(home), spec.cells_of(other)]
     known = Successes([home, other], cells, {})
     at_home, at_other = Cell(home, "grid"), Cell(other, "grid")

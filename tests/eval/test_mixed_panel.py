@@ -282,11 +282,11 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     environment = {"start": "hanging", "max_torque": 0.9}
     setup = environment_setup("IntegPendulum-v0", {**environment, **rk4.arguments()})
     home = DiscretizationMixture("both", ((rk4, 1.0), (coarse, 1.0)))
-    subject = Subject(make_baseline("handmade", setup), home)
-    cells = [Cell(d, "grid") for d in (rk4, coarse, fine)]
+    cells = tuple(Cell(d, "grid") for d in (rk4, coarse, fine))
+    subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
     conditions = Conditions("run", "IntegPendulum-v0", environment, 20, 1000)
-    evaluate(subject, cells, conditions, store, "batch")
+    evaluate([subject], conditions, store, "batch")
     labels = {d.name: {} for d in (rk4, coarse, fine)}
     for record in store.records():
         count = labels[record["cell"]]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import base64
+import copy
 import hashlib
-import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,6 +23,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import report_example as example
+from browsing import assert_fits, browser, complaints
 
 from integ_gym.eval import figures, report
 from integ_gym.eval.report_data import Panel, compact, fixed, seconds
@@ -239,6 +239,30 @@ def test_ladders_keep_the_two_control_periods_apart() -> None:
     }  # fmt: skip
 
 
+def test_ladders_leave_out_engines_that_a_row_was_not_trained_on() -> None:
+    panel = copy.deepcopy(panel_of("full"))
+    for cell in panel["cells"]:
+        if cell["integrator"] == "implicit_midpoint":
+            cell["engine"] = "mujoco"
+    read = Panel(panel)
+    assert "mujoco implicit_midpoint" in [group.label for group in read.groups]
+    assert all("rk4" in ladder.fixed for ladder in read.ladders)
+    assert not any("mujoco implicit_midpoint" in ladder.fixed for ladder in read.ladders)
+
+
+def test_engines_have_a_section_where_a_panel_has_them() -> None:
+    line = {
+        "engine": "drake", "integrator": "radau1", "map": "implicit_euler", "dt": 0.05,
+        "twin": "implicit_euler dt=0.05", "success": 0.25, "twin_success": 0.5, "differing": 7,
+        "episodes": 28, "largest": 0.75,
+    }  # fmt: skip
+    alone = {**line, "integrator": "runge_kutta5", "twin": None, "differing": None}
+    page = report.render({**panel_of("full"), "engine_agreement": [line, alone]})
+    for text in ('id="engines"', "drake radau1", "7 of 28", "0.75"):
+        assert text in page
+    assert 'id="engines"' not in report.render(panel_of("full"))
+
+
 def test_checks_compare_the_same_discretization() -> None:
     checks = Panel(panel_of("full")).checks
     assert list(checks) == ["mass +20 %", "latency 50 ms"]
@@ -429,70 +453,11 @@ def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
 
 # In a browser -----------------------------------------------------------------------------------
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
-    "--enable-logging=stderr", "--virtual-time-budget=8000",
-)  # fmt: skip
-MEASURE = """<script>
-(function () {
-  var root = document.documentElement, errors = 0;
-  addEventListener("error", function () { errors += 1; });
-  addEventListener("load", function () {
-    parent.postMessage([NAME, innerWidth, root.scrollWidth, errors].join("|"), "*");
-  });
-})();
-</script>"""
-
-
-def browser(directory: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a browser without a window and with a fresh profile."""
-    program = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if program is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"none of {', '.join(BROWSERS)} is installed")
-        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
-    profile = f"--user-data-dir={directory / 'profile'}"
-    command = [program, *FLAGS, profile, *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, encoding="utf-8", timeout=120, check=True
-    )
-
-
-def complaints(run: subprocess.CompletedProcess[str]) -> list[str]:
-    """What a page wrote to the console, errors among it."""
-    return [line for line in run.stderr.splitlines() if "CONSOLE" in line]
-
 
 @pytest.mark.slow
 def test_pages_fit_a_desktop_and_a_phone(tmp_path: Path) -> None:
-    """Frames as wide as the screens, because a window cannot be made as narrow as a phone."""
-    widths, frames = (1280, 390), []
-    for number, name in enumerate(PANELS):
-        html = re.sub(r"<meta http-equiv[^>]*>", "", report.render(panel_of(name)))
-        measured = html.replace("<head>", "<head>" + MEASURE.replace("NAME", f"'{number}'"))
-        (tmp_path / f"{number}.html").write_text(measured, "utf-8")
-        frames += [
-            f'<iframe src="{number}.html" width="{w}" height="800"></iframe>' for w in widths
-        ]
-    listen = (
-        '<script>addEventListener("message", function (event) {'
-        'document.title += event.data + ";"; });</script>'
-    )
-    wrapper = tmp_path / "frames.html"
-    style = "<style>iframe { border: 0; display: block; }</style>"
-    wrapper.write_text(f"<!DOCTYPE html><title></title>{style}{listen}{''.join(frames)}", "utf-8")
-    run = browser(tmp_path, "--window-size=1300,900", "--dump-dom", wrapper.as_uri())
-    title = re.search(r"<title>(.*?)</title>", run.stdout)
-    assert title is not None
-    found = sorted(line.split("|") for line in title[1].split(";") if line)
-    assert len(found) == len(PANELS) * len(widths)
-    for page, inner, scrolled, errors in found:
-        assert int(inner) in widths
-        assert int(scrolled) <= int(inner), list(PANELS)[int(page)]
-        assert int(errors) == 0
-    assert complaints(run) == []
+    pages = {name: report.render(panel_of(name)) for name in PANELS}
+    assert_fits(tmp_path, pages)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from engine_cases import FIRST, STOPPED, TOLERANCE, needs
 
+import integ_gym
 from integ_gym.envs.engines import ENGINES
 from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordEvidence
 
@@ -58,3 +59,22 @@ def test_a_ledger_that_the_engines_stops_leave_open_is_null(engine, integrator, 
     assert touched.any()
     assert not touched.all()
     assert json.loads(record.pop("json"))["energy_residual"].count(None) == touched.sum() + 1
+
+
+def test_a_loss_that_is_not_known_is_null(tmp_path):
+    """Of a MuJoCo task with joint damping, under RK4."""
+    needs("mujoco")
+    task = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"), integrator="RK4")
+    recorder = RecordEvidence(task, tmp_path, EpisodeContext("run", "cell"))
+    recorder.reset(seed=0)
+    ended = False
+    while not ended:
+        *_, terminated, truncated, _ = recorder.step(np.ones(1, np.float32))
+        ended = terminated or truncated
+    recorder.close()
+    store = EvidenceStore(tmp_path)
+    assert store.verify() == []
+    (record,) = store.records()
+    assert record["dissipated_total"] is None
+    assert record["energy_residual_total"] is None
+    assert np.isnan(record["dissipated"]).all()

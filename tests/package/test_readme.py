@@ -33,11 +33,21 @@ def test_python_blocks_run(block):
     assert done.stdout
 
 
+def _documented():
+    """The page's examples: a mixture, and an integrator of one's own."""
+    text = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def test_the_documented_mixture_draws_both_members(capsys):
+    mixture, _ = _documented()
+    exec(mixture, {})
+    assert set(re.findall(r"\d+", capsys.readouterr().out)) == {"0", "1"}
+
+
 def test_the_documented_integrator_has_its_order():
     """The example of an integrator of one's own, taken from the page and measured."""
-    text = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    (block,) = [block for block in blocks if "class Heun" in block]
+    _, block = _documented()
     module = types.ModuleType("documented")
     exec(block, vars(module))
     sys.modules["documented"] = module

@@ -409,7 +409,8 @@ def test_a_system_that_cannot_be_held_is_refused() -> None:
 
 
 def test_missing_scipy_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "scipy.linalg", None)
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    monkeypatch.delitem(sys.modules, "scipy.linalg", raising=False)
     with pytest.raises(ModuleNotFoundError) as caught:
         make_baseline("handmade", setup_of(PENDULUM))
     assert str(caught.value) == 'scipy is not installed; run: pip install "integ-gym[train]"'

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from engine_cases import needs
 from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
@@ -251,6 +252,24 @@ def test_policies_do_not_depend_on_their_neighbours(pair):
         assert not np.array_equal(outcomes[0].weights[name], value) or name == "log_std"
 
 
+@pytest.mark.parametrize("overrides", [{}, {"target_kl": 1e-4}], ids=["plain", "early stop"])
+def test_policies_learn_the_same_in_turn_and_at_once(overrides):
+    configs = [_config(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
+    trainer = fleet._Trainer(fleet._kind(configs[0]), configs, None)
+    env, algorithm = trainer._program.env, trainer._program.algorithm
+    stacks = []
+    for in_turn in (True, False):
+        program = FleetProgram(env, algorithm, in_turn=in_turn)
+        learner = trainer._begin()
+        for _ in range(2):
+            learner, _ = program.iterate(learner, trainer._knobs(), trainer._params)
+        stacks.append(learner.stack)
+    begun = trainer._begin().stack
+    for one, other, start in zip(*(jax.tree.leaves(s) for s in (*stacks, begun)), strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-6)
+        assert np.abs(one - start).max() > 1e-4
+
+
 def test_files_open_everywhere_and_act_the_same(pair, tmp_path):
     config, outcome = pair[0][1], pair[1][1]
     trained = write_outcome(config, outcome, tmp_path)
@@ -325,6 +344,24 @@ def test_plan_groups_what_compiles_together():
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], 2)) == 2
     assert plan([], 2) == []
+
+
+@pytest.mark.slow
+def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
+    """Without damping MJX's Euler is symplectic Euler: the policy is that of our integrator."""
+    needs("mjx")
+    theirs = {"engine": "mjx", "integrator": "Euler", "duration": 0.5}
+    ours = {"integrator": "symplectic_euler", "duration": 0.5}
+    configs = [_config(total_steps=128, n_epochs=1, env_arguments=own) for own in (theirs, ours)]
+    context = EpisodeContext("run", "cell", phase="training", training_seed=0)
+    (mjx,) = train_chunk(configs[:1], [TrainingEvidence(tmp_path, "batch", context)])
+    (native,) = train_chunk(configs[1:])
+    for name, value in native.weights.items():
+        np.testing.assert_allclose(mjx.weights[name], value, atol=1e-5, err_msg=name)
+    told = {(r["engine"], r["solver_status"]) for r in EvidenceStore(tmp_path).records()}
+    assert told == {("mjx", "not_reported")}
+    policy = write_outcome(configs[0], mjx, tmp_path)
+    assert policy.card["discretization"]["engine"] == "mjx"
 
 
 WORK = """

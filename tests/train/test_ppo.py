@@ -438,7 +438,7 @@ def test_flags_reach_the_run() -> None:
     [
         (["--env", "CartPole-v1"], "unknown environment 'CartPole-v1'. Did you mean"),
         (["--integrator", "rk5"], "unknown integrator 'rk5'. Did you mean 'rk4'? Valid choices"),
-        (["--engine", "unreal"], "unknown engine 'unreal'. Valid choices: native"),
+        (["--engine", "unreal"], "unknown engine 'unreal'. Valid choices: casadi, dart"),
         (["--dt", "0"], "`dt` must be a finite number above 0, got 0.0"),
         (["--control-period", "0.07"], "`control_period`=0.07 s is not a whole multiple of `dt`"),
         (["--start", "sideways"], "unknown start 'sideways'. Valid choices: hanging, uniform"),

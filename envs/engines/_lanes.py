@@ -1,0 +1,42 @@
+"""Rigid-body engines that move all lanes of a vector environment in one call."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from integ_gym.envs.engines._foreign import ASTRAY, Run, guarded
+from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
+from integ_gym.envs.ops import Component, Components, Ops
+
+
+class LanesEngine(RigidBodyEngine):
+    """Advances one environment by floats and many by arrays."""
+
+    @abstractmethod
+    def run_lanes(self, starts: Array, count: int) -> Array:
+        """Take ``count`` steps: (lanes, 3 dof) of q, v and force, finite, to (lanes, 2 dof)."""
+
+    def _run(self, count: int) -> Run:
+        if count not in self._runs:
+            lost = (np.nan,) * (2 * len(self.system.plant.coordinates))
+            self._runs[count] = guarded(self.run(count), lost)
+        return self._runs[count]
+
+    def travel(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Component, Component, Component]:
+        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
+        if not isinstance(q[0], np.ndarray):
+            return super().travel(ops, q, v, force, count)
+        dof = len(q)
+        starts = np.empty((len(q[0]), 3 * dof))
+        for column, values in enumerate((*q, *v, *force)):
+            starts[:, column] = values
+        lost = ~(np.abs(starts) < ASTRAY).all(axis=1)
+        starts[lost] = 0.0
+        ends = self.run_lanes(starts, count)
+        ends[lost] = np.nan
+        columns = tuple(np.ascontiguousarray(ends.T))
+        return columns[:dof], columns[dof:], 0, 0.0, True

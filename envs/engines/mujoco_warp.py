@@ -1,0 +1,82 @@
+"""MuJoCo Warp."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from integ_gym.envs.contact import Stops
+from integ_gym.envs.engines._mjcf import mjcf
+from integ_gym.envs.engines._mujoco_warp import MAPS, ROWS, mass_matrix
+from integ_gym.envs.engines._rigid import Array
+from integ_gym.envs.engines._warp import WarpEngine, Worlds
+from integ_gym.envs.extras import load
+from integ_gym.envs.ops import Components
+
+
+class MujocoWarpEngine(WarpEngine):
+    """`mujoco_warp.step`, in float32, on the CPU; all lanes of a vector environment at once.
+
+    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.MujocoEngine`.
+    """
+
+    name: ClassVar[str] = "mujoco_warp"
+    package: ClassVar[str] = "mujoco-warp"
+    extra: ClassVar[str] = "mujoco_warp"
+    own_stops: ClassVar[bool] = True
+    maps: ClassVar[Mapping[str, str]] = MAPS
+
+    def open(self) -> None:
+        """Load MuJoCo and MuJoCo Warp."""
+        self._mujoco = load("mujoco", self.extra)
+        self._mjw = load("mujoco_warp", self.extra)
+
+    def worlds(self, count: int, stops: Stops | None) -> Worlds:
+        """One model, with data for ``count`` worlds."""
+        made = self._compiled(stops)
+        model = self._mjw.put_model(made)
+        data = self._mjw.make_data(made, nworld=count, nconmax=0, njmax=ROWS)
+
+        def step() -> None:
+            data.qacc_warmstart.zero_()
+            self._mjw.step(model, data)
+
+        q, v, force = (x.numpy() for x in (data.qpos, data.qvel, data.qfrc_applied))
+        return Worlds(q, v, force, step, (made, model, data))
+
+    def stop_parameters(self) -> dict[str, Any]:
+        """`solref` and `solimp` of the limited joint."""
+        stops = self.system.engine_stops
+        assert stops is not None
+        model = self._compiled(stops)
+        solref, solimp = model.jnt_solref[stops.coordinate], model.jnt_solimp[stops.coordinate]
+        return {"solref": solref.tolist(), "solimp": solimp.tolist()}
+
+    def inertia(self, q: Components) -> Array:
+        """Mass matrix by the composite rigid body algorithm."""
+        made, _, data = self._forward(q)
+        return mass_matrix(self._mujoco, made, data)
+
+    def gravity(self, q: Components) -> Array:
+        """Minus the bias force at rest."""
+        _, _, data = self._forward(q)
+        return -np.array(data.qfrc_bias.numpy()[0], dtype=np.float64)
+
+    def _forward(self, q: Components) -> Any:
+        """Model, and data of one world at rest in ``q``."""
+        made, model, data = self.started(q).simulation
+        data.qpos.assign([q])
+        data.qvel.zero_()
+        with self.here():
+            self._mjw.forward(model, data)
+        return made, model, data
+
+    def _compiled(self, stops: Stops | None) -> Any:
+        """MuJoCo's model; MuJoCo Warp has no automatic reset, and does not know its flag."""
+        model = self._mujoco.MjModel.from_xml_string(
+            mjcf(self.mechanism, self.dt, self.integrator, stops)
+        )
+        model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        return model

@@ -1,0 +1,105 @@
+"""Whether policies do the same on engines that apply the same one-step map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from integ_gym.eval.cells import Cell, Discretization
+from integ_gym.eval.engine_cells import NATIVE, map_of
+from integ_gym.eval.matrix import Matrix
+from integ_gym.eval.panel_layout import PanelLayout
+
+VARIANTS = {
+    "symplectic_euler_implicit_damping": "symplectic_euler",
+    "symplectic_euler_implicit_velocity": "symplectic_euler",
+    "symplectic_euler_sequential_damping": "symplectic_euler",
+}
+"""Maps that differ from one of ours by how they take damping, to that one of ours."""
+
+
+def twin_of(cell: Cell, cells: Mapping[str, Cell]) -> str | None:
+    """The native cell with an engine's cell's map, step and control period, or None.
+
+    Args:
+        cell: on a foreign engine.
+        cells: all cells by name.
+    """
+    own = cell.discretization
+    wanted = map_of(own)
+    twin = Discretization(VARIANTS.get(wanted, wanted), own.dt, own.control_period)
+    same = (
+        name
+        for name, other in cells.items()
+        if other.discretization == twin and other.kind == cell.kind
+    )
+    return next(same, None)
+
+
+def agreements(layout: PanelLayout, matrix: Matrix) -> list[dict[str, Any]]:
+    """Every grid cell on a foreign engine beside its native twin.
+
+    Returns:
+        Per cell: its ``map``, its ``twin`` (null without one), ``success`` and ``twin_success``
+        over all rows, and how many of its ``episodes`` ended otherwise there, ``differing``;
+        of the rows, ``largest`` is the largest difference of success.
+    """
+    foreign = [
+        cell
+        for cell in layout.cells.values()
+        if cell.kind == "grid" and cell.discretization.engine != NATIVE
+    ]
+    return [_agreement(cell, layout, matrix) for cell in foreign]
+
+
+def _agreement(cell: Cell, layout: PanelLayout, matrix: Matrix) -> dict[str, Any]:
+    twin, rows = twin_of(cell, layout.cells), [row.name for row in layout.rows]
+    here = [matrix.values(row, cell.name, "success") for row in rows]
+    found = {
+        "cell": cell.name,
+        **cell.discretization.arguments(),
+        "map": map_of(cell.discretization),
+        "twin": twin,
+        "episodes": sum(values.size for values in here),
+        "success": _mean(here),
+        "twin_success": None,
+        "differing": None,
+        "largest": None,
+    }
+    if twin is None:
+        return found
+    there = [matrix.values(row, twin, "success") for row in rows]
+    pairs = list(zip(here, there, strict=True))
+    return {
+        **found,
+        "twin_success": _mean(there),
+        "differing": int(sum((a != b).sum() for a, b in pairs)),
+        "largest": float(max(abs(a.mean() - b.mean()) for a, b in pairs)),
+    }
+
+
+def _mean(values: Sequence[Any]) -> float:
+    return float(np.concatenate([v.ravel() for v in values]).mean())
+
+
+def agreement_answer(found: Sequence[Mapping[str, Any]]) -> str | None:
+    """In one sentence with numbers; None without an engine's cell that has a twin."""
+    paired = [one for one in found if one["twin"] is not None]
+    if not paired:
+        return None
+    same = [one for one in paired if one["differing"] == 0]
+    total = sum(one["episodes"] for one in paired)
+    if len(same) == len(paired):
+        return (
+            f"Yes: on each of {len(paired)} cells of other engines all episodes, {total} in all, "
+            "end as on the native engine with the same map, step and starts."
+        )
+    worst = max(paired, key=lambda one: (one["largest"], one["differing"]))
+    return (
+        f"On {len(same)} of {len(paired)} cells of other engines every episode ends as on the "
+        f"native engine with the same map, step and starts; of all {total} episodes "
+        f"{sum(one['differing'] for one in paired)} end otherwise, and no row's success differs "
+        f"by more than {worst['largest']:.2f} ({worst['cell']})."
+    )

@@ -1,0 +1,55 @@
+"""What work is expected to take on one core, for progress bars and for dividing it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.timing import Timing
+from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.spec import PanelSpec
+
+DECISION_SECONDS = 4e-6
+"""Time of one recorded decision, s."""
+
+FOREIGN_STEP_SECONDS = 1e-5
+"""Time of one step of an engine that advances lanes one by one, s."""
+
+TRAINING_SECONDS = 1.0 / 7000.0
+"""Time of one training decision with stable-baselines3, s."""
+
+
+def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:
+    """Sub-steps and horizon in a cell; no engine is built for it."""
+    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
+    given = {"duration": truth.settings.duration, **cell.arguments(spec.environment)}
+    return Timing.of(given["dt"], given["control_period"], 0.0, None, given["duration"])
+
+
+def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
+    """Time of one policy's episodes in a cell, s."""
+    timing = cell_timing(spec, cell)
+    decision = DECISION_SECONDS + _engine_seconds(cell.discretization, timing.substeps)
+    return spec.episodes * timing.horizon * decision
+
+
+def cells_seconds(spec: PanelSpec, cells: Iterable[Cell]) -> float:
+    """Time of one policy's episodes in all of some cells, s."""
+    return sum(cell_seconds(spec, cell) for cell in cells)
+
+
+def training_decision_seconds(home: Home) -> float:
+    """Time of one training decision with stable-baselines3, s."""
+    engines = (
+        share * _engine_seconds(d, round(d.control_period / d.dt))
+        for d, share in home.shares.items()
+    )
+    return TRAINING_SECONDS + sum(engines)
+
+
+def _engine_seconds(discretization: Discretization, substeps: int) -> float:
+    """What one decision takes beside that of an engine that advances all lanes at once, s."""
+    if ENGINES.load(discretization.engine).batched:
+        return 0.0
+    return FOREIGN_STEP_SECONDS * substeps

@@ -1,0 +1,77 @@
+"""What every page is made with: one file that opens offline and loads nothing.
+
+The content security policy forbids that a page ever loads anything; the only script is named there
+by its hash, so that no text of a result can become one.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from functools import cache
+from importlib import resources
+from typing import Any, Final
+
+from integ_gym.envs.extras import load
+from integ_gym.eval.report_data import compact, fixed, seconds, step
+
+SCRIPT: Final = """
+(function () {
+  function reveal() {
+    var id = decodeURIComponent(location.hash.slice(1));
+    var target = id && document.getElementById(id);
+    if (!target) { return; }
+    var box = target.closest("details");
+    if (box && !box.open) { box.open = true; target.scrollIntoView(); }
+  }
+  addEventListener("hashchange", reveal);
+  reveal();
+  if (!navigator.clipboard) { return; }
+  document.querySelectorAll("pre.command").forEach(function (block) {
+    var button = document.createElement("button");
+    button.type = "button";
+    button.textContent = "copy";
+    button.addEventListener("click", function () {
+      navigator.clipboard.writeText(block.textContent).then(function () {
+        button.textContent = "copied";
+        setTimeout(function () { button.textContent = "copy"; }, 1500);
+      }, function () { getSelection().selectAllChildren(block); });
+    });
+    block.parentElement.appendChild(button);
+  });
+})();
+"""
+"""Opens what a link leads to, and puts a button for copying beside every command."""
+
+
+def page_environment() -> Any:
+    """A jinja2 environment that escapes everything, with the filters of numbers.
+
+    Raises:
+        ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
+    """
+    jinja2 = load("jinja2", "report")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters.update(soft=_soft, fixed=fixed, compact=compact, seconds=seconds, step=step)
+    return environment
+
+
+@cache
+def page_parts() -> dict[str, Any]:
+    """`style`, `script` and `script_hash`, as templates name them."""
+    markup = load("markupsafe", "report").Markup
+    style = resources.files("integ_gym.eval").joinpath("page.css").read_text("utf-8")
+    digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
+    return {
+        "style": markup(style),
+        "script": markup(SCRIPT),
+        "script_hash": f"sha256-{digest}",
+    }
+
+
+def _soft(text: Any) -> Any:
+    """Allow line breaks after underscores."""
+    markup = load("markupsafe", "report")
+    return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))

@@ -1,0 +1,44 @@
+"""All installed engines in one process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from engine_cases import FOREIGN, IDS
+
+from integ_gym.envs.extras import missing_modules
+
+SCRIPT = """
+import math, warnings
+import gymnasium as gym
+import integ_gym
+from integ_gym.envs.engines import ENGINES
+
+warnings.simplefilter("error")
+engines, ids = {engines!r}, {ids!r}
+envs = [
+    gym.make(env_id, engine=engine, integrator=integrator, dt=0.02)
+    for engine in engines
+    for integrator in ENGINES.load(engine).maps
+    for env_id in ids
+]
+for env in envs:
+    env.reset(seed=0)
+for _ in range(5):
+    for env in envs:
+        told = env.step(env.action_space.sample())
+        assert math.isfinite(told[1]) and told[4]["solver_status"] != "diverged"
+assert {{env.unwrapped.setup.settings.engine for env in envs}} == set(engines)
+"""
+
+
+def test_every_engine_steps_both_plants_in_one_process(tmp_path):
+    """All integrators, built one after another, then stepped in turn: silently, and to the end."""
+    installed = [name for name in FOREIGN if not missing_modules(name)]
+    script = SCRIPT.format(engines=installed, ids=IDS)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+    assert not list(tmp_path.iterdir())
