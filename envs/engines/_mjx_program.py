@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from mujoco import mjx
+from mujoco.mjx._src import forward
 
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines._mjcf import SMALLEST_INERTIA, mjcf
@@ -105,7 +106,7 @@ class Program:
 
         def step(_: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
             state = data.replace(qpos=carry[0], qvel=carry[1], qfrc_applied=force)
-            end = mjx.step(model, state)
+            end = _stepped(model, state)
             return end.qpos, end.qvel, mjx.full_m(model, end), end.qfrc_bias
 
         none = jnp.zeros((self.dof, self.dof))
@@ -132,6 +133,20 @@ class Program:
             jnt_range=model.jnt_range.at[joint].set(limit * jnp.array([-1.0, 1.0])),
             dof_invweight0=model.dof_invweight0.at[joint].set(weight),
         )
+
+
+def _stepped(model: Any, data: Any) -> Any:
+    """`mjx.step`, traced with a Runge-Kutta tableau of its own.
+
+    JAX 0.10 remembers by its identity what it has made of a NumPy array, whatever the width of
+    floats was then: a program in float32 and one in float64 must not close over the same array.
+    """
+    kept = forward._RK4_A
+    forward._RK4_A = kept.copy()
+    try:
+        return mjx.step(model, data)
+    finally:
+        forward._RK4_A = kept
 
 
 def _own(leaf: Any) -> Array:
