@@ -235,7 +235,7 @@ def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
     Parameters
     ----------
     comparisons
-        The family, as declared before the results were seen.
+        The family. The error rates hold where it was chosen without a look at the results.
 
     Returns
     -------
