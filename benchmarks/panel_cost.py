@@ -33,7 +33,7 @@ from integ_gym.train.worker import cores
 
 EXAMPLES = """\
 examples:
-  python benchmarks/panel_cost.py --json cost.json       everything; 10 minutes on 2 idle cores
+  python benchmarks/panel_cost.py --json cost.json       everything; 8 minutes on 2 idle cores
   python benchmarks/panel_cost.py --only share policies  two parts of it
   python benchmarks/panel_cost.py --policies 8 --steps 20000
                                                          a quick look
@@ -139,14 +139,13 @@ class Costs:
         """Cost over the number of policies."""
         measured = []
         for count in GROWTH:
-            found = self.alone(training_cost.rollout_cost, self.seeds(count))
+            found = self.alone(training_cost.relative_cost, self.seeds(count), self.seeds(1))
             measured.append({"policies": count, **found})
-        first = measured[0]["cpu"]
         rows = [
             [
                 f"{row['policies']} policies",
                 f"{self.rollouts * row['cpu'] / row['policies']:.2f}",
-                f"{row['cpu'] / first:.2f}",
+                f"{row['ratio']:.2f}",
                 f"{row['mib']:.0f}",
             ]
             for row in measured
@@ -156,18 +155,19 @@ class Costs:
     def steps(self) -> tuple[list[dict[str, Any]], Rows]:
         """Cost over the integration step."""
         measured: list[dict[str, Any]] = []
+        period = self.config.env_arguments["control_period"]
         for integrator in INTEGRATORS:
+            coarse = self.seeds(TOGETHER, integrator=integrator, dt=period)
             for division in DIVISIONS:
-                dt = self.config.env_arguments["control_period"] / division
+                dt = period / division
                 runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
-                found = self.alone(training_cost.rollout_cost, runs)
+                found = self.alone(training_cost.relative_cost, runs, coarse)
                 measured.append({"integrator": integrator, "dt": dt, **found})
-        coarse = {row["integrator"]: row["cpu"] for row in reversed(measured)}
         rows = [
             [
                 f"{row['integrator']} dt={row['dt']:g}",
                 f"{self.rollouts * row['cpu'] / TOGETHER:.2f}",
-                f"{row['cpu'] / coarse[row['integrator']]:.2f}",
+                f"{row['ratio']:.2f}",
                 f"{row['mib']:.0f}",
             ]
             for row in measured
@@ -201,7 +201,7 @@ class Costs:
 PARTS: Mapping[str, tuple[Callable[[Costs], tuple[Any, Rows]], Sequence[str]]] = {
     "panel": (Costs.panel, ("panel", "s per policy", "policies/min", "fleet is", "at least")),
     "single": (Costs.single, ("single", "s per policy", "policies/min", "fleet is", "at least")),
-    "policies": (Costs.growth, ("policies", "s per policy", "cost / 1", "MiB")),
+    "policies": (Costs.growth, ("policies", "s per policy", "cost / one's", "MiB")),
     "steps": (Costs.steps, ("steps", "s per policy", "cost / dt", "MiB")),
     "share": (Costs.share, ("share", "s per policy", "of all")),
 }

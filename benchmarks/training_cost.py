@@ -17,6 +17,7 @@ import numpy as np
 from integ_gym.evidence import EpisodeContext, RecordVectorEvidence
 from integ_gym.train import fleet
 from integ_gym.train.fleet_evidence import TrainingEvidence
+from integ_gym.train.fleet_update import permutations
 from integ_gym.train.ppo import PPOConfig, train
 from integ_gym.train.worker import Progress
 
@@ -95,6 +96,19 @@ def rollout_cost(configs: Sequence[PPOConfig], evidence: bool = True) -> dict[st
     return {"wall": float(wall), "cpu": float(cpu), "mib": mib}
 
 
+def relative_cost(configs: Sequence[PPOConfig], baseline: Sequence[PPOConfig]) -> dict[str, float]:
+    """Cost of some runs beside that of others, measured before and after them.
+
+    Returns:
+        What `rollout_cost` tells of the runs, and the ratio of their processor time to the mean of
+        the baseline's, which the machine's own changes of speed hardly touch.
+    """
+    before = rollout_cost(baseline)
+    found = rollout_cost(configs)
+    after = rollout_cost(baseline)
+    return {**found, "ratio": 2.0 * found["cpu"] / (before["cpu"] + after["cpu"])}
+
+
 def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     """Processor time of the parts of one rollout of all runs, s."""
     from integ_gym.envs.jax_ops import jax
@@ -114,7 +128,9 @@ def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     _, outcome, *observed = part("their transitions again", program._again, steps, params)
     given = learner.stack, knobs, steps, outcome, tuple(observed)
     batch = part("values and advantages", program._batch, *given)
-    orders = part("orders of the minibatches", program._permutations, learner.keys)
+    orders = part(
+        "orders of the minibatches", partial(permutations, program.algorithm), learner.keys
+    )
     orders = np.swapaxes(orders, 0, 1)
     given = learner.stack, learner.adam, batch, orders, knobs, knobs.learning_rate
     part("updates", lambda *given: program._each(program._learn, given), *given)

@@ -35,7 +35,8 @@ from integ_gym.evidence.layout import Layout
 from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
 from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, first_entries
 from integ_gym.train.fleet_plan import Chunk, Kind, kind_of, plan
-from integ_gym.train.fleet_program import Algorithm, FleetProgram, Knobs, Learner, Trail
+from integ_gym.train.fleet_program import FleetProgram
+from integ_gym.train.fleet_types import Algorithm, Knobs, Learner, Trail
 from integ_gym.train.network import initial_stack, state_dict
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sb3_model import zip_of_weights

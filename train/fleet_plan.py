@@ -15,7 +15,7 @@ from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.jax_ops import jax
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.fleet_evidence import ROWS_AT_ONCE
-from integ_gym.train.fleet_program import Algorithm
+from integ_gym.train.fleet_types import Algorithm
 from integ_gym.train.ppo import PPOConfig
 
 LONGEST = 60.0

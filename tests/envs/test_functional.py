@@ -206,9 +206,7 @@ def test_one_program_serves_all_steps_and_plants():
     assert len(compiled) == 1
 
 
-@pytest.mark.parametrize(
-    ("integrator", "native"), [("Euler", "symplectic_euler"), ("RK4", "rk4")]
-)
+@pytest.mark.parametrize(("integrator", "native"), [("Euler", "symplectic_euler"), ("RK4", "rk4")])
 def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
     """In float32, beside the engine's own in float64; without damping its integrators are ours."""
     needs("mjx")

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import gymnasium as gym
 import jax
@@ -17,24 +18,17 @@ from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.envs import functional
 from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train import fleet
 from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet_evidence import TrainingEvidence
+from integ_gym.train.fleet_network import ACTIVATIONS, log_prob_and_entropy, outputs
 from integ_gym.train.fleet_plan import LONGEST, PROGRAM_BYTES, kind_of, plan
-from integ_gym.train.fleet_program import (
-    ACTIVATIONS,
-    Adam,
-    Algorithm,
-    Batch,
-    FleetProgram,
-    Knobs,
-    log_prob_and_entropy,
-    outputs,
-)
+from integ_gym.train.fleet_program import FleetProgram
+from integ_gym.train.fleet_types import Adam, Algorithm, Batch, Knobs
+from integ_gym.train.fleet_update import permutations, update
 from integ_gym.train.network import Stack, initial_stack, orthogonal, state_dict
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy import BoxActions, MlpPolicy
@@ -122,13 +116,12 @@ def test_an_update_is_that_of_sb3(env_id, overrides):
     algorithm = Algorithm(
         4, 32, 64, 4, config.activation, config.normalize_advantage, config.target_kl is not None
     )
-    program = FleetProgram(functional.make(env_id), algorithm)
     batch = _batch_of(model.rollout_buffer)
     np.random.seed(5)  # noqa: NPY002  (SB3 shuffles with it)
     orders = np.stack([np.random.permutation(128)[None] for _ in range(4)]).astype(np.int32)  # noqa: NPY002
     zeros = jax.tree.map(jnp.zeros_like, stack)
     knobs = _columns(config, config.learning_rate)
-    after, _ = jax.jit(program.update)(
+    after, _ = jax.jit(partial(update, algorithm))(
         stack, Adam(zeros, zeros, jnp.zeros(1)), batch, orders, knobs, knobs.learning_rate
     )
     np.random.seed(5)  # noqa: NPY002
@@ -227,8 +220,7 @@ def test_activations_are_those_of_torch(name):
 def test_orders_are_permutations():
     for size in (32, 30):
         algorithm = Algorithm(1, size, 2, 3, "Tanh", True, False)
-        program = FleetProgram(functional.make("IntegPendulum-v0"), algorithm)
-        orders = program._permutations(jax.random.split(jax.random.key(0), 2))
+        orders = permutations(algorithm, jax.random.split(jax.random.key(0), 2))
         assert orders.shape == (3, 2, size)
         np.testing.assert_array_equal(
             np.sort(orders, axis=-1), np.broadcast_to(np.arange(size), orders.shape)
