@@ -109,8 +109,6 @@ def _show(arguments: argparse.Namespace) -> int:
 
 def _query(arguments: argparse.Namespace) -> int:
     table = _store(arguments).query(arguments.sql)
-    if table is None:
-        raise EvidenceError('the statement has no result; give one such as "SELECT * FROM records"')
     printing.print_table(table, sys.stdout, arguments.format)
     return 0
 

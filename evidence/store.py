@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -143,14 +143,14 @@ class EvidenceStore:
         """Run SQL over the view ``records``, which holds all files with their columns united.
 
         Args:
-            sql: one statement in DuckDB's dialect.
+            sql: one statement in DuckDB's dialect that reads: `SELECT`, `DESCRIBE`, `PIVOT`, ….
 
         Returns:
             An Arrow table.
 
         Raises:
-            EvidenceError: if there are no records, a file is not readable, or DuckDB refuses the
-                statement.
+            EvidenceError: if there are no records, a file is not readable, the statement does more
+                than read, or DuckDB refuses it.
         """
         files = self.files()
         if not files:
@@ -164,8 +164,8 @@ class EvidenceStore:
                     [str(file) for file in files], union_by_name=True
                 )
                 relation.create_view("records")
-                result = connection.sql(sql)
-                return None if result is None else result.to_arrow_table()
+                _check_reads(engine, connection.extract_statements(sql))
+                return connection.sql(sql).to_arrow_table()
             except engine.Error as error:
                 reason = str(error).split("\n\nLINE")[0]
                 raise EvidenceError(
@@ -189,6 +189,16 @@ class EvidenceStore:
                     problems.append(Problem(file.name, record_id, message))
                 seen.setdefault(record_id, file.name)
         return problems
+
+
+def _check_reads(engine: Any, statements: Sequence[Any]) -> None:
+    """Refuse what changes anything; a `PIVOT` is several statements to DuckDB, all of which read."""
+    reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
+    if len(statements) != 1 or statements[0].type not in reading:
+        raise EvidenceError(
+            "a query is one statement that reads, such as SELECT; to write a file, use "
+            "`integ-gym evidence export`, or --format csv and the shell's >"
+        )
 
 
 def _check_name(name: str) -> None:

@@ -174,6 +174,15 @@ def test_bad_input_is_refused_with_one_sentence(two_environments, tmp_path, reco
     assert "DuckDB refuses the query" in error
     error = _refused(capsys, "query", two_environments, "SELECT lenth FROM records")
     assert "length" in error
+    for sql in (
+        f"COPY records TO '{tmp_path / 'x.csv'}'",
+        f"SELECT 1; COPY records TO '{tmp_path / 'x.csv'}'",
+        f"EXPLAIN ANALYZE COPY records TO '{tmp_path / 'x.csv'}'",
+        f"ATTACH '{tmp_path / 'x.db'}'",
+        "",
+    ):
+        assert "one statement that reads" in _refused(capsys, "query", two_environments, sql)
+    assert list(tmp_path.iterdir()) == []
     error = _refused(capsys, "export", two_environments, "--output", nowhere / "x.csv")
     assert "give another --output" in error
 
