@@ -192,7 +192,7 @@ class EvidenceStore:
 
 
 def _check_reads(engine: Any, statements: Sequence[Any]) -> None:
-    """Refuse what changes anything; a `PIVOT` is several statements to DuckDB, all of which read."""
+    """Refuse what changes anything; a `PIVOT` is several statements to DuckDB, and reads."""
     reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
     if len(statements) != 1 or statements[0].type not in reading:
         raise EvidenceError(
