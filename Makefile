@@ -11,7 +11,7 @@ panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_OPTIONS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

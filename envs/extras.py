@@ -14,9 +14,9 @@ EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "mjx": ("mujoco.mjx", "jax"),
-    "mujoco": ("mujoco", "imageio"),
-    "mujoco_warp": ("mujoco_warp",),
-    "newton": ("newton", "mujoco_warp"),
+    "mujoco": ("mujoco",),
+    "mujoco_warp": ("mujoco", "mujoco_warp", "warp"),
+    "newton": ("mujoco", "mujoco_warp", "newton", "warp"),
     "pinocchio": ("pinocchio",),
     "pybullet": ("pybullet",),
     "render": ("pygame",),
@@ -32,7 +32,7 @@ EXTRAS = {
         "safetensors",
     ),
 }
-"""Extra to the modules that it brings."""
+"""Extra to the modules that its users need."""
 
 
 def load(module: str, extra: str) -> Any:

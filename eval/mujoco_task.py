@@ -68,6 +68,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
             without a time limit.
     """
     load("mujoco", "mujoco")
+    load("imageio", "mujoco")
     from gymnasium.envs.mujoco import MujocoEnv
 
     wanted = f"--env takes {', '.join(ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"

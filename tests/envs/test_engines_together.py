@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
 from engine_cases import FOREIGN, IDS
 
 from integ_gym.envs.extras import missing_modules
@@ -36,6 +37,8 @@ assert {{env.unwrapped.setup.settings.engine for env in envs}} == set(engines)
 def test_every_engine_steps_both_plants_in_one_process(tmp_path):
     """All integrators, built one after another, then stepped in turn: silently, and to the end."""
     installed = [name for name in FOREIGN if not missing_modules(name)]
+    if not installed:
+        pytest.skip("no engine but the native one is installed")
     script = SCRIPT.format(engines=installed, ids=IDS)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
