@@ -81,9 +81,11 @@ def drake(setup: Setup) -> Bare:
         simulator.get_mutable_context(),
         plant.get_applied_generalized_force_input_port(),
     )
-    force = np.zeros(plant.num_velocities())
+    force, done = np.zeros(plant.num_velocities()), 0
 
     def start(q: Components, v: Components) -> None:
+        nonlocal done
+        done = 0
         context.SetTime(0.0)
         plant.SetPositionsAndVelocities(context, (*q, *v))
         port.FixValue(context, force)
@@ -93,15 +95,21 @@ def drake(setup: Setup) -> Bare:
         for control in controls:
             force[setup.plant.actuated] = control
             port.FixValue(context, force)
-            for _ in range(count):
-                simulator.AdvanceTo(context.get_time() + dt)
-            q, v = plant.GetPositions(context), plant.GetVelocities(context)
-        return q, v
+            only_step(1)
+            state = plant.GetPositionsAndVelocities(context)
+        return np.split(state, 2)
 
-    def only_step(periods: int) -> None:
+    def by_difference(periods: int) -> None:
         for _ in range(periods * count):
             simulator.AdvanceTo(context.get_time() + dt)
 
+    def by_number(periods: int) -> None:
+        nonlocal done
+        for _ in range(periods * count):
+            done += 1
+            simulator.AdvanceTo(done * dt)
+
+    only_step = by_number if engine.integrator in DISCRETE else by_difference
     return Bare(start, drive, only_step)
 
 

@@ -3,8 +3,8 @@
 The bare loop is what a user of the engine alone would write for the same bodies (bare.py):
 set the control, step, read the state back. Ours has observation, reward, ends of episodes, the
 energy ledger and the whole `info`. Both take turns at the same controls from the same start, resets
-off the clock, and must arrive at the same state. A ratio is the median over rounds of turns, with
-its quartiles.
+off the clock, and must arrive at the same state. Times are the processor's, and a ratio is the
+median over rounds of turns, with its quartiles.
 
 The ratio that is wanted is that of `gym.make(...).unwrapped`: what Gymnasium's own wrappers add
 (column `gym.make`) they add to every environment, and `env_throughput.py` has both with them.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -135,7 +136,7 @@ def measured(engine: str, integrator: str, environment: str, count: int, seconds
         MADE: _stepped(made, actions),
         ONLY: lambda: (bare.only_step(TURN), TURN)[1],
     }
-    found = turns(contenders, seconds, begin)
+    found = turns(contenders, seconds, begin, time.process_time)
     times = {name: 1.0 / np.array(rates) for name, rates in found.items()}
     return Row(
         engine,

@@ -39,7 +39,10 @@ def rates(contenders: Mapping[Name, Advance], seconds: float) -> dict[Name, floa
 
 
 def turns(
-    contenders: Mapping[Name, Advance], seconds: float, begin: Callable[[], None] = lambda: None
+    contenders: Mapping[Name, Advance],
+    seconds: float,
+    begin: Callable[[], None] = lambda: None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[Name, list[float]]:
     """Steps per second of every turn of the contenders, which change places after each.
 
@@ -47,6 +50,7 @@ def turns(
         contenders: by name.
         seconds: time for each.
         begin: what is done before each round of turns, off the clock.
+        clock: by which turns are timed, s.
     """
     found: dict[Name, list[float]] = {name: [] for name in contenders}
     begin()
@@ -56,9 +60,9 @@ def turns(
     while len(next(iter(found.values()))) < FEWEST or time.perf_counter() < end:
         begin()
         for name, advance in contenders.items():
-            start = time.perf_counter()
+            start = clock()
             steps = advance()
-            found[name].append(steps / (time.perf_counter() - start))
+            found[name].append(steps / (clock() - start))
     return found
 
 
