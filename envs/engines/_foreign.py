@@ -83,7 +83,7 @@ def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
     """``run``, but ``lost`` from arguments that are astray."""
 
     def safe(*values: float) -> tuple[Any, ...]:
-        return lost if is_astray(values) else run(*values)
+        return run(*values) if hypot(*values) < ASTRAY else lost
 
     return safe
 
