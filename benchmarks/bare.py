@@ -7,6 +7,7 @@ both move the same bodies.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,33 +34,24 @@ def mujoco(setup: Setup) -> Bare:
     engine: Any = setup.engine
     model, place, count = engine._model, setup.plant.actuated, setup.timing.substeps
     data = mj.MjData(model)
+    step = partial(mj.mj_step, model, data, **({} if count == 1 else {"nstep": count}))
 
     def start(q: Components, v: Components) -> None:
         mj.mj_resetData(model, data)
         data.qpos[:], data.qvel[:] = q, v
 
-    def once(controls: Sequence[float]) -> Any:
+    def drive(controls: Sequence[float]) -> Any:
         for control in controls:
             data.qfrc_applied[place] = control
-            mj.mj_step(model, data)
-            q, v = data.qpos.copy(), data.qvel.copy()
-        return q, v
-
-    def often(controls: Sequence[float]) -> Any:
-        for control in controls:
-            data.qfrc_applied[place] = control
-            mj.mj_step(model, data, nstep=count)
+            step()
             q, v = data.qpos.copy(), data.qvel.copy()
         return q, v
 
     def only_step(periods: int) -> None:
         for _ in range(periods):
-            if count == 1:
-                mj.mj_step(model, data)
-            else:
-                mj.mj_step(model, data, nstep=count)
+            step()
 
-    return Bare(start, once if count == 1 else often, only_step)
+    return Bare(start, drive, only_step)
 
 
 def drake(setup: Setup) -> Bare:

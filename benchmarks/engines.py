@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,15 @@ WANTED = {
 }
 """Engine and engine steps per control to the ratio wanted at most."""
 
+DAMPING = {
+    "IntegPendulum-v0": {"damping": 0.1},
+    "IntegCartPole-v0": {"damping": 0.01, "cart_damping": 0.1},
+}
+"""With damping, which the ledger books at every engine step, so that each is a call of its own."""
+
+DAMPED = (("mujoco", "implicitfast"), ("drake", "sap"), ("drake", "runge_kutta3"))
+"""Engines and integrators that are measured with damping, too."""
+
 LOOPED = {"pinocchio": ("symplectic_euler",), "casadi": ("rk",)}
 """Integrators of which there is a bare loop, where that is not all."""
 
@@ -86,6 +96,7 @@ class Row:
         engine: its name.
         integrator: as the engine calls it.
         environment: id.
+        damped: whether with damping.
         count: engine steps per control.
         seconds: median time of a control period, by contender.
         ratios: of `env.step` to another contender: quartiles, the median in the middle.
@@ -96,6 +107,7 @@ class Row:
     engine: str
     integrator: str
     environment: str
+    damped: bool
     count: int
     seconds: dict[str, float]
     ratios: dict[str, tuple[float, ...]]
@@ -108,13 +120,18 @@ class Row:
         return self.at_most is None or self.ratios[BARE][1] <= self.at_most
 
 
-def measured(engine: str, integrator: str, environment: str, count: int, seconds: float) -> Row:
+def measured(
+    engine: str, integrator: str, environment: str, damped: bool, count: int, seconds: float
+) -> Row:
     """Measure one row.
 
     Raises:
         RuntimeError: if the bare loop does not go where the environment goes.
     """
-    chosen = {"engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT}
+    chosen: dict[str, Any] = {
+        "engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT,
+        **(DAMPING[environment] if damped else {}),
+    }  # fmt: skip
     bare = LOOPS[engine](environment_setup(environment, chosen))
     made, other = (gym.make(environment, **chosen) for _ in range(2))
     ours: Any = other.unwrapped
@@ -142,6 +159,7 @@ def measured(engine: str, integrator: str, environment: str, count: int, seconds
         engine,
         integrator,
         environment,
+        damped,
         count,
         {name: float(np.median(values)) for name, values in times.items()},
         {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
@@ -179,10 +197,10 @@ def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
     """All rows of some engines."""
     for engine in engines:
         for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
-            for environment in STARTS:
-                for count in COUNTS:
-                    print(f"{engine} {integrator} {environment} {count}", file=sys.stderr)
-                    yield measured(engine, integrator, environment, count, seconds)
+            plain_and_damped = (False, True) if (engine, integrator) in DAMPED else (False,)
+            for case in product(STARTS, plain_and_damped, COUNTS):
+                print(engine, integrator, *case, file=sys.stderr)
+                yield measured(engine, integrator, *case, seconds)
 
 
 def cells(row: Row) -> list[str]:
@@ -190,7 +208,8 @@ def cells(row: Row) -> list[str]:
     low, middle, high = row.ratios[BARE]
     wanted = "" if row.at_most is None else f"{row.at_most:g} " + ("met" if row.met else "MISSED")
     return [
-        row.engine, row.integrator, row.environment, str(row.count),
+        row.engine, row.integrator, row.environment, "damped" if row.damped else "",
+        str(row.count),
         *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
         f"{middle:.2f}", f"{low:.2f}-{high:.2f}", wanted, f"{row.made_ratio[1]:.2f}",
         f"{row.ratios[ONLY][1]:.2f}",
@@ -198,7 +217,7 @@ def cells(row: Row) -> list[str]:
 
 
 HEADER = (
-    "engine", "integrator", "environment", "steps", f"{ONLY}, us", f"{BARE}, us", f"{OURS}, us",
+    "engine", "integrator", "environment", "", "steps", f"{ONLY}, us", f"{BARE}, us", f"{OURS}, us",
     f"{MADE}, us", f"{OURS} / {BARE}", "quartiles", "at most", f"{MADE} / {BARE}",
     f"{OURS} / {ONLY}",
 )  # fmt: skip
