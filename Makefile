@@ -23,6 +23,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/env_throughput.py
 	$(BIN)/python benchmarks/evidence_cost.py
 	$(BIN)/python benchmarks/reference_cost.py
+	$(BIN)/python benchmarks/engines.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

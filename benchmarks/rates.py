@@ -34,18 +34,36 @@ def rates(contenders: Mapping[Name, Advance], seconds: float) -> dict[Name, floa
         contenders: by name.
         seconds: time for each.
     """
+    found = turns(contenders, seconds)
+    return {name: float(np.quantile(values, QUANTILE)) for name, values in found.items()}
+
+
+def turns(
+    contenders: Mapping[Name, Advance],
+    seconds: float,
+    begin: Callable[[], None] = lambda: None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[Name, list[float]]:
+    """Steps per second of every turn of the contenders, which change places after each.
+
+    Args:
+        contenders: by name.
+        seconds: time for each.
+        begin: what is done before each round of turns, off the clock.
+        clock: by which turns are timed, s.
+    """
     found: dict[Name, list[float]] = {name: [] for name in contenders}
+    begin()
     for advance in contenders.values():
         advance()
     end = time.perf_counter() + seconds * len(contenders)
-    turn = 0
-    while turn < FEWEST or time.perf_counter() < end:
+    while len(next(iter(found.values()))) < FEWEST or time.perf_counter() < end:
+        begin()
         for name, advance in contenders.items():
-            start = time.perf_counter()
+            start = clock()
             steps = advance()
-            found[name].append(steps / (time.perf_counter() - start))
-        turn += 1
-    return {name: float(np.quantile(values, QUANTILE)) for name, values in found.items()}
+            found[name].append(steps / (clock() - start))
+    return found
 
 
 def single(environment: gym.Env[Any, Any]) -> Advance:

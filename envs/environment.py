@@ -246,7 +246,7 @@ def box_action(action: Any) -> float:
         ValueError: if the action does not have shape (1,).
     """
     try:
-        (value,) = action
+        (value,) = action.tolist() if type(action) is np.ndarray else action
         return float(value)
     except OverflowError:
         return math.inf

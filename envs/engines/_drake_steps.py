@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from math import nan
 from typing import Any
@@ -47,35 +47,26 @@ def discrete_steps(plant: Any, count: int) -> Run:
 def explicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
     """Steps of an explicit integrator, with the report of one that solves nothing.
 
-    An integrator advances to a time, and its step is the difference from the last: times are taken
-    between which the difference is ``dt`` to the last bit. A state that is there is not set again.
+    A state that is there is not set again.
     """
-    simulator, start = _simulator(plant, scheme, dt)
-    context, advance = simulator.get_mutable_context(), simulator.AdvanceTo
+    simulator = _simulator(plant, scheme, dt)
+    context, take = simulator.get_mutable_context(), _taker(simulator, dt)
     put, size = _force_setter(plant, context), _state_size(plant)
-    end = context.get_continuous_state_vector()
-
-    def ends_of_steps() -> Iterator[float]:
-        while True:
-            context.SetTime(-2.0 * dt)
-            start()
-            yield from (-dt, 0.0, dt, 2.0 * dt)
-
-    times, lost = ends_of_steps(), (*(nan,) * size, 0, 0.0, True)
+    end = context.get_continuous_state_vector().get_value()
+    lost = (*(nan,) * size, 0, 0.0, True)
     there: tuple[float, ...] = ()
 
     def run(*values: float) -> tuple[float, ...]:
-        nonlocal times, there
+        nonlocal there
         put(values[size:])
         if values[:size] != there:
             context.SetContinuousState(values[:size])
         try:
-            for _ in range(count):
-                advance(next(times))
+            take(count)
         except RuntimeError:
-            times, there = ends_of_steps(), ()
+            there = ()
             return lost
-        there = tuple(end.CopyToVector().tolist())
+        there = tuple(end.tolist())
         return (*there, 0, 0.0, True)
 
     return run
@@ -86,35 +77,42 @@ def implicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
 
     Each begins anew, so that no Jacobian of an earlier one has a part in its result. Where Newton's
     method fails, Drake divides the step, fixed or not: that is told as not converged. From values
-    that are astray there is no step, for on some of them Drake crashes.
+    that are astray there is no step, for on some of them Drake crashes. A state that is there is
+    not set again.
     """
-    simulator, start = _simulator(plant, scheme, dt)
-    context, advance = simulator.get_mutable_context(), simulator.AdvanceTo
+    simulator = _simulator(plant, scheme, dt)
+    context, take = simulator.get_mutable_context(), _taker(simulator, dt)
     put, size = _force_setter(plant, context), _state_size(plant)
     integrator = simulator.get_mutable_integrator()
     integrator.set_target_accuracy(ACCURACY)
     integrator.set_requested_minimum_step_size(_LEAST_SHARE * dt)
-    end, statistics = context.get_continuous_state_vector(), integrator.GetStatisticsSummary
+    begin_anew, statistics = integrator.Initialize, integrator.GetStatisticsSummary
+    end = context.get_continuous_state_vector().get_value()
     names = [name for name, _ in statistics()]
     iterations, divisions = names.index(_ITERATIONS), names.index(_DIVISIONS)
     lost = (*(nan,) * size, 0, 0.0, False)
+    there: tuple[float, ...] = ()
 
     def run(*values: float) -> tuple[float, ...]:
-        state, force = values[:size], values[size:]
-        put(force)
-        most, divided = 0, 0
+        nonlocal there
+        if is_astray(values):
+            return lost
+        put(values[size:])
+        if values[:size] != there:
+            context.SetContinuousState(values[:size])
+        there, most, divided = (), 0, 0
         try:
             for _ in range(count):
-                if is_astray(state) or is_astray(force):
+                begin_anew()
+                take(1)
+                state, told = tuple(end.tolist()), statistics()
+                if is_astray(state):
                     return lost
-                context.SetTimeAndContinuousState(0.0, state)
-                start()
-                advance(dt)
-                state, told = tuple(end.CopyToVector().tolist()), statistics()
                 most = max(most, told[iterations][1])
                 divided += told[divisions][1]
         except RuntimeError:
             return lost
+        there = state
         return (*state, most, 0.0, divided == 0)
 
     return run
@@ -125,25 +123,51 @@ def _state_size(plant: Any) -> int:
     return 2 * int(plant.num_velocities())
 
 
-def _simulator(plant: Any, scheme: str, dt: float) -> tuple[Any, Callable[[], Any]]:
-    """A simulator whose integrator takes steps of ``dt``, and what makes it forget the past."""
+def _simulator(plant: Any, scheme: str, dt: float) -> Any:
+    """A simulator whose integrator takes steps of ``dt``."""
     analysis = load("pydrake.systems.analysis", "drake")
     simulator = analysis.Simulator(plant)
     integrator = analysis.ResetIntegratorFromFlags(simulator, scheme, dt)
     integrator.set_fixed_step_mode(True)
     integrator.set_maximum_step_size(dt)
+    return simulator
+
+
+def _taker(simulator: Any, dt: float) -> Callable[[int], None]:
+    """What takes a number of steps of exactly ``dt``.
+
+    A simulator advances to a time, and a step is the difference from the last: times are taken
+    between which the difference is ``dt`` to the last bit, from -2 dt to 2 dt and again.
+    """
+    analysis = load("pydrake.systems.analysis", "drake")
     quiet = analysis.InitializeParams(suppress_initialization_events=True)
-    return simulator, partial(simulator.Initialize, quiet)
+    start, advance = partial(simulator.Initialize, quiet), simulator.AdvanceTo
+    context, now = simulator.get_mutable_context(), 2
+
+    def take(count: int) -> None:
+        nonlocal now
+        while count:
+            if now == 2:
+                context.SetTime(-2.0 * dt)
+                start()
+                now = -2
+            steps = min(count, 2 - now)
+            now, aim = 2, now + steps
+            advance(aim * dt)
+            now = aim
+            count -= steps
+
+    return take
 
 
 def _force_setter(plant: Any, context: Any) -> Callable[[Components], None]:
     """What puts a generalized force into a context."""
     port = plant.get_applied_generalized_force_input_port()
     announce = port.FixValue(context, (0.0,) * plant.num_velocities()).GetMutableData
-    held = announce().get_mutable_value()
+    held = announce().get_mutable_value().get_mutable_value()
 
     def put(force: Components) -> None:
         announce()
-        held.SetFromVector(force)
+        held[:] = force
 
     return put

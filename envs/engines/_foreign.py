@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from math import nan
+from collections.abc import Callable, Sequence
+from math import hypot, nan
 from typing import Any
 
 from integ_gym.envs.engines._mapped import MappedEngine
@@ -17,7 +17,7 @@ Run = Callable[..., tuple[Any, ...]]
 """(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""
 
 ASTRAY = 1e9
-"""An engine is not asked to go on from a state with a component beyond this, or not finite."""
+"""An engine is not asked to go on from values whose norm is beyond this, or not finite."""
 
 
 class ForeignEngine(MappedEngine):
@@ -83,11 +83,11 @@ def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
     """``run``, but ``lost`` from arguments that are astray."""
 
     def safe(*values: float) -> tuple[Any, ...]:
-        return lost if is_astray(values) else run(*values)
+        return run(*values) if hypot(*values) < ASTRAY else lost
 
     return safe
 
 
-def is_astray(values: tuple[float, ...]) -> bool:
-    """Whether a value is beyond :data:`ASTRAY`, or not finite."""
-    return any(not -ASTRAY < x < ASTRAY for x in values)
+def is_astray(values: Sequence[float]) -> bool:
+    """Whether the values' norm is beyond :data:`ASTRAY`, or not finite."""
+    return not hypot(*values) < ASTRAY

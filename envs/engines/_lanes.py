@@ -34,7 +34,7 @@ class LanesEngine(RigidBodyEngine):
         starts = np.empty((len(q[0]), 3 * dof))
         for column, values in enumerate((*q, *v, *force)):
             starts[:, column] = values
-        lost = ~(np.abs(starts) < ASTRAY).all(axis=1)
+        lost = ~(np.linalg.norm(starts, axis=1) < ASTRAY)
         starts[lost] = 0.0
         ends = self.run_lanes(starts, count)
         ends[lost] = np.nan

@@ -21,6 +21,9 @@ from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
 
+State = tuple[Components, Components]
+"""(q, v)"""
+
 
 class RigidBodyEngine(ForeignEngine):
     """Builds the plant's mechanism in a simulator and advances it under generalized forces.
@@ -37,6 +40,7 @@ class RigidBodyEngine(ForeignEngine):
         super().__init__(system, integrator, dt)
         self.mechanism = mechanism_of(self.name, system.plant)
         self._map = one_step_map(self.map)
+        self._map_losses_of = getattr(self._map, "losses_of", None)
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
         self._check()
@@ -70,17 +74,26 @@ class RigidBodyEngine(ForeignEngine):
         resisting, rates = self.system.resistance(ops, q, v)
         drive = self.system.generalized(control)
         force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
+        end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
         losses = along(losses, self.dt, rates)
         if self._damped:
-            held = HeldForce(self.system.plant, force)
-            damped = self._map.step(ops, held, q, v, losses[:1], control, self.dt).losses
-            losses = (*damped, *losses[1:])
-        end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
+            losses = (self._damping(ops, (q, v), (end_q, end_v), force, losses[0]), *losses[1:])
         if self.system.engine_stops is None:
             return Step(end_q, end_v, losses, iterations, residual, converged)
         push = self._push(ops, q, v, end_v, force)
         losses = (losses[0], ops.where(push == 0.0, losses[1], nan))
         return Step(end_q, end_v, losses, iterations, residual, converged, push)
+
+    def _damping(
+        self, ops: Ops, start: State, end: State, force: Components, loss: Component
+    ) -> Component:
+        """``loss`` with what joint damping takes in a step: as the map books it."""
+        plant = self.system.plant
+        if self._map_losses_of is None:
+            held = HeldForce(plant, force)
+            return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
+        state = start if self._map_losses_of == "start" else end
+        return loss + self.dt * plant.dissipation(ops, *state)
 
     def _push(
         self, ops: Ops, q: Components, v: Components, end: Components, force: Components

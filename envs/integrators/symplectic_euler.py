@@ -24,6 +24,8 @@ class SymplecticEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = False
+    losses_of: ClassVar[str] = "start"
+    """End of the step whose rates of loss, times the step, are its losses."""
 
     def step(
         self,

@@ -21,6 +21,8 @@ class SymplecticEulerImplicitVelocity:
     """
 
     order: ClassVar[int] = 1
+    losses_of: ClassVar[str] = "end"
+    """End of the step whose rates of loss, times the step, are its losses."""
 
     def step(
         self,

@@ -13,10 +13,12 @@ from checks import (
     registered_plants,
 )
 
-from integ_gym.envs.maps import MAPS
+from integ_gym.envs.maps import MAPS, map_names, one_step_map
 from integ_gym.envs.maps._runge_kutta import ExplicitRungeKutta, ImplicitRungeKutta, Tableau
 from integ_gym.envs.numerics import advance, declared
+from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.system import PlantSystem
 
 
 def _reference(name: str) -> str:
@@ -148,3 +150,18 @@ def test_a_tableau_gives_the_method_written_by_hand(ours, integrator, plant):
     expected = advance(integrator, plant, state, 0.02, 3, 0.7)
     found = advance(f"{__name__}:{ours.__name__}", plant, state, 0.02, 3, 0.7)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+OF_ONE_END = [n for n in map_names() if getattr(one_step_map(n), "losses_of", None)]
+
+
+@pytest.mark.parametrize("name", OF_ONE_END)
+def test_losses_are_of_the_end_that_is_named(name):
+    known, dt, rng = one_step_map(name), 0.02, np.random.default_rng(5)
+    system = PlantSystem(CartPole(mass=0.5, damping=0.05, cart_damping=0.4))
+    for _ in range(20):
+        q, v = tuple(rng.uniform(-3.0, 3.0, 2).tolist()), tuple(rng.uniform(-6.0, 6.0, 2).tolist())
+        step = known.step(SCALAR, system, q, v, (0.3,), 0.7, dt)
+        state = {"start": (q, v), "end": (step.q, step.v)}[known.losses_of]
+        expected = 0.3 + dt * system.plant.dissipation(SCALAR, *state)
+        assert step.losses[0] == pytest.approx(expected, rel=1e-14)

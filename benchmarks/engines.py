@@ -1,0 +1,246 @@
+"""Time of a control period through our environment, over the bare engine's, in one run.
+
+The bare loop is what a user of the engine alone would write for the same bodies (bare.py):
+set the control, step, read the state back. Ours has observation, reward, ends of episodes, the
+energy ledger and the whole `info`. Both take turns at the same controls from the same start, resets
+off the clock, and must arrive at the same state. Times are the processor's, and a ratio is the
+median over rounds of turns, with its quartiles.
+
+The ratio that is wanted is that of `gym.make(...).unwrapped`: what Gymnasium's own wrappers add
+(column `gym.make`) they add to every environment, and `env_throughput.py` has both with them.
+`steps only` is the engine's step without setting or reading anything: no loop can do without those.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import results
+from bare import LOOPS, Bare
+from rates import Advance, turns
+
+import integ_gym  # noqa: F401
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.extras import missing, missing_modules
+from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.registration import environment_setup
+
+EXAMPLES = """\
+examples:
+  python benchmarks/engines.py
+  python benchmarks/engines.py --only mujoco --seconds 1
+  python benchmarks/engines.py --only mujoco drake --json engines.json
+"""
+
+STARTS = {"IntegPendulum-v0": (2.0, 0.5), "IntegCartPole-v0": (0.0, 0.0, 0.05, 0.0)}
+"""Environment to the state, in Gymnasium's order, that every turn starts from."""
+
+DT = 0.002
+"""Timestep, s: MuJoCo's own default."""
+
+COUNTS = (1, 20)
+"""Engine steps per control."""
+
+WANTED = {
+    ("mujoco", 1): 3.0,
+    ("mujoco", 20): 1.3,
+    ("drake", 1): 1.5,
+    ("drake", 20): 1.5,
+}
+"""Engine and engine steps per control to the ratio wanted at most."""
+
+DAMPING = {
+    "IntegPendulum-v0": {"damping": 0.1},
+    "IntegCartPole-v0": {"damping": 0.01, "cart_damping": 0.1},
+}
+"""With damping, which the ledger books at every engine step, so that each is a call of its own."""
+
+DAMPED = (("mujoco", "implicitfast"), ("drake", "sap"), ("drake", "runge_kutta3"))
+"""Engines and integrators that are measured with damping, too."""
+
+LOOPED = {"pinocchio": ("symplectic_euler",), "casadi": ("rk",)}
+"""Integrators of which there is a bare loop, where that is not all."""
+
+BARE, OURS, MADE, ONLY = "bare", "env.step", "gym.make", "steps only"
+"""Contenders: the loop, the environment without and with wrappers, the engine's step alone."""
+
+TURN = 100
+"""Control periods."""
+
+COMPARED = 10
+"""Control periods after which both are at the same state."""
+
+TOLERANCE = {64: 1e-9, 32: 1e-4}
+"""Of that state, by the width of the engine's floats."""
+
+PACKAGES = (
+    "integ-gym", "gymnasium", "numpy", "mujoco", "drake", "pin", "dartpy", "pybullet", "sapien",
+    "casadi",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """One engine under one integrator.
+
+    Attributes:
+        engine: its name.
+        integrator: as the engine calls it.
+        environment: id.
+        damped: whether with damping.
+        count: engine steps per control.
+        seconds: median time of a control period, by contender.
+        ratios: of `env.step` to another contender: quartiles, the median in the middle.
+        made_ratio: of `gym.make` to `bare`.
+        at_most: what the median of the ratio to `bare` should be.
+    """
+
+    engine: str
+    integrator: str
+    environment: str
+    damped: bool
+    count: int
+    seconds: dict[str, float]
+    ratios: dict[str, tuple[float, ...]]
+    made_ratio: tuple[float, ...]
+    at_most: float | None
+
+    @property
+    def met(self) -> bool:
+        """Whether the ratio is as wanted."""
+        return self.at_most is None or self.ratios[BARE][1] <= self.at_most
+
+
+def measured(
+    engine: str, integrator: str, environment: str, damped: bool, count: int, seconds: float
+) -> Row:
+    """Measure one row.
+
+    Raises:
+        RuntimeError: if the bare loop does not go where the environment goes.
+    """
+    chosen: dict[str, Any] = {
+        "engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT,
+        **(DAMPING[environment] if damped else {}),
+    }  # fmt: skip
+    bare = LOOPS[engine](environment_setup(environment, chosen))
+    made, other = (gym.make(environment, **chosen) for _ in range(2))
+    ours: Any = other.unwrapped
+
+    def begin() -> None:
+        for env in (made, ours):
+            env.reset(options={"state": STARTS[environment]})
+        bare.start(*split_state(STARTS[environment]))
+
+    made.action_space.seed(0)
+    actions = [made.action_space.sample() for _ in range(TURN)]
+    begin()
+    controls = [ours.step(action)[4]["control"] for action in actions]
+    begin()
+    _check(ours, bare, actions[:COMPARED], controls[:COMPARED])
+    contenders: dict[str, Advance] = {
+        BARE: lambda: (bare.drive(controls), TURN)[1],
+        OURS: _stepped(ours, actions),
+        MADE: _stepped(made, actions),
+        ONLY: lambda: (bare.only_step(TURN), TURN)[1],
+    }
+    found = turns(contenders, seconds, begin, time.process_time)
+    times = {name: 1.0 / np.array(rates) for name, rates in found.items()}
+    return Row(
+        engine,
+        integrator,
+        environment,
+        damped,
+        count,
+        {name: float(np.median(values)) for name, values in times.items()},
+        {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
+        _quartiles(times[MADE] / times[BARE]),
+        WANTED.get((engine, count)),
+    )
+
+
+def _stepped(environment: Any, actions: Sequence[Any]) -> Advance:
+    def advance() -> int:
+        for action in actions:
+            environment.step(action)
+        return len(actions)
+
+    return advance
+
+
+def _check(environment: Any, bare: Bare, actions: Sequence[Any], controls: Sequence[float]) -> None:
+    _stepped(environment, actions)()
+    q, v = bare.drive(controls)
+    expected, engine = environment.state, environment.setup.engine
+    got = np.array([x for pair in zip(q, v, strict=True) for x in pair])
+    if not np.allclose(got, expected, rtol=0.0, atol=TOLERANCE[engine.width]):
+        raise RuntimeError(
+            f"the bare loop of {engine.name} {engine.integrator} is at {got.tolist()} where the "
+            f"environment is at {expected.tolist()}"
+        )
+
+
+def _quartiles(values: Any) -> tuple[float, ...]:
+    return tuple(np.quantile(values, (0.25, 0.5, 0.75)).tolist())
+
+
+def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
+    """All rows of some engines."""
+    for engine in engines:
+        for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
+            plain_and_damped = (False, True) if (engine, integrator) in DAMPED else (False,)
+            for case in product(STARTS, plain_and_damped, COUNTS):
+                print(engine, integrator, *case, file=sys.stderr)
+                yield measured(engine, integrator, *case, seconds)
+
+
+def cells(row: Row) -> list[str]:
+    """A row of the printed table."""
+    low, middle, high = row.ratios[BARE]
+    wanted = "" if row.at_most is None else f"{row.at_most:g} " + ("met" if row.met else "MISSED")
+    return [
+        row.engine, row.integrator, row.environment, "damped" if row.damped else "",
+        str(row.count),
+        *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
+        f"{middle:.2f}", f"{low:.2f}-{high:.2f}", wanted, f"{row.made_ratio[1]:.2f}",
+        f"{row.ratios[ONLY][1]:.2f}",
+    ]  # fmt: skip
+
+
+HEADER = (
+    "engine", "integrator", "environment", "", "steps", f"{ONLY}, us", f"{BARE}, us", f"{OURS}, us",
+    f"{MADE}, us", f"{OURS} / {BARE}", "quartiles", "at most", f"{MADE} / {BARE}",
+    f"{OURS} / {ONLY}",
+)  # fmt: skip
+
+
+def main() -> None:
+    """Print the table; write JSON where asked."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--only", nargs="+", choices=LOOPS, default=list(LOOPS), metavar="ENGINE")
+    parser.add_argument("--seconds", type=float, default=0.3, help="time per contender, s")
+    parser.add_argument("--json", type=Path, help="also write the rows here")
+    arguments = parser.parse_args()
+    lacking = {name: modules for name in arguments.only if (modules := missing_modules(name))}
+    for name, modules in lacking.items():
+        print(f"{name} left out: {missing(', '.join(modules), name)}")
+    found = list(rows([name for name in arguments.only if name not in lacking], arguments.seconds))
+    results.print_table(HEADER, map(cells, found))
+    results.write(arguments.json, {"rows": [asdict(row) for row in found]}, PACKAGES)
+
+
+if __name__ == "__main__":
+    main()
