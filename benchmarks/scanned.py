@@ -18,7 +18,7 @@ import numpy as np
 
 from integ_gym.envs import functional
 from integ_gym.envs.jax_ops import jax, jnp
-from integ_gym.train.fleet import default_cache_dir, prepare_worker
+from integ_gym.train.fleet_worker import default_cache_dir, prepare_worker
 from integ_gym.train.worker import Progress, cores
 
 GAINS = {
@@ -71,7 +71,7 @@ def _joined(found: list[dict[str, float] | None]) -> dict[str, float] | None:
 def _prepare(barrier: Any, cache_dir: Path, number: int) -> None:
     global _barrier
     _barrier = barrier
-    prepare_worker(str(cache_dir), False, number)
+    prepare_worker(str(cache_dir), "cpu", number)
 
 
 def _rate(case: Case, lanes: int, steps: int) -> dict[str, float] | None:

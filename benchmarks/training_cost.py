@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.evidence import EpisodeContext, RecordVectorEvidence
-from integ_gym.train import fleet
+from integ_gym.train import fleet, fleet_worker
 from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_update import permutations
 from integ_gym.train.ppo import PPOConfig, train
@@ -71,7 +71,7 @@ def sb3_seconds(config: PPOConfig, processes: int, runs: int) -> float:
 
 def in_one_process(measure: Callable[..., Any], *arguments: Any) -> Any:
     """``measure`` in a fresh process, set up as a worker of the fleet is."""
-    prepare = partial(fleet.prepare_worker, str(fleet.default_cache_dir()), False)
+    prepare = partial(fleet_worker.prepare_worker, str(fleet_worker.default_cache_dir()), "cpu")
     with Progress().pool(1, prepare) as pool:
         return pool.submit(measure, *arguments).result()
 

@@ -41,8 +41,12 @@ class PanelError(RuntimeError):
     """A unit of work that failed, in one sentence."""
 
 
-def check_spec(spec: PanelSpec, workers: int = 1) -> None:
+def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
     """Check what only the trainer and the baselines know.
+
+    Args:
+        spec: the panel.
+        workers: processes, if so many are requested.
 
     Raises:
         SpecError: for unknown hyperparameters or baselines, or what the trainer cannot train.
@@ -95,7 +99,6 @@ def run_panel(
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
         PanelError: if a unit of work fails; what was finished stays.
     """
-    workers = workers or cores()
     check_spec(spec, workers)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     finished = None if policies is None else FinishedPolicies(policies, spec)
@@ -107,10 +110,12 @@ def run_panel(
     return directory
 
 
-def _run_units(spec: PanelSpec, directory: RunDirectory, workers: int, progress: bool) -> None:
-    units = units_of(spec)
+def _run_units(
+    spec: PanelSpec, directory: RunDirectory, requested: int | None, progress: bool
+) -> None:
+    units, workers = units_of(spec), requested or cores()
     if spec.fleet:
-        train_units(spec, directory, units, workers, progress)
+        train_units(spec, directory, units, requested, progress)
     shared = Progress()
     with shared.pool(workers) as pool, _bar(spec, units, progress) as bar:
         work = _Work(pool, shared, bar)

@@ -82,16 +82,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     words += ["--trainer", arguments.trainer] if arguments.trainer else []
     words += ["--policies", str(arguments.policies)] if arguments.policies else []
     command = shlex.join([*words, "--out", str(arguments.out)])
-    workers = arguments.workers or cores()
     panel: dict[str, Any] = {}
 
     def report(directory: RunDirectory) -> None:
-        panel.update(write_artefact(spec, directory, command, workers))
+        panel.update(write_artefact(spec, directory, command, arguments.workers or cores()))
 
     run_panel(
         spec,
         arguments.out,
-        workers=workers,
+        workers=arguments.workers,
         progress=not arguments.no_progress,
         policies=arguments.policies,
         finish=report,

@@ -21,8 +21,12 @@ from integ_gym.eval.units import (
 from integ_gym.train.sidecar import TrainedPolicy
 
 
-def check_fleet(spec: PanelSpec, workers: int) -> None:
-    """Check that so many workers can train every policy of a panel.
+def check_fleet(spec: PanelSpec, workers: int | None) -> None:
+    """Check that the fleet can train every policy of a panel.
+
+    Args:
+        spec: the panel.
+        workers: processes, if so many are requested.
 
     Raises:
         ModuleNotFoundError: without the extra, with the command that installs it and another way.
@@ -37,16 +41,17 @@ def check_fleet(spec: PanelSpec, workers: int) -> None:
             name=error.name,
         ) from None
     from integ_gym.train.fleet_plan import plan
+    from integ_gym.train.fleet_worker import fleet_workers
 
     configs = [training_config(spec, unit) for unit in _trained(units_of(spec))]
-    plan(configs, workers, memory_gib=spec.memory_gib)
+    plan(configs, fleet_workers(workers), spec.memory_gib)
 
 
 def train_units(
     spec: PanelSpec,
     directory: RunDirectory,
     units: Sequence[Unit],
-    workers: int,
+    workers: int | None,
     progress: bool,
 ) -> None:
     """Train all policies that are not there yet, and mark each with its records as finished.
@@ -55,7 +60,7 @@ def train_units(
         spec: the panel.
         directory: held by the caller.
         units: of the panel.
-        workers: processes.
+        workers: processes, if so many are requested.
         progress: show a bar.
     """
     from integ_gym.train import fleet

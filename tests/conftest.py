@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +11,6 @@ import pytest
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import missing_modules
 from integ_gym.eval.census.published import PUBLISHED
-
-sys.path.insert(0, str(Path(__file__).parent / "envs"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

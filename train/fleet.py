@@ -10,14 +10,11 @@ its own configuration alone, up to rounding, whatever else is trained beside it.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import os
-import platform
 import sys
 import time
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -37,17 +34,15 @@ from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, f
 from integ_gym.train.fleet_plan import Chunk, Kind, kind_of, plan
 from integ_gym.train.fleet_program import FleetProgram
 from integ_gym.train.fleet_types import Algorithm, Knobs, Learner, Trail
+from integ_gym.train.fleet_worker import default_cache_dir, fleet_workers, prepare_worker
 from integ_gym.train.network import initial_stack, state_dict
-from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.ppo import PPOConfig, TrainingError
 from integ_gym.train.sb3_model import zip_of_weights
 from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
-from integ_gym.train.worker import Progress, cores, report_work
+from integ_gym.train.worker import Progress, report_work
 
 Array = NDArray[Any]
-
-_CPU_FLAGS = ("--xla_cpu_multi_thread_eigen=false", "--xla_backend_optimization_level=1")
-"""One thread; and a compiler that takes half the time for code that is as fast here."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +81,8 @@ def train_fleet(
         out_dirs: a folder for each policy.
         evidence: where the training episodes of each are recorded; None: nowhere.
         progress: show a bar on stderr.
-        workers: processes; by default one per GPU, or one per core.
+        workers: processes; by default one per GPU, or one per core. There is never more than one
+            per GPU.
         memory_gib: see :func:`integ_gym.train.fleet_plan.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
         force: replace policies that are already there.
@@ -97,6 +93,7 @@ def train_fleet(
         OSError: if a folder cannot be used, or holds a policy and `force` is not given.
         TypeError, ValueError: for arguments that are not possible, before anything is trained.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
+        TrainingError: if a worker fails or is killed; finished policies stay.
     """
     _need_extras()
     if len(configs) != len(out_dirs) or (evidence is not None and len(evidence) != len(configs)):
@@ -104,17 +101,16 @@ def train_fleet(
             f"`out_dirs` and `evidence` must have one entry per configuration ({len(configs)}), "
             f"got {len(out_dirs)} and {'none' if evidence is None else len(evidence)}"
         )
-    gpus = _gpu_count()
-    workers = workers or gpus or cores()
-    chunks = plan(configs, workers, "gpu" if gpus else "cpu", memory_gib)
+    processes = fleet_workers(workers)
+    chunks = plan(configs, processes, memory_gib)
     folders = [claim_folder(out, force) for out in out_dirs]
     if not chunks:
         return []
-    prepare = partial(prepare_worker, str(cache_dir or default_cache_dir()), bool(gpus))
+    prepare = partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device)
     trained: dict[int, TrainedPolicy] = {}
     shared = Progress()
     with (
-        shared.pool(min(workers, len(chunks)), prepare) as pool,
+        shared.pool(min(processes.count, len(chunks)), prepare) as pool,
         _bar(sum(c.decisions for c in chunks), len(configs), progress) as bar,
     ):
         try:
@@ -124,7 +120,9 @@ def train_fleet(
                 bar.update(min(bar.total, shared.total()) - bar.n)
                 for future in ended:
                     chunk = running.pop(future)
-                    _write(configs, folders, chunk, future, trained)
+                    outcomes = _result(future, len(trained))
+                    for place, outcome in zip(chunk.places, outcomes, strict=True):
+                        trained[place] = write_outcome(configs[place], outcome, folders[place])
                     for place in chunk.places:
                         on_trained(place, trained[place])
                     bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
@@ -154,29 +152,6 @@ def train_chunk(
         raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
     with jax.enable_x64(False):
         return _Trainer(kinds.pop(), configs, evidence).train(on_steps)
-
-
-def prepare_worker(cache_dir: str, on_gpu: bool, number: int) -> None:
-    """Set up JAX in a worker process: one core or one GPU, and a cache of compiled programs."""
-    if on_gpu:
-        os.environ["CUDA_VISIBLE_DEVICES"] = _visible_gpus()[number]
-    else:
-        os.environ["JAX_PLATFORMS"] = "cpu"
-        os.environ["NPROC"] = "1"
-        os.environ["XLA_FLAGS"] = " ".join((os.environ.get("XLA_FLAGS", ""), *_CPU_FLAGS))
-        jax.config.update("jax_platforms", "cpu")  # type: ignore[no-untyped-call]
-    jax.config.update("jax_compilation_cache_dir", cache_dir)  # type: ignore[no-untyped-call]
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)  # type: ignore[no-untyped-call]
-
-
-def default_cache_dir() -> Path:
-    """Compiled programs of this machine's kind of processor."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    kind = hashlib.sha256(f"{platform.machine()} {flags}".encode()).hexdigest()[:12]
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "integ-gym" / f"jax-{kind}"
 
 
 @dataclass
@@ -309,16 +284,22 @@ def _run(
     return train_chunk([configs[place] for place in chunk.places], chosen, report_work)
 
 
-def _write(
-    configs: Sequence[PPOConfig],
-    folders: Sequence[Path],
-    chunk: Chunk,
-    future: Future[list[Outcome]],
-    trained: dict[int, TrainedPolicy],
-) -> None:
-    """Write the policies of a finished chunk."""
-    for place, outcome in zip(chunk.places, future.result(), strict=True):
-        trained[place] = write_outcome(configs[place], outcome, folders[place])
+def _result(future: Future[list[Outcome]], finished: int) -> list[Outcome]:
+    """What a worker returned.
+
+    Raises:
+        TrainingError: if it failed, or was killed.
+    """
+    kept = f"finished policies are kept ({finished})"
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise TrainingError(
+            "a worker process was killed, perhaps for want of memory; give a smaller `memory_gib` "
+            f"or fewer workers; {kept}"
+        ) from None
+    except Exception as error:
+        raise TrainingError(f"training failed: {error}; {kept}") from error
 
 
 def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedPolicy:
@@ -368,22 +349,6 @@ def _layout(env: FunctionalEnv, n_envs: int) -> Layout:
         lambda key: env.state_info(env.initial(key, lanes=(n_envs,))), jax.random.key(0)
     )
     return Layout(env.setup.plant, env.setup.task, info)
-
-
-def _gpu_count() -> int:
-    """GPUs that JAX can use, without starting JAX."""
-    plugins = ("jax_cuda12_plugin", "jax_cuda13_plugin")
-    has_plugin = any(importlib.util.find_spec(name) for name in plugins)
-    return len(_visible_gpus()) if has_plugin else 0
-
-
-def _visible_gpus() -> list[str]:
-    """What `CUDA_VISIBLE_DEVICES` lists, or all NVIDIA GPUs of this machine."""
-    listed = os.environ.get("CUDA_VISIBLE_DEVICES")
-    if listed is not None:
-        return [name for name in listed.split(",") if name]
-    found = list(Path("/proc/driver/nvidia/gpus").glob("*"))
-    return [str(number) for number in range(len(found))]
 
 
 def _bar(total: int, policies: int, shown: bool) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,6 +17,7 @@ from integ_gym.envs.jax_ops import jax
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.fleet_evidence import ROWS_AT_ONCE
 from integ_gym.train.fleet_types import Algorithm
+from integ_gym.train.fleet_worker import Device, Workers
 from integ_gym.train.ppo import PPOConfig
 
 LONGEST = 60.0
@@ -26,14 +28,22 @@ REMEDY = 'use --trainer sb3, or `trainer = "sb3"` in a specification'
 MOST_ON_GPU = 512
 """Policies of one chunk on a GPU."""
 
-GIB_PER_WORKER = {"cpu": 1.5, "gpu": 8.0}
+GIB_PER_WORKER: dict[Device, float] = {"cpu": 1.5, "gpu": 8.0}
 """Budget of memory unless another is given."""
+
+SHARE_OF_MEMORY = 0.75
 
 PROGRAM_BYTES = 600 << 20
 """What a worker takes before it holds any policy, while it compiles."""
 
 DECISION_BYTES = 1000
 """What one decision of a rollout takes."""
+
+SUMMARY_BYTES = 20
+"""What is kept of each decision of a whole run beside traces."""
+
+TRACE_COPIES = 2.0
+"""What is kept of traces, and what its writing takes in addition."""
 
 FLOPS = 60e9
 """Floating-point operations per second of one core in an update's matrix products."""
@@ -59,6 +69,7 @@ class Kind:
         substeps: integration steps per decision, of each member of a mixture.
         rollouts: in a whole run.
         entries: of an evidence row.
+        trace_every: of so many training episodes one keeps its trace until the run is written.
     """
 
     structure: Hashable
@@ -67,6 +78,7 @@ class Kind:
     substeps: tuple[int, ...]
     rollouts: int
     entries: int
+    trace_every: int
 
     @property
     def seconds(self) -> float:
@@ -83,7 +95,10 @@ class Kind:
     def bytes(self) -> int:
         """What one policy takes."""
         rollout = self.algorithm.rollout
-        return DECISION_BYTES * rollout + 16 * self.entries * max(rollout, ROWS_AT_ONCE)
+        waiting = 16 * self.entries * max(rollout, ROWS_AT_ONCE)
+        traced = TRACE_COPIES * 8 * self.entries / self.trace_every
+        kept = self.rollouts * rollout * (SUMMARY_BYTES + traced)
+        return DECISION_BYTES * rollout + waiting + math.ceil(kept)
 
 
 @dataclass(frozen=True)
@@ -106,17 +121,16 @@ class Chunk:
 
 def plan(
     configs: Sequence[PPOConfig],
-    workers: int,
-    device: str = "cpu",
+    workers: Workers,
     memory_gib: float | None = None,
 ) -> list[Chunk]:
     """Split runs into chunks that can be compiled as one, enough of them for all workers.
 
     Args:
         configs: the runs.
-        workers: processes, each of which trains one chunk at a time.
-        device: ``"cpu"`` or ``"gpu"``.
-        memory_gib: what all workers together may take, GiB; by default `GIB_PER_WORKER` each.
+        workers: each of which trains one chunk at a time.
+        memory_gib: what all workers together may take, GiB; by default `GIB_PER_WORKER` each, on a
+            CPU no more than `SHARE_OF_MEMORY` of the machine's.
 
     Raises:
         TypeError, ValueError: for a run that the fleet cannot train, or that does not fit.
@@ -124,15 +138,24 @@ def plan(
     groups: dict[Kind, list[int]] = {}
     for place, config in enumerate(configs):
         groups.setdefault(kind_of(config), []).append(place)
-    gib = GIB_PER_WORKER[device] * workers if memory_gib is None else memory_gib
+    gib = default_gib(workers) if memory_gib is None else memory_gib
     chunks = []
     for kind, places in groups.items():
         _check_traceable(kind, configs[places[0]])
-        most = min(_held(kind, gib, workers), _timely(kind, device))
-        share = round(workers * len(places) / len(configs))
+        most = min(_held(kind, gib, workers.count), _timely(kind, workers.device))
+        share = round(workers.count * len(places) / len(configs))
         count = min(len(places), max(share, math.ceil(len(places) / most)))
         chunks += [Chunk(kind, tuple(part.tolist())) for part in np.array_split(places, count)]
     return sorted(chunks, key=lambda chunk: -len(chunk.places) * chunk.kind.seconds)
+
+
+def default_gib(workers: Workers) -> float:
+    """Budget of memory of all workers together, GiB."""
+    gib = GIB_PER_WORKER[workers.device] * workers.count
+    if workers.device == "gpu" or not hasattr(os, "sysconf"):
+        return gib
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    return min(gib, SHARE_OF_MEMORY * machine)
 
 
 def _held(kind: Kind, gib: float, workers: int) -> int:
@@ -147,7 +170,7 @@ def _held(kind: Kind, gib: float, workers: int) -> int:
     return most
 
 
-def _timely(kind: Kind, device: str) -> int:
+def _timely(kind: Kind, device: Device) -> int:
     """Policies that a worker trains in time."""
     return MOST_ON_GPU if device == "gpu" else max(1, int(LONGEST / kind.seconds))
 
@@ -177,6 +200,7 @@ def kind_of(config: PPOConfig) -> Kind:
         substeps=tuple(setup.timing.substeps for setup in env.setups),
         rollouts=config.rounded_steps // config.rollout,
         entries=len(Layout(env.setup.plant, env.setup.task)),
+        trace_every=config.trace_every,
     )
 
 

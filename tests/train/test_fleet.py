@@ -14,36 +14,30 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from engine_cases import needs
+from fleet_runs import small_run
 from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train import fleet
 from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_network import ACTIVATIONS, log_prob_and_entropy, outputs
-from integ_gym.train.fleet_plan import LONGEST, PROGRAM_BYTES, kind_of, plan
+from integ_gym.train.fleet_plan import kind_of
 from integ_gym.train.fleet_program import FleetProgram
 from integ_gym.train.fleet_types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet_update import permutations, update
 from integ_gym.train.network import Stack, initial_stack, orthogonal, state_dict
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy import BoxActions, MlpPolicy
-from integ_gym.train.ppo import PPOConfig, main, make_training_envs
+from integ_gym.train.ppo import main, make_training_envs
 from integ_gym.train.safetensors_file import FORMAT, read_safetensors, safetensors_bytes
 from integ_gym.train.sb3_model import model_arguments
 from integ_gym.train.sb3_zip import PolicyFileError
 from integ_gym.train.sidecar import read_trained
 from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
-
-SMALL = {"n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 2, "net_arch": (16, 8)}
-
-
-def _config(env_id="IntegPendulum-v0", **overrides):
-    return PPOConfig.of(env_id, **{**SMALL, "total_steps": 256, **overrides})
 
 
 def _columns(config, learning_rate):
@@ -106,7 +100,7 @@ def _batch_of(buffer):
 )
 def test_an_update_is_that_of_sb3(env_id, overrides):
     """Same weights, rollout and order of minibatches: same weights afterwards."""
-    config = _config(env_id, learning_rate=3e-3, n_epochs=4, **overrides)
+    config = small_run(env_id, learning_rate=3e-3, n_epochs=4, **overrides)
     model = _sb3_model(config)
     before = _numpy_weights(model)
     discrete = env_id == "IntegCartPole-v0"
@@ -139,7 +133,7 @@ def test_an_update_is_that_of_sb3(env_id, overrides):
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     """SB3's buffer, filled from a fleet's rollout by SB3's rules, holds the same numbers."""
-    config = _config(env_id, env_arguments={"duration": 0.3}, learning_rate=1e-3)
+    config = small_run(env_id, env_arguments={"duration": 0.3}, learning_rate=1e-3)
     trainer = fleet._Trainer(kind_of(config), [config], None)
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
@@ -232,7 +226,7 @@ def test_orders_are_permutations():
 def pair(request):
     """Two runs that differ in all that may differ within a chunk, and their outcomes."""
     configs = [
-        _config(request.param, seed=seed, env_arguments={"mass": mass}, learning_rate=rate)
+        small_run(request.param, seed=seed, env_arguments={"mass": mass}, learning_rate=rate)
         for seed, mass, rate in ((0, 1.0, 1e-3), (1, 1.5, 2e-3))
     ]
     return configs, train_chunk(configs)
@@ -248,7 +242,7 @@ def test_policies_do_not_depend_on_their_neighbours(pair):
 
 @pytest.mark.parametrize("overrides", [{}, {"target_kl": 1e-4}], ids=["plain", "early stop"])
 def test_policies_learn_the_same_in_turn_and_at_once(overrides):
-    configs = [_config(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
+    configs = [small_run(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
     trainer = fleet._Trainer(kind_of(configs[0]), configs, None)
     env, algorithm = trainer._program.env, trainer._program.algorithm
     stacks = []
@@ -283,7 +277,7 @@ def test_files_open_everywhere_and_act_the_same(pair, tmp_path):
 
 
 def test_evidence_of_training_episodes(tmp_path):
-    config = _config(env_arguments={"duration": 0.5}, total_steps=512, trace_every=3)
+    config = small_run(env_arguments={"duration": 0.5}, total_steps=512, trace_every=3)
     context = EpisodeContext("run", "cell", phase="training", trace_every=3, training_seed=0)
     places = [
         TrainingEvidence(tmp_path, f"batch-{k}", replace(context, cell=f"c{k}")) for k in (0, 1)
@@ -324,28 +318,13 @@ def _replay(record, config):
         np.testing.assert_allclose(env.unwrapped.state, state, rtol=1e-4, atol=1e-4)
 
 
-def test_plan_groups_what_compiles_together():
-    pendulum = [
-        _config(seed=s, env_arguments={"integrator": i})
-        for i in ("rk4", "explicit_euler")
-        for s in range(25)
-    ]
-    cart = [_config("IntegCartPole-v0")]
-    chunks = plan([*pendulum, *cart], 2)
-    assert sorted(p for c in chunks for p in c.places) == list(range(51))
-    assert len({c.kind for c in chunks}) == 3
-    assert sum(c.decisions for c in chunks) == 51 * 256
-    assert len(plan(pendulum[:4], 2)) == 2
-    assert plan([], 2) == []
-
-
 @pytest.mark.slow
 def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
     """Without damping MJX's Euler is symplectic Euler: the policy is that of our integrator."""
     needs("mjx")
     theirs = {"engine": "mjx", "integrator": "Euler", "duration": 0.5}
     ours = {"integrator": "symplectic_euler", "duration": 0.5}
-    configs = [_config(total_steps=128, n_epochs=1, env_arguments=own) for own in (theirs, ours)]
+    configs = [small_run(total_steps=128, n_epochs=1, env_arguments=own) for own in (theirs, ours)]
     context = EpisodeContext("run", "cell", phase="training", training_seed=0)
     (mjx,) = train_chunk(configs[:1], [TrainingEvidence(tmp_path, "batch", context)])
     (native,) = train_chunk(configs[1:])
@@ -355,56 +334,6 @@ def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
     assert told == {("mjx", "not_reported")}
     policy = write_outcome(configs[0], mjx, tmp_path)
     assert policy.card["discretization"]["engine"] == "mjx"
-
-
-def test_chunks_take_about_a_minute():
-    """Long runs are trained a few at a time, so that a kill costs little."""
-    seeds = range(60)
-    short, long = (
-        plan([_config(seed=s, n_steps=1024, n_epochs=10, total_steps=n) for s in seeds], 2)
-        for n in (10_000, 3_000_000)
-    )
-    assert len(short) == 2
-    assert len(long) > 10
-    for chunk in (*short, *long):
-        assert len(chunk.places) * chunk.kind.seconds <= LONGEST or len(chunk.places) == 1
-    fine = _config(env_arguments={"dt": 0.0125, "control_period": 0.05}, total_steps=10_000)
-    assert kind_of(fine).seconds > kind_of(_config(total_steps=10_000)).seconds
-    assert len(plan([_config(seed=s) for s in range(2000)], 1, "gpu")) == 4
-
-
-def test_chunks_fit_the_memory():
-    configs = [_config(seed=seed, n_steps=1024) for seed in range(40)]
-    held = kind_of(configs[0]).bytes
-    for policies in (1, 3, 20):
-        gib = 2 * (PROGRAM_BYTES + policies * held) / 2**30
-        chunks = plan(configs, 2, memory_gib=gib)
-        assert max(len(chunk.places) for chunk in chunks) <= policies
-        assert len(chunks) == max(2, -(-40 // policies))
-    with pytest.raises(ValueError, match=r"does not hold one policy in each of 2 processes"):
-        plan(configs, 2, memory_gib=1.0)
-
-
-class StepByStep(ExplicitEuler):
-    """An integrator that looks at the state, as only the worlds of numbers allow."""
-
-    def step(self, ops, system, q, v, losses, control, dt):
-        half = 0.5 * dt if float(v[0]) > 5.0 else dt
-        return super().step(ops, system, q, v, losses, control, half)
-
-
-def test_what_the_fleet_cannot_train_is_refused_with_the_remedy():
-    own = f"{__name__}:StepByStep"
-    for arguments, fragment in (
-        ({"engine": "mujoco", "integrator": "Euler"}, "engine 'mujoco', which is not made of"),
-        ({"mixture": [{"engine": "drake", "integrator": "rk3"}]}, "engine 'drake'"),
-        ({"contact": "engine"}, "`contact`='engine'"),
-        ({"integrator": own}, f"cannot compile IntegPendulum-v0 with {own}"),
-    ):
-        with pytest.raises(ValueError, match=r"--trainer sb3") as caught:
-            plan([_config(env_arguments=arguments)], 1)
-        assert fragment in str(caught.value)
-        assert "\n" not in str(caught.value)
 
 
 WORK = """
@@ -451,14 +380,14 @@ def test_processes_train_and_leave_this_one_as_it_was(tmp_path):
 
 
 def test_refusals(tmp_path, capsys):
-    config = _config()
+    config = small_run()
     with pytest.raises(ValueError, match="one entry per configuration"):
         train_fleet([config], [])
     (tmp_path / "policy.zip").write_text("")
     with pytest.raises(FileExistsError, match="--force"):
         train_fleet([config], [tmp_path])
     with pytest.raises(ValueError, match="one kind"):
-        train_chunk([config, _config(n_steps=64)])
+        train_chunk([config, small_run(n_steps=64)])
     assert main(["--trainer", "fleet", "--integrator", "rk5", "--out", str(tmp_path / "x")]) == 2
     assert "Did you mean 'rk4'" in capsys.readouterr().err
 
@@ -466,7 +395,7 @@ def test_refusals(tmp_path, capsys):
 def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("integ_gym.envs.extras.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[fleet,train\]"$'):
-        train_fleet([_config()], [tmp_path])
+        train_fleet([small_run()], [tmp_path])
 
 
 def test_safetensors_refuse_what_they_do_not_hold(tmp_path):

@@ -12,8 +12,10 @@ import pytest
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.fleet import plan, train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet_evidence import TrainingEvidence
+from integ_gym.train.fleet_plan import plan
+from integ_gym.train.fleet_worker import Workers
 from integ_gym.train.ppo import PPOConfig, main, train
 from integ_gym.train.sidecar import read_trained
 
@@ -158,19 +160,10 @@ def test_policies_of_a_mixture_do_not_depend_on_their_neighbours():
     other = replace(
         CONFIG, seed=3, env_arguments={**CONFIG.env_arguments, "mass": 1.5, "mixture": MIXTURE}
     )
-    assert len(plan([CONFIG, other], 1)) == 1
-    assert (
-        len(
-            plan(
-                [
-                    CONFIG,
-                    replace(other, env_arguments={"mixture": finer, "control_period": PERIOD}),
-                ],
-                1,
-            )
-        )
-        == 2
-    )
+    apart = replace(other, env_arguments={"mixture": finer, "control_period": PERIOD})
+    one = Workers(1, "cpu")
+    assert len(plan([CONFIG, other], one)) == 1
+    assert len(plan([CONFIG, apart], one)) == 2
     together, beside = train_chunk([other, CONFIG]), train_chunk([replace(other, seed=9), CONFIG])
     for name, value in together[1].weights.items():
         np.testing.assert_array_equal(beside[1].weights[name], value, err_msg=name)
