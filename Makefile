@@ -20,10 +20,10 @@ lint: $(READY)
 
 bench: $(READY)
 	@$(PIP) --group bench
-	$(BIN)/python benchmarks/env_throughput.py
-	$(BIN)/python benchmarks/evidence_cost.py
-	$(BIN)/python benchmarks/reference_cost.py
-	$(BIN)/python benchmarks/engines.py
+	@mkdir -p runs/bench
+	for name in env_throughput evidence_cost reference_cost engines panel_cost trainer_equivalence; do \
+	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
+	done
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

@@ -1,32 +1,36 @@
 """Do both trainers learn the same, and how much faster is the fleet?
 
-    python benchmarks/trainer_equivalence.py [--quick] [--seeds 20] [--json FILE]
+    python benchmarks/trainer_equivalence.py [--only CASE …] [--seeds 20] [--json FILE]
 
 Trains the same seeds with stable-baselines3 (a pool of processes, one thread each) and with the
-fleet trainer, on the pendulum and the cart-pole, and evaluates every policy from the same starts.
-It prints the interquartile mean of returns with its interval, the success rate, learning curves,
-and two equivalence tests over seeds (two one-sided tests each): mean returns within ±5 % of
-stable-baselines3's (Welch), success rates within ±0.1. With --quick: few seeds, no verdict.
+fleet trainer, and evaluates every policy from the same starts. It prints the interquartile mean of
+returns with its interval, the success rate, learning curves, and equivalence tests over seeds (two
+one-sided tests each): mean returns, and mean returns while learning, within ±5 % of
+stable-baselines3's (Welch); success rates within ±0.1.
+
+pendulum      the defaults of `integ-gym train`, 100 000 decisions
+cart-pole     the same in its environment
+minibatches   the pendulum with 4 environments × 1024 steps and minibatches of 64
+swing-up      the quick panel's training on `rk4`: 300 000 decisions, minibatches of 512
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import tempfile
 import time
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import results
 from scipy import stats
 
 import integ_gym  # noqa: F401
+from integ_gym.eval.spec import built_in_spec
 from integ_gym.eval.statistics import iqm_interval, rate_interval, unpaired_difference
 from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
 from integ_gym.train.fleet import train_fleet
@@ -35,45 +39,69 @@ from integ_gym.train.ppo import PPOConfig, train
 from integ_gym.train.sidecar import read_trained
 from integ_gym.train.worker import Progress, cores
 
-TASKS: dict[str, dict[str, Any]] = {
-    "IntegPendulum-v0": {"total_steps": 100_000},
-    "IntegCartPole-v0": {"total_steps": 100_000},
+_QUICK = built_in_spec("quick")
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "pendulum": ("IntegPendulum-v0", {"total_steps": 100_000}),
+    "cart-pole": ("IntegCartPole-v0", {"total_steps": 100_000}),
+    "minibatches": (
+        "IntegPendulum-v0",
+        {"total_steps": 100_000, "n_envs": 4, "n_steps": 1024, "batch_size": 64, "n_epochs": 10},
+    ),
+    "swing-up": (
+        "IntegPendulum-v0",
+        {
+            **_QUICK.training,
+            "env_arguments": {
+                **_QUICK.environment,
+                "integrator": "rk4",
+                "dt": 0.05,
+                "control_period": 0.05,
+            },
+        },
+    ),
 }
+"""Environment, and what differs from the defaults of `PPOConfig`."""
+
+LEVEL = 0.05
 RETURN_MARGIN = 0.05
 """Of the mean return of stable-baselines3's policies."""
 SUCCESS_MARGIN = 0.1
 EPISODES = 50
 PARTS = 10
 """Points of a learning curve."""
+PACKAGES = ("integ-gym", "jax", "stable-baselines3", "torch")
 
 
 @dataclass(frozen=True)
 class Group:
-    """Policies of one trainer on one task.
+    """Policies of one trainer in one case.
 
     Attributes:
         returns: shape (seeds, EPISODES).
         successes: shape (seeds, EPISODES).
-        curve: mean return of the episodes that ended in each part of training, over seeds.
+        curves: mean return of the episodes that ended in each part of training, (seeds, PARTS).
         seconds: wall time of training them all.
     """
 
     returns: np.ndarray
     successes: np.ndarray
-    curve: list[float]
+    curves: np.ndarray
     seconds: float
 
 
-def configs_of(env_id: str, seeds: int) -> list[PPOConfig]:
-    """The runs, one per seed."""
-    return [PPOConfig.of(env_id, seed=seed, **TASKS[env_id]) for seed in range(seeds)]
+def configs_of(case: str, seeds: int, steps: int | None) -> list[PPOConfig]:
+    """The runs, one per seed; ``steps`` replaces their decisions."""
+    env_id, overrides = CASES[case]
+    if steps is not None:
+        overrides = {**overrides, "total_steps": steps}
+    return [PPOConfig.of(env_id, seed=seed, **overrides) for seed in range(seeds)]
 
 
 def evidence_of(config: PPOConfig, folder: Path) -> TrainingEvidence:
     """Where a run's training episodes go."""
-    cell = f"{config.env_id}-{config.seed}"
-    context = EpisodeContext("equivalence", cell, phase="training", trace_every=10_000)
-    return TrainingEvidence(folder / "evidence", f"seed{config.seed}", context)
+    name = f"seed{config.seed}"
+    context = EpisodeContext("equivalence", name, phase="training", trace_every=10_000)
+    return TrainingEvidence(folder / "evidence", name, context)
 
 
 def train_with_sb3(config: PPOConfig, folder: Path) -> None:
@@ -96,7 +124,7 @@ def run(trainer: str, configs: list[PPOConfig], folder: Path) -> Group:
     seconds = time.perf_counter() - start
     played = [evaluate(folder / f"seed{config.seed}" / "policy.zip") for config in configs]
     returns, successes = (np.array(x) for x in zip(*played, strict=True))
-    return Group(returns, successes, learning_curve(folder / "evidence", configs[0]), seconds)
+    return Group(returns, successes, learning_curves(folder / "evidence", configs), seconds)
 
 
 def evaluate(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -115,74 +143,80 @@ def evaluate(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return returns, success
 
 
-def learning_curve(store: Path, config: PPOConfig) -> list[float]:
-    """Mean return of the training episodes that ended in each part of training."""
-    parts: list[list[float]] = [[] for _ in range(PARTS)]
-    taken: dict[str, int] = {}
+def learning_curves(store: Path, configs: list[PPOConfig]) -> np.ndarray:
+    """Mean return of the training episodes that ended in each part of training, (seeds, PARTS)."""
+    totals, counts = np.zeros((2, len(configs), PARTS))
+    taken = np.zeros(len(configs), dtype=int)
+    places = {f"seed{config.seed}": place for place, config in enumerate(configs)}
     for record in EvidenceStore(store).records(trace=False):
-        cell = record["cell"]
-        taken[cell] = taken.get(cell, 0) + record["length"]
-        part = min(PARTS - 1, PARTS * taken[cell] // config.rounded_steps)
-        parts[part].append(record["return"])
-    return [float(np.mean(part)) if part else float("nan") for part in parts]
+        place = places[record["cell"]]
+        taken[place] += record["length"]
+        part = min(PARTS - 1, PARTS * taken[place] // configs[place].rounded_steps)
+        totals[place, part] += record["return"]
+        counts[place, part] += 1
+    return totals / np.maximum(counts, 1)
 
 
-def compare(env_id: str, sb3: Group, fleet: Group, quick: bool) -> dict[str, Any]:
-    """Print and return what was found on one task."""
-    print(f"\n{env_id}, {len(sb3.returns)} seeds, {EPISODES} starts each")
+def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
+    """Print and return what was found in one case."""
+    print(f"\n{case}, {len(sb3.returns)} seeds, {EPISODES} starts each")
     for name, group in (("sb3", sb3), ("fleet", fleet)):
         rate = 60.0 * len(group.returns) / group.seconds
+        curve = " ".join(f"{value:.0f}" for value in group.curves.mean(0))
         print(f"  {name:<6} return IQM {iqm_interval(group.returns)}")
         print(f"         success {rate_interval(group.successes.mean(1))}")
-        print(f"         training episodes' return {' '.join(f'{x:.0f}' for x in group.curve)}")
+        print(f"         training episodes' return {curve}")
         print(f"         {group.seconds:.0f} s for all: {rate:.1f} policies per minute")
-    by_seed = sb3.returns.mean(1), fleet.returns.mean(1)
-    margin = RETURN_MARGIN * abs(by_seed[0].mean())
-    p_return = welch_equivalence(*by_seed, margin)
     success = unpaired_difference(fleet.successes.mean(1), sb3.successes.mean(1))
-    p_success = success.p_equivalent(SUCCESS_MARGIN)
-    found = p_return < 0.05 and p_success < 0.05
-    verdict = "few seeds, no verdict" if quick else ("equivalent" if found else "not shown")
-    print(f"  mean return within ±{margin:.1f}: p = {p_return:.3g}")
-    print(f"  success within ±{SUCCESS_MARGIN}: p = {p_success:.3g}; {verdict}")
+    p_values = {
+        "return": welch_equivalence(sb3.returns.mean(1), fleet.returns.mean(1)),
+        "return while learning": welch_equivalence(sb3.curves.mean(1), fleet.curves.mean(1)),
+        "success": success.p_equivalent(SUCCESS_MARGIN),
+    }
+    for name, p_value in p_values.items():
+        within = f"±{SUCCESS_MARGIN}" if name == "success" else f"±{RETURN_MARGIN:.0%}"
+        outcome = "equivalent" if p_value < LEVEL else "not shown to be equivalent"
+        print(f"  {name} within {within}: p = {p_value:.2g}; {outcome}")
+    groups = {"sb3": sb3, "fleet": fleet}
     return {
-        "env_id": env_id,
+        "case": case,
         "seeds": len(sb3.returns),
-        "returns": {"sb3": by_seed[0].tolist(), "fleet": by_seed[1].tolist()},
-        "curves": {"sb3": sb3.curve, "fleet": fleet.curve},
-        "seconds": {"sb3": sb3.seconds, "fleet": fleet.seconds},
-        "p_return": p_return,
-        "p_success": p_success,
-        "verdict": verdict,
+        "returns": {name: group.returns.mean(1).tolist() for name, group in groups.items()},
+        "successes": {name: group.successes.mean(1).tolist() for name, group in groups.items()},
+        "curves": {name: group.curves.tolist() for name, group in groups.items()},
+        "seconds": {name: group.seconds for name, group in groups.items()},
+        "p_values": p_values,
     }
 
 
-def welch_equivalence(first: np.ndarray, second: np.ndarray, margin: float) -> float:
-    """Two one-sided Welch tests: small when the means are shown to be within ±``margin``."""
-    below = stats.ttest_ind(first + margin, second, equal_var=False, alternative="greater")
-    above = stats.ttest_ind(first - margin, second, equal_var=False, alternative="less")
+def welch_equivalence(sb3: np.ndarray, fleet: np.ndarray) -> float:
+    """Two one-sided Welch tests: small when the means are shown to be within the margin."""
+    margin = RETURN_MARGIN * abs(sb3.mean())
+    if np.ptp(sb3) == np.ptp(fleet) == 0.0:
+        return 0.0 if abs(sb3[0] - fleet[0]) < margin else 1.0
+    below = stats.ttest_ind(sb3 + margin, fleet, equal_var=False, alternative="greater")
+    above = stats.ttest_ind(sb3 - margin, fleet, equal_var=False, alternative="less")
     return float(max(below.pvalue, above.pvalue))
 
 
 def main() -> None:
     """Train, compare, print; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, help="policies per trainer and task (default: 20)")
-    parser.add_argument("--quick", action="store_true", help="4 seeds on the pendulum alone")
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
-    arguments = parser.parse_args()
-    seeds = arguments.seeds or (4 if arguments.quick else 20)
-    results = []
-    for env_id in list(TASKS)[: 1 if arguments.quick else None]:
-        configs = configs_of(env_id, seeds)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--only", nargs="+", choices=list(CASES), default=list(CASES), metavar="CASE")
+    add("--seeds", type=int, default=20, metavar="N", help="per trainer and case (default: 20)")
+    add("--steps", type=int, metavar="N", help="decisions of each (default: the case's)")
+    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
+    given = parser.parse_args()
+    found = []
+    for case in given.only:
+        configs = configs_of(case, given.seeds, given.steps)
         with tempfile.TemporaryDirectory() as folder:
             groups = [run(name, configs, Path(folder) / name) for name in ("sb3", "fleet")]
-        results.append(compare(env_id, *groups, quick=arguments.quick))
-    if arguments.json:
-        names = ("integ-gym", "jax", "stable-baselines3", "torch")
-        about = {"versions": {n: version(n) for n in names}, "platform": platform.platform()}
-        text = json.dumps({"results": results, **about}, indent=1)
-        arguments.json.write_text(f"{text}\n", encoding="utf-8")
+        found.append(compare(case, *groups))
+        results.write(given.json, {"results": found}, PACKAGES)
 
 
 if __name__ == "__main__":

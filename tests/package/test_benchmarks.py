@@ -1,0 +1,46 @@
+"""Every benchmark runs: short turns of what it measures, a table, and JSON with the machine."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+SHORT = {
+    "engines": ["--only", "mujoco", "--seconds", "0.01"],
+    "env_throughput": ["--only", "single", "vector", "--seconds", "0.01"],
+    "evidence_cost": ["--seconds", "0.05", "--episodes", "2000"],
+    "panel_cost": ["--only", "single", "--steps", "4096", "--runs", "1"],
+    "reference_cost": [],
+    "trainer_equivalence": ["--only", "cart-pole", "--seeds", "2", "--steps", "4096"],
+}
+NEEDED_BY_OTHERS = {"bare", "rates", "results", "scanned", "training_cost"}
+
+
+def test_every_benchmark_is_run():
+    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | NEEDED_BY_OTHERS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHORT)
+def test_a_benchmark_runs(name, tmp_path):
+    output = tmp_path / "found.json"
+    command = [sys.executable, str(FOLDER / f"{name}.py"), *SHORT[name], "--json", str(output)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) > 3
+    found = json.loads(output.read_text(encoding="utf-8"))
+    assert found["machine"]["cores"] >= 1
+    assert found["versions"]["integ-gym"]
+
+
+def test_help_says_what_is_measured():
+    for name in SHORT:
+        command = [sys.executable, str(FOLDER / f"{name}.py"), "--help"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, ""), name
+        assert "--json" in done.stdout
