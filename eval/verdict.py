@@ -52,6 +52,9 @@ ALPHA: Final = 0.05
 MIN_SEEDS: Final = 5
 """Training seeds in either group below which nothing is concluded."""
 
+PASS: Final = 0.5
+"""Success rate from which on a row passes in a cell."""
+
 LEARNED: Final = 0.5
 """Mean home success below which a policy counts as not learned."""
 
@@ -257,7 +260,7 @@ def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
     return tuple(_judge(m, next(p_values)) if m.learned else _not_learned(m) for m in measured)
 
 
-def reference_class(s_cell: float, s_reference: float, threshold: float = 0.5) -> ReferenceClass:
+def reference_class(s_cell: float, s_reference: float, threshold: float = PASS) -> ReferenceClass:
     """Class of a cell's answer against the reference's.
 
     Parameters

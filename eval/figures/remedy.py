@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING, Final
 from integ_gym.eval.figure_style import (
     ACCENT,
     INK,
-    LINE,
     PAPER,
     SOFT,
-    axes_at,
-    bare,
     blank_figure,
     draw_heading,
     inch_canvas,
     plain,
 )
-from integ_gym.eval.report_data import Panel, fixed
-from integ_gym.eval.report_remedy import Line, Remedy, remedies_of, success_of
+from integ_gym.eval.figures.gaps import VERDICT_COLOURS
+from integ_gym.eval.figures.rate_axes import rate_axes
+from integ_gym.eval.formatting import fixed
+from integ_gym.eval.report.remedy import Line, Remedy, remedies_of, success_of
+from integ_gym.eval.report_data.panel import Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOST: Final = "#b8400a"
-"""Colour of a policy that loses success, as that of the verdict `fails`."""
+LOST: Final = VERDICT_COLOURS["fails"]
+"""Colour of a policy that loses success."""
 
 _PITCH, _LEFT, _WIDTH, _TOP, _SPLIT = 0.3, 3.4, 4.4, 0.95, 0.42
 
@@ -37,19 +37,13 @@ def draw_remedy(panel: Panel) -> Figure | None:
         return None
     tall = sum(_SPLIT + _PITCH * len(remedy.harmful) for remedy in found)
     figure = blank_figure(_LEFT + _WIDTH + 1.7, _TOP + tall + 0.75)
-    high = float(figure.get_size_inches()[1])
     canvas = inch_canvas(figure)
     canvas.set_zorder(1)
     about = (
         "success; dot: mixture, with its interval; rings: single ones, red where they lose > 0.2"
     )
     draw_heading(canvas, 0.3, "A remedy: training on a mixture", about)
-    axes = axes_at(figure, _LEFT, high - _TOP - tall, _WIDTH, tall)
-    axes.set(xlim=(-0.02, 1.02), ylim=(tall, 0.0), yticks=[])
-    axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
-    axes.grid(axis="x", color=LINE, linewidth=0.7)
-    axes.set_axisbelow(True)
-    bare(axes)
+    axes = rate_axes(figure, _LEFT, _TOP, _WIDTH, tall)
     y = 0.0
     for remedy in found:
         y += _SPLIT

@@ -6,17 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from integ_gym.eval.report_data import (
-    NONE,
-    Cell,
-    Entry,
-    Estimate,
-    Json,
-    Panel,
-    Row,
-    estimate,
-    finite,
-)
+from integ_gym.eval.formatting import NONE, finite
+from integ_gym.eval.report_data.estimate import Estimate, estimate
+from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.parts import Cell, Entry, Json, Row
 
 
 @dataclass(frozen=True)

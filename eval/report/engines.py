@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.eval.report_data import Json, Panel, finite
+from integ_gym.eval.formatting import finite
+from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.parts import Json
 
 
 @dataclass(frozen=True)
