@@ -1,0 +1,24 @@
+"""Files of policies that several tests read."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="session")
+def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Zip of an untrained default policy on Pendulum-v1: observations (3,), actions [-2, 2]."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path_factory.mktemp("template") / "pendulum.zip"
+    sb3.PPO("MlpPolicy", "Pendulum-v1", device="cpu", seed=1).save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scratch")
