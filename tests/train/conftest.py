@@ -9,6 +9,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from small_ppo import SMALL
+
+from integ_gym.train.ppo import train
+from integ_gym.train.sidecar import TrainedPolicy
+
 
 @pytest.fixture(scope="session")
 def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -22,3 +27,9 @@ def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("scratch")
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> TrainedPolicy:
+    """A policy after a short run."""
+    return train(SMALL, tmp_path_factory.mktemp("small"), progress=False)

@@ -37,24 +37,15 @@ def layers(*sizes: int, seed: int = 0) -> Layers:
 
 
 BOX_ACTIONS = BoxActions(np.array([-1.0, 0.0]), np.array([1.0, 3.0]))
-
-
 BOX_POLICY = MlpPolicy(layers(3, 5, 2), "Tanh", BOX_ACTIONS, policy_id="box")
-
-
 DISCRETE_POLICY = MlpPolicy(layers(4, 6, 3), "ReLU", DiscreteActions(3), policy_id="discrete")
-
-
 STATISTICS = ObservationStatistics(np.zeros(3), np.ones(3), epsilon=1e-8, clip_obs=10.0)
-
 
 SIMPLE = MlpPolicy(
     ((np.array([[1.0, -2.0]]), np.array([0.5])),),
     "Tanh",
     BoxActions(np.array([-2.0]), np.array([2.0])),
 )
-
-
 SIMPLE_HASH = "95fb6ac8dc8ea1ea00856fe626fdb9e78f4aa97ff099e75fccaa80b262397d60"
 
 
