@@ -14,7 +14,7 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.drift_figure import draw_drift
 from integ_gym.eval.figure_style import png
-from integ_gym.eval.report_data import compact
+from integ_gym.eval.formatting import compact
 from integ_gym.evidence.atomic import replace_file
 
 DT, STEPS = 0.05, 4000

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from integ_gym.eval.diagnosis.drawing import Grid, Panels, named, scheme_style, schemes_of
-from integ_gym.eval.report_data import compact, step
+from integ_gym.eval.formatting import compact, step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,9 @@ from tqdm import tqdm
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.eval.existing import Grid, evaluate_existing, plan, read_existing, work
+from integ_gym.eval.existing.evaluate import evaluate_existing
+from integ_gym.eval.existing.plan import Grid, plan, work
+from integ_gym.eval.existing.policy import read_existing
 from integ_gym.eval.mujoco_task import plan_task, read_for_task
 from integ_gym.eval.task_evaluation import evaluate_task
 from integ_gym.evidence.command_line import CommandParser

@@ -15,7 +15,8 @@ from integ_gym.envs.rediscretized import RediscretizedEnv, mujoco_integrators, r
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.versions import package_version
 from integ_gym.eval.cells import Cell, Discretization, Home
-from integ_gym.eval.existing import REFINEMENTS, STATISTICS_FILE, Existing, Grid, load_policy
+from integ_gym.eval.existing.plan import REFINEMENTS, Grid
+from integ_gym.eval.existing.policy import STATISTICS_FILE, Existing, load_policy
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.train.box_baselines import BOX_BASELINES
 from integ_gym.train.sidecar import POLICY_FILE

@@ -13,7 +13,7 @@ from importlib import resources
 from typing import Any, Final
 
 from integ_gym.envs.extras import load
-from integ_gym.eval.report_data import compact, fixed, seconds, step
+from integ_gym.eval.formatting import compact, fixed, seconds, step
 
 SCRIPT: Final = """
 (function () {

@@ -14,7 +14,9 @@ from integ_gym.envs.extras import require
 from integ_gym.eval.panel import run_panel
 from integ_gym.eval.panel_artefact import write_artefact
 from integ_gym.eval.run_directory import RunDirectory
-from integ_gym.eval.spec import BUILT_IN, TRAINERS, PanelSpec, built_in_spec, read_spec
+from integ_gym.eval.spec import PanelSpec, built_in_spec, read_spec
+from integ_gym.eval.spec.checks import TRAINERS
+from integ_gym.eval.spec.reading import BUILT_IN
 from integ_gym.evidence.command_line import CommandParser
 from integ_gym.train.worker import cores
 

@@ -13,7 +13,9 @@ from integ_gym.eval.artefact import build_artefact
 from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import Conditions, OnCell, Subject, context_of, inference_latency
 from integ_gym.eval.evaluation_units import evaluate_batch
-from integ_gym.eval.existing import Existing, begin, directory_of, doubts_of, facts_of, outcome
+from integ_gym.eval.existing.doubts import doubts_of
+from integ_gym.eval.existing.evaluate import begin, directory_of, facts_of, outcome
+from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.mujoco_task import TaskPanel, home_cell
 from integ_gym.eval.panel_artefact import write_outputs

@@ -9,8 +9,8 @@ from importlib import resources
 from typing import Any, Final
 
 from integ_gym.eval.census import words
+from integ_gym.eval.formatting import plural
 from integ_gym.eval.page import page_environment, page_parts
-from integ_gym.eval.report_data import plural
 
 Json = dict[str, Any]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.eval.report_data import compact, step
+from integ_gym.eval.formatting import compact, step
 
 UNKNOWN = "no known map"
 EXACT = 1e-9

@@ -20,7 +20,7 @@ from integ_gym.eval.diagnosis.drawing import (
 )
 from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.figure_style import plain
-from integ_gym.eval.report_data import step
+from integ_gym.eval.formatting import step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

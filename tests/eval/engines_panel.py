@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.units import Unit, units_of
+
 TOML = """
 name = "alike"
 env_id = "IntegPendulum-v0"
@@ -39,3 +42,8 @@ map = [
 ]
 dt = 0.05
 """
+
+
+def trained_units(spec: PanelSpec) -> list[Unit]:
+    """Training runs of a panel."""
+    return [unit for unit in units_of(spec) if unit.home is not None]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
+from typing import Any
+
 TOML = """
 name = "small"
 env_id = "IntegPendulum-v0"
@@ -38,3 +41,8 @@ environment = { mass = 1.2 }
 name = "latency 50 ms"
 environment = { action_latency = 0.05 }
 """
+
+
+def small_data(**changes: Any) -> dict[str, Any]:
+    """The panel's specification as plain data, with changes."""
+    return {**tomllib.loads(TOML), **changes}

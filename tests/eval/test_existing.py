@@ -13,7 +13,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from integ_gym.cli import main
-from integ_gym.eval.existing import Grid, plan, read_existing, row_name
+from integ_gym.eval.existing.plan import Grid, plan
+from integ_gym.eval.existing.policy import read_existing, row_name
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.sidecar import has_sidecar
 

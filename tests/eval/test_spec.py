@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from small_panel import TOML
+from small_panel import small_data
 
 import integ_gym.eval
 from integ_gym.envs.engines.native import NativeEngine
@@ -17,10 +16,6 @@ from integ_gym.eval.spec import SpecError, built_in_spec, parse_spec, read_spec
 from integ_gym.eval.units import units_of
 
 SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))
-
-
-def _small(**changes):
-    return {**tomllib.loads(TOML), **changes}
 
 
 def test_quick_panel_is_what_it_says():
@@ -48,7 +43,7 @@ def test_published_specifications_are_valid(path):
 
 
 def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
-    data = _small()
+    data = small_data()
     del data["trainer"]
     spec = parse_spec({**data, "memory_gib": 8}, "test")
     assert (spec.trainer, spec.memory_gib) == ("fleet", 8.0)
@@ -74,7 +69,7 @@ class OwnEngine(NativeEngine):
 def test_what_the_fleet_cannot_train_is_refused_with_the_other_trainer():
     train = [{"integrator": "rk4", "dt": 0.05, "engine": f"{__name__}:OwnEngine"}]
     changes = {"trainer": "fleet", "train": train, "evaluate": train, "family": [], "compare": []}
-    spec = parse_spec(_small(**changes), "test")
+    spec = parse_spec(small_data(**changes), "test")
     with pytest.raises(SpecError, match=r"not made of JAX's operations; use --trainer sb3"):
         check_spec(spec)
     check_spec(replace(spec, trainer="sb3"))
@@ -85,7 +80,7 @@ def test_there_are_published_specifications():
 
 
 def test_cells_of_a_row_begin_at_home_and_replays_come_first():
-    spec = parse_spec(_small(), "test")
+    spec = parse_spec(small_data(), "test")
     home = spec.train[1]
     cells = spec.cells_of(home)
     names = [cell.name for cell in cells]
@@ -105,7 +100,7 @@ def test_cells_of_a_row_begin_at_home_and_replays_come_first():
 
 
 def test_units_are_rows_times_seeds():
-    spec = parse_spec(_small(), "test")
+    spec = parse_spec(small_data(), "test")
     units = units_of(spec)
     assert len(units) == 3 + 2 * 2
     assert len({unit.policy for unit in units}) == len(units)
@@ -171,7 +166,7 @@ def test_units_are_rows_times_seeds():
 )  # fmt: skip
 def test_impossible_specifications_name_the_remedy(changes, fragments):
     with pytest.raises(SpecError) as caught:
-        check_spec(parse_spec(_small(**changes), "panel.toml"))
+        check_spec(parse_spec(small_data(**changes), "panel.toml"))
     for fragment in fragments:
         assert fragment in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -190,7 +185,7 @@ def test_the_reference_takes_a_step_that_delays_are_multiples_of(environment, st
     grid = [{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.0025]}]
     fine = [{"integrator": ["explicit_euler", "rk4"], "dt": 0.0025}]
     spec = parse_spec(
-        _small(
+        small_data(
             environment=environment, ladder=False, family=[], compare=[],
             train=fine, evaluate=fine if environment else grid,
         ),
@@ -212,7 +207,7 @@ def test_missing_keys_and_files_are_named(tmp_path):
 
 
 def test_every_panel_has_its_baselines_and_checks():
-    data = {k: v for k, v in _small().items() if k not in ("baselines", "perturbations")}
+    data = {k: v for k, v in small_data().items() if k not in ("baselines", "perturbations")}
     spec = parse_spec(data, "test")
     assert spec.baselines == ("random", "zero", "handmade")
     assert [p.name for p in spec.perturbations] == ["mass +20 %", "latency +50 ms"]
@@ -220,11 +215,11 @@ def test_every_panel_has_its_baselines_and_checks():
         {"mass": pytest.approx(1.2)}, {"action_latency": 0.05},
     ]  # fmt: skip
     assert spec.gaps() == []
-    bare = parse_spec(_small(baselines=["zero"], perturbations=[]), "test")
+    bare = parse_spec(small_data(baselines=["zero"], perturbations=[]), "test")
     gaps = " ".join(bare.gaps())
     for fragment in ("'random'", "'handmade'", "perturbation of the plant", "action latency"):
         assert fragment in gaps
-    short = parse_spec(_small(environment={"duration": 1.0}), "test")
+    short = parse_spec(small_data(environment={"duration": 1.0}), "test")
     assert "nobody can succeed" in short.gaps()[0]
 
 
@@ -252,7 +247,7 @@ def test_every_panel_has_its_baselines_and_checks():
 )  # fmt: skip
 def test_what_would_only_fail_or_mislead_later_is_refused(changes, fragment):
     with pytest.raises(SpecError, match=re.escape(fragment)):
-        check_spec(parse_spec(_small(**changes), "panel.toml"))
+        check_spec(parse_spec(small_data(**changes), "panel.toml"))
 
 
 def test_a_file_that_is_not_utf8_is_refused(tmp_path):

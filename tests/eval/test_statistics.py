@@ -1,13 +1,14 @@
-"""Intervals and tests over training seeds: exact laws, coverage, type-I error, power."""
+"""Intervals and tests over training seeds: exact laws, and families."""
 
-import itertools
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rate_laws import Array, lattice
 from scipy import integrate, stats
 
 from integ_gym.eval.statistics import (
@@ -19,7 +20,6 @@ from integ_gym.eval.statistics import (
     iqm_interval,
     mean_interval,
     paired_difference,
-    paired_posterior,
     rate_interval,
     rate_posterior,
     student_t_quantile,
@@ -27,43 +27,9 @@ from integ_gym.eval.statistics import (
     unpaired_posterior,
 )
 
-Array = npt.NDArray[np.float64]
-Law = Callable[[np.random.Generator, tuple[int, int]], Array]
-
-REPEATS = 2000  # simulated panels: standard error 0.005 at 0.05
-SIMULATION_DRAWS = 8_000
-COVERAGE_DRAWS = 40_000  # the tails of an interval need more
 GRID = np.linspace(0.0, 1.0, 201)
-
 several_rates = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12)
 fast = settings(max_examples=8, deadline=None, derandomize=True)
-
-
-def smooth(mean: float, sd: float) -> Law:
-    """Beta law of a given mean and standard deviation."""
-    size = mean * (1.0 - mean) / sd**2 - 1.0
-    return lambda rng, shape: rng.beta(mean * size, (1.0 - mean) * size, shape)
-
-
-def bimodal(mean: float) -> Law:
-    """Seeds that nearly always fail (mean 1/31) or nearly always succeed (mean 30/31)."""
-    share = (mean * 31.0 - 1.0) / 29.0
-
-    def draw(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-        good = rng.random(shape) < share
-        return np.where(good, rng.beta(30.0, 1.0, shape), rng.beta(1.0, 30.0, shape))
-
-    return draw
-
-
-def lattice(seeds: int) -> Array:
-    """All-or-nothing rates: row k has k successes. Shape (seeds + 1, seeds)."""
-    return np.tri(seeds + 1, seeds, -1)
-
-
-def chance(seeds: int, rate: float) -> Array:
-    """Probability of each row of `lattice` when a seed succeeds with probability ``rate``."""
-    return np.asarray(stats.binom.pmf(np.arange(seeds + 1), seeds, rate))
 
 
 def imhof(atoms: Array, weights: Array, at: float) -> float:
@@ -79,9 +45,6 @@ def imhof(atoms: Array, weights: Array, at: float) -> float:
 
     value, _ = integrate.quad(integrand, 0.0, np.inf, limit=500)
     return 0.5 - float(value) / np.pi
-
-
-# --- the posterior and its intervals -------------------------------------------------------
 
 
 @pytest.mark.parametrize("level", [0.95, 0.8])
@@ -234,222 +197,6 @@ def test_interval_reads_as_text_without_negative_zero() -> None:
 def test_bad_input_is_named(call: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
-
-
-# --- coverage, type-I error, power ---------------------------------------------------------
-
-
-def coverage(law: Law, mean: float, seeds: int) -> float:
-    """Share of simulated panels whose 95 % interval holds the true mean."""
-    rates = law(np.random.default_rng([11, seeds, round(1000 * mean)]), (REPEATS // 2, seeds))
-    below = np.concatenate(
-        [
-            (rate_posterior(part, draws=COVERAGE_DRAWS) <= mean).mean(axis=0)
-            for part in np.array_split(rates, 4)
-        ]
-    )
-    return float(((below >= 0.025) & (below <= 0.975)).mean())
-
-
-def rejection(kind: str, first: Array, second: Array, margin: float) -> float:
-    """Share of simulated panels in which "first − second > margin" has p < 0.05."""
-    posterior = paired_posterior if kind == "paired" else unpaired_posterior
-    parts = zip(np.array_split(first, 4), np.array_split(second, 4), strict=True)
-    p = [(posterior(a, b, draws=SIMULATION_DRAWS) <= margin).mean(axis=0) for a, b in parts]
-    return float((np.concatenate(p) < 0.05).mean())
-
-
-@pytest.mark.parametrize("seeds", [5, 10])
-@pytest.mark.parametrize(("mean", "sd"), [(0.5, 0.22), (0.8, 0.16), (0.8, 0.12), (0.9, 0.07)])
-def test_coverage_with_smooth_seeds(mean: float, sd: float, seeds: int) -> None:
-    """With many more repeats these are 0.96 to 1.00."""
-    found = coverage(smooth(mean, sd), mean, seeds)
-    print(f"coverage, smooth, mean {mean} sd {sd}, {seeds} seeds: {found:.3f}")
-    assert found >= 0.93
-
-
-@pytest.mark.parametrize("seeds", [5, 10])
-def test_coverage_with_bimodal_seeds(seeds: int) -> None:
-    """Held on average over the true rate, as Jeffreys' interval does; single rates may dip.
-
-    Rates below one half mirror those above. With many more repeats the average is 0.95 and the
-    lowest of these rates 0.93, for 5 seeds and for 10.
-    """
-    means = (0.5, 0.6, 0.7, 0.8, 0.9)
-    found = [coverage(bimodal(mean), mean, seeds) for mean in means]
-    print(f"coverage, bimodal, {seeds} seeds: {dict(zip(means, found, strict=True))}")
-    assert np.mean(found) >= 0.93
-    assert min(found) >= 0.90
-
-
-@pytest.mark.parametrize(("seeds", "average", "worst"), [(5, 0.957, 0.89), (10, 0.953, 0.87)])
-def test_coverage_with_all_or_nothing_seeds(seeds: int, average: float, worst: float) -> None:
-    """Exact by enumeration: the figures `rate_interval` documents, dips included."""
-    found = [rate_interval(rates) for rates in lattice(seeds)]
-    low, high = np.array([f.low for f in found]), np.array([f.high for f in found])
-    cover = [chance(seeds, rate) @ ((low <= rate) & (rate <= high)) for rate in GRID]
-    assert np.mean(cover) == pytest.approx(average, abs=0.005)
-    assert np.min(cover) == pytest.approx(worst, abs=0.015)
-
-
-@pytest.mark.parametrize("seeds", [5, 10])
-@pytest.mark.parametrize(
-    ("native", "transferred"),
-    [
-        (smooth(0.9, 0.07), smooth(0.7, 0.14)),
-        (smooth(0.8, 0.16), smooth(0.6, 0.2)),
-        (smooth(0.6, 0.3), smooth(0.4, 0.3)),
-        (bimodal(0.95), bimodal(0.75)),
-        (bimodal(0.8), bimodal(0.6)),
-        (bimodal(0.65), bimodal(0.45)),
-    ],
-    ids=["smooth-.9", "smooth-.8", "smooth-.6", "bimodal-.95", "bimodal-.8", "bimodal-.65"],
-)
-def test_type_one_error_of_the_gap(native: Law, transferred: Law, seeds: int) -> None:
-    """A true gap of exactly 0.2 is called larger in about 5 % of panels or less."""
-    rng = np.random.default_rng([12, seeds])
-    shape = (REPEATS, seeds)
-    found = rejection("unpaired", native(rng, shape), transferred(rng, shape), 0.2)
-    print(f"type I, gap 0.2, {seeds} seeds: {found:.4f}")
-    assert found <= 0.06
-
-
-@pytest.mark.parametrize("seeds", [5, 10])
-def test_type_one_error_of_the_gap_with_all_or_nothing_seeds(seeds: int) -> None:
-    """Exact by enumeration, at the least favourable pair of rates 0.2 apart."""
-    rows = lattice(seeds)
-    p = np.array(
-        [(unpaired_posterior(row[None], rows) <= 0.2).mean(axis=0) for row in rows]
-    )  # (native successes, transferred successes)
-    errors = [
-        chance(seeds, rate) @ (p < 0.05) @ chance(seeds, rate - 0.2) for rate in GRID[GRID >= 0.2]
-    ]
-    print(f"type I, all or nothing, {seeds} seeds: worst {max(errors):.4f}")
-    assert 0.02 < max(errors) <= 0.06
-
-
-@pytest.mark.parametrize("seeds", [5, 10])
-@pytest.mark.parametrize("kind", ["smooth", "bimodal", "all or nothing"])
-def test_type_one_error_of_the_drop(kind: str, seeds: int) -> None:
-    """The same for pairs whose true drop is exactly 0.2, some of them rising."""
-    rng = np.random.default_rng([13, seeds])
-    shape = (REPEATS, seeds)
-    if kind == "smooth":
-        drop = smooth(0.2, 0.15)(rng, shape)
-    elif kind == "bimodal":
-        drop = bimodal(0.2)(rng, shape)
-    else:
-        drop = rng.choice([1.0, 0.0, -1.0], p=[0.4, 0.4, 0.2], size=shape)
-    home = np.where(drop < 0.0, 0.0, 1.0)
-    found = rejection("paired", home, home - drop, 0.2)
-    print(f"type I, drop 0.2, {kind}, {seeds} seeds: {found:.4f}")
-    assert found <= 0.06
-
-
-@pytest.mark.parametrize("seeds", [20, 40])
-def test_type_one_error_of_equivalence_with_smooth_seeds(seeds: int) -> None:
-    """A true gap of exactly 0.1 is called equivalent in 5 % of panels or less."""
-    rng = np.random.default_rng([14, seeds])
-    shape = (500, seeds)
-    native, transferred = smooth(0.95, 0.05)(rng, shape), smooth(0.85, 0.1)(rng, shape)
-    draws = unpaired_posterior(native, transferred, draws=SIMULATION_DRAWS)
-    p = np.maximum((draws >= 0.1).mean(axis=0), (draws <= -0.1).mean(axis=0))
-    found = float((p < 0.05).mean())
-    print(f"type I, equivalence, smooth, {seeds} seeds: {found:.4f}")
-    assert found <= 0.05
-
-
-@pytest.mark.parametrize(("kind", "seeds"), [("unpaired", 15), ("paired", 10)])
-def test_type_one_error_of_equivalence_with_rare_total_failures(kind: str, seeds: int) -> None:
-    """The limit that `Difference.p_equivalent` documents, exact.
-
-    One seed in ten fails outright, so the true gap is 0.1. Equivalence is claimed just when no
-    failure turns up among the seeds, whose chance is 0.9 to the number of seeds.
-    """
-    test = paired_difference if kind == "paired" else unpaired_difference
-    claimed = [test([1.0] * seeds, rates).p_equivalent(0.1) < 0.05 for rates in lattice(seeds)]
-    assert chance(seeds, 0.9) @ claimed == pytest.approx(0.9**seeds)
-
-
-@pytest.mark.parametrize(
-    ("kind", "first", "second", "least"),
-    [
-        ("unpaired", smooth(0.75, 0.25), smooth(0.25, 0.25), 0.6),
-        ("unpaired", smooth(0.9, 0.1), smooth(0.4, 0.25), 0.75),
-        ("paired", lambda _, shape: np.ones(shape), smooth(0.5, 0.25), 0.8),
-    ],
-    ids=["both-spread", "good-natives", "paired"],
-)
-def test_power_with_ten_seeds(kind: str, first: Law, second: Law, least: float) -> None:
-    """A true loss of 0.5 (standard deviation 0.25) is mostly shown to exceed 0.2."""
-    rng = np.random.default_rng(15)
-    shape = (REPEATS, 10)
-    found = rejection(kind, first(rng, shape), second(rng, shape), 0.2)
-    print(f"power, loss 0.5, 10 seeds, {kind}: {found:.3f}")
-    assert found >= least
-
-
-# --- returns and other scalars -------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 8, 13, 100])
-def test_iqm_is_the_quarter_trimmed_mean(size: int) -> None:
-    values = np.random.default_rng(size).normal(size=size)
-    assert iqm(values) == pytest.approx(stats.trim_mean(values, 0.25), abs=1e-14)
-
-
-def test_iqm_deletes_total_failures() -> None:
-    assert iqm([1.0] * 6 + [0.0] * 2) == 1.0
-
-
-def test_iqm_interval_agrees_with_all_resamples() -> None:
-    values = np.array([[0.0, 1.0], [4.0, 6.0], [10.0, 11.0]])
-    every = [iqm(values[list(rows)]) for rows in itertools.product(range(3), repeat=3)]
-    found = iqm_interval(values, 0.8)
-    assert found is not None
-    assert found.estimate == iqm(values)
-    assert found.low == pytest.approx(np.quantile(every, 0.1, method="inverted_cdf"))
-    assert found.high == pytest.approx(np.quantile(every, 0.9, method="inverted_cdf"))
-
-
-def test_iqm_interval_resamples_whole_seeds() -> None:
-    rng = np.random.default_rng(5)
-    values = rng.normal(size=(10, 1)) + 0.01 * rng.normal(size=(10, 50))
-    whole, scattered = iqm_interval(values), iqm_interval(rng.permuted(values.ravel())[:, None])
-    assert whole is not None
-    assert scattered is not None
-    assert whole.high - whole.low > 3.0 * (scattered.high - scattered.low)
-
-
-def test_iqm_interval_does_not_depend_on_block_or_seed_order() -> None:
-    values = np.random.default_rng(6).normal(size=(7, 300))
-    assert iqm_interval(values[::-1]) == iqm_interval(values)
-    assert iqm_interval(values[:1]) is None
-
-
-def test_mean_interval_is_student_t() -> None:
-    values = np.array([1.0, 2.5, 2.0, 4.0, np.nan, np.inf])
-    finite = values[:4]
-    found = mean_interval(values, 0.9)
-    low, high = stats.t.interval(0.9, 3, finite.mean(), stats.sem(finite))
-    assert found is not None
-    assert (found.estimate, found.low, found.high) == pytest.approx((finite.mean(), low, high))
-
-
-def test_mean_interval_needs_two_finite_seeds() -> None:
-    assert mean_interval([]) is None
-    assert mean_interval([3.0, float("nan"), float("inf")]) is None
-    assert mean_interval([3.0, 3.0]) == Interval(3.0, 3.0, 3.0, 0.95)
-
-
-@pytest.mark.parametrize("level", [0.5, 0.9, 0.95, 0.999])
-@pytest.mark.parametrize("dof", [1, 2, 3, 4, 7, 30, 199])
-def test_student_t_quantile(dof: int, level: float) -> None:
-    exact = stats.t.ppf(0.5 + level / 2, dof)
-    assert student_t_quantile(dof, level) == pytest.approx(exact, rel=1e-11)
-
-
-# --- families ------------------------------------------------------------------------------
 
 
 def test_holm_hand_worked() -> None:

@@ -1,0 +1,1 @@
+"""Evaluation of a policy that exists already, over the built-in discretizations."""

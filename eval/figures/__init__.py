@@ -1,0 +1,5 @@
+"""Figures of a panel as PNG files."""
+
+from integ_gym.eval.figures.write import write_figures
+
+__all__ = ["write_figures"]

@@ -1,0 +1,67 @@
+"""Numbers as pages, figures and terminals print them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+NONE: Final = "–"
+"""Shown where the panel has no value."""
+
+_SUPERSCRIPT: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def finite(value: Any) -> float | None:
+    """The value as a float, or None if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def fixed(value: float | None, digits: int = 2, sign: bool = False) -> str:
+    """A number with a fixed count of decimals and a true minus sign."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    plus = "+" if sign and round(value, digits) > 0.0 else ""
+    return plus + f"{value:z.{digits}f}".replace("-", "−")
+
+
+def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
+    """A number with a few significant digits, in powers of ten where it is large or small."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    plus = "+" if sign and value > 0.0 else ""
+    value = float(f"{value:.{digits - 1}e}")
+    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        return plus + f"{value:z.{decimals}f}".replace("-", "−")
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    power = str(int(exponent)).translate(_SUPERSCRIPT)
+    return f"{plus}{mantissa}·10{power}".replace("-", "−")
+
+
+def true_minus(text: str) -> str:
+    """A sentence with true minus signs before its rates."""
+    return text.replace(" -0.", " −0.")
+
+
+def seconds(value: Any) -> str:
+    """A duration in the units a person would say it in."""
+    number = finite(value)
+    if number is None:
+        return NONE
+    if number < 60.0:
+        return f"{number:.3g} s"
+    minutes, rest = divmod(round(number), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def step(value: float | None) -> str:
+    """A step size in seconds, without a unit."""
+    return NONE if value is None else f"{value:.6g}"
+
+
+def plural(count: int, noun: str, more: str | None = None) -> str:
+    """``1 cell``, ``2 cells``."""
+    return f"{count:,} {noun if count == 1 else more or noun + 's'}"

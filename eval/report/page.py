@@ -1,0 +1,123 @@
+"""The report's page, written from ``panel.json`` alone."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from integ_gym.eval import verdict as rules
+from integ_gym.eval.colours import VIRIDIS
+from integ_gym.eval.formatting import plural
+from integ_gym.eval.page import page_environment, page_parts
+from integ_gym.eval.report.axes import RATE_AXIS
+from integ_gym.eval.report.checks import check_blocks
+from integ_gym.eval.report.comparisons import comparison_of
+from integ_gym.eval.report.engines import engine_lines
+from integ_gym.eval.report.failures import LABEL_WORDS, failure_table, failures_of
+from integ_gym.eval.report.gaps import gap_parts
+from integ_gym.eval.report.ladders import ladder_plots
+from integ_gym.eval.report.matrices import energy_matrix, return_matrix, success_matrix
+from integ_gym.eval.report.method import limits_of, settings_of
+from integ_gym.eval.report.records import records_of
+from integ_gym.eval.report.remedy import costs_of, line_words, remedies_of, success_of
+from integ_gym.eval.report.tiles import tiles_of
+from integ_gym.eval.report_data.findings import findings_of
+from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.parts import Json
+from integ_gym.eval.report_data.trust import CLASS_WORDS, trust_of
+from integ_gym.evidence.atomic import replace_file
+
+FILE_NAME: Final = "report.html"
+"""Name of the report in a panel's directory."""
+
+SHOWN_FINDINGS: Final = 7
+"""Conclusions that are shown at once; the others are one click away."""
+
+
+def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
+    """Write ``report.html`` into a panel's directory.
+
+    Parameters
+    ----------
+    panel
+        Content of ``panel.json``, schema version 1.
+    directory
+        The panel's directory; made if it does not exist.
+
+    Returns
+    -------
+    Path of the file, which is complete as soon as it is there.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If jinja2 is not installed, with the command that installs it.
+    ValueError
+        If ``panel`` is of another schema version or contradicts itself.
+    """
+    return replace_file(Path(directory) / FILE_NAME, render(panel).encode())
+
+
+def render(panel: Json) -> str:
+    """The report's HTML.
+
+    Raises
+    ------
+    ModuleNotFoundError, ValueError
+        As `write_report`.
+    """
+    text: str = _template().render(_context(Panel(panel)))
+    return text
+
+
+@cache
+def _template() -> Any:
+    environment = page_environment()
+    environment.filters.update(href=_href, success_of=success_of, line_words=line_words)
+    source = resources.files("integ_gym.eval.report").joinpath("report.html.j2").read_text("utf-8")
+    return environment.from_string(source)
+
+
+def _context(panel: Panel) -> dict[str, Any]:
+    trusts = trust_of(panel)
+    return {
+        **page_parts(),
+        **gap_parts(panel),
+        "panel": panel,
+        "tiles": tiles_of(panel, trusts),
+        "success": success_matrix(panel),
+        "returns": return_matrix(panel),
+        "energy": energy_matrix(panel),
+        "remedies": remedies_of(panel),
+        "engine_lines": engine_lines(panel),
+        "costs": costs_of(panel),
+        "rate_axis": RATE_AXIS,
+        "ladders": ladder_plots(panel),
+        "checks": check_blocks(panel),
+        "trust": trusts,
+        "findings": findings_of(panel, trusts),
+        "failure_table": failure_table(panel),
+        "failures": failures_of(panel),
+        "comparisons": [comparison_of(raw) for raw in panel.items("policy_comparisons")],
+        "records": records_of(panel),
+        "limits": limits_of(panel),
+        "settings": settings_of(panel),
+        "spec_json": json.dumps(panel.mapping("spec"), indent=2, ensure_ascii=False, default=str),
+        "rules": rules,
+        "pass_line": rules.PASS,
+        "class_words": CLASS_WORDS,
+        "label_words": LABEL_WORDS,
+        "shown_findings": SHOWN_FINDINGS,
+        "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),
+        "plural": plural,
+    }
+
+
+def _href(path: str) -> str:
+    """A link to a file of the panel, always relative to the report."""
+    return "./" + quote(path.replace("\\", "/").lstrip("/"), safe="/=")

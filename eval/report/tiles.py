@@ -1,0 +1,31 @@
+"""Headline counts of a panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from integ_gym.eval.formatting import finite, plural, seconds
+from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.trust import Trust
+
+
+def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
+    """Headline counts: (number, what it counts)."""
+    trained = [row for row in panel.rows if row.kind == "trained"]
+    policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
+    wrong = [e for t in trusts for e in t.judged if e.contradicted]
+    tiles = []
+    if trained:
+        mixtures = sum(row.mixed for row in trained)
+        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
+        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
+    tiles += [
+        (f"{policies}", "policies" if policies != 1 else "policy"),
+        (f"{len(panel.cells)}", "evaluation cells"),
+        (f"{panel.episodes:,}", "episodes, each on record"),
+    ]
+    if trusts:
+        tiles.append((f"{len(wrong)}", "answers the reference contradicts"))
+    if finite(panel.mapping("cost").get("wall_seconds")) is not None:
+        tiles.append((seconds(panel.mapping("cost")["wall_seconds"]), "to train and evaluate"))
+    return tiles

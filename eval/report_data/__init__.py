@@ -1,0 +1,1 @@
+"""What the report and the figures both read out of ``panel.json``; nothing is computed or drawn."""

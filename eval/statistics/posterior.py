@@ -1,0 +1,138 @@
+"""Posteriors of mean success rates: Dirichlet processes with a prior of total weight one."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from integ_gym.eval.statistics.interval import Floats, RatesLike, checked_rates
+from integ_gym.eval.statistics.streams import Stream, generator
+
+DRAWS: Final = 200_000
+"""Draws from every success-rate posterior."""
+
+_BLOCK: Final = 10_000  # draws made at one time
+
+# Prior atoms and their weights. A difference of pairs in [0, 1]² depends on a pair only through
+# first − second, so pseudo-pairs at the corners (0, 1), (0, 0), (1, 1), (1, 0) of weight 1/4
+# each are atoms at −1, 0 and 1 of weight 1/4, 1/2 and 1/4.
+_RATE_PRIOR: Final = ((0.0, 1.0), (0.5, 0.5))
+_PAIR_PRIOR: Final = ((-1.0, 0.0, 1.0), (0.25, 0.5, 0.25))
+
+
+def rate_posterior(rates: RatesLike, *, draws: int = DRAWS) -> Floats:
+    """Draw from the Dirichlet-process posterior of the mean success rate.
+
+    Weights are Dirichlet with 1 for each seed and 1/2 for each of two pseudo-seeds, at 0 and
+    at 1 (Ferguson 1973; without the pseudo-seeds it is the Bayesian bootstrap of Rubin 1981).
+
+    Parameters
+    ----------
+    rates
+        Shape (..., seeds): success rate of each training seed, in [0, 1]. Leading axes are
+        independent data sets that share their weights.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Shape (draws, ...), dimensionless.
+
+    Raises
+    ------
+    ValueError
+        If there is no seed, or a rate is not finite or outside [0, 1].
+    """
+    return _posterior_of_mean(checked_rates(rates, "rates"), _RATE_PRIOR, Stream.FIRST, draws)
+
+
+def paired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAWS) -> Floats:
+    """Draw from the posterior of the mean of first − second over pairs.
+
+    Weights are Dirichlet with 1 for each pair and 1/4 for each of four pseudo-pairs, at the
+    corners of the unit square: prior weight one in all, and the prior of either member alone is
+    that of `rate_posterior`.
+
+    Parameters
+    ----------
+    first, second
+        Shape (..., seeds), in [0, 1]: entry k of both belongs to training seed k.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Shape (draws, ...), dimensionless, in [-1, 1].
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, there is no seed, or a rate is not finite or outside [0, 1].
+    """
+    one, other = checked_rates(first, "first"), checked_rates(second, "second")
+    if one.shape != other.shape:
+        raise ValueError(
+            f"paired rates need one value per seed on both sides, got shapes {one.shape} "
+            f"and {other.shape}; for different policies use unpaired_difference"
+        )
+    return _posterior_of_mean(one - other, _PAIR_PRIOR, Stream.PAIRED, draws)
+
+
+def unpaired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAWS) -> Floats:
+    """Draw from the posterior of mean(first) − mean(second), two independent groups of seeds.
+
+    Parameters
+    ----------
+    first, second
+        Shapes (..., seeds) and (..., other seeds), in [0, 1]; both have the same number of
+        leading axes, and these broadcast.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Shape (draws, ...), dimensionless, in [-1, 1].
+
+    Raises
+    ------
+    ValueError
+        If a group has no seed, the shapes do not fit, or a rate is not finite or outside [0, 1].
+    """
+    one, other = checked_rates(first, "first"), checked_rates(second, "second")
+    if one.ndim != other.ndim:
+        raise ValueError(f"expected as many axes in both groups, got {one.shape}, {other.shape}")
+    return _posterior_of_mean(one, _RATE_PRIOR, Stream.FIRST, draws) - _posterior_of_mean(
+        other, _RATE_PRIOR, Stream.SECOND, draws
+    )
+
+
+def _posterior_of_mean(
+    atoms: Floats,
+    prior: tuple[tuple[float, ...], tuple[float, ...]],
+    stream: Stream,
+    draws: int,
+) -> Floats:
+    """Draws of the mean under Dirichlet weights, shape (draws, ...) for atoms (..., n)."""
+    values, weights = prior
+    batch, seeds = atoms.shape[:-1], atoms.shape[-1]
+    support = np.concatenate(
+        [np.sort(atoms, axis=-1), np.broadcast_to(values, (*batch, len(values)))], axis=-1
+    )
+    mass = _dirichlet(seeds, weights, stream, draws)
+    return np.asarray(np.tensordot(mass, support, axes=(1, -1)))
+
+
+@lru_cache(maxsize=4)
+def _dirichlet(seeds: int, prior: tuple[float, ...], stream: Stream, draws: int) -> Floats:
+    """Weights of ``seeds`` seeds and of the prior's atoms, shape (draws, seeds + atoms)."""
+    rng = generator(stream)
+    mass = np.empty((draws, seeds + len(prior)))
+    for start in range(0, draws, _BLOCK):
+        block = mass[start : start + _BLOCK]
+        block[:, :seeds] = rng.standard_exponential((len(block), seeds))
+        block[:, seeds:] = rng.standard_gamma(prior, (len(block), len(prior)))
+    mass /= mass.sum(axis=1, keepdims=True)
+    mass.setflags(write=False)
+    return mass

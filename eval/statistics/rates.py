@@ -1,0 +1,168 @@
+"""Success rates and their differences, with intervals and tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from integ_gym.eval.statistics.interval import (
+    Floats,
+    Interval,
+    RatesLike,
+    equal_tailed,
+    mean_of,
+    one_dimensional,
+)
+from integ_gym.eval.statistics.posterior import paired_posterior, rate_posterior, unpaired_posterior
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference of two mean success rates (first minus second) and tests about it.
+
+    The tests are one-sided posterior tail probabilities used as p-values, counted over the
+    draws as (count + 1) / (draws + 1), so that none is ever exactly 0.
+
+    Attributes
+    ----------
+    interval
+        Difference of the plain means, with its posterior interval; dimensionless, in [-1, 1].
+    draws
+        Posterior draws of the difference, shape (draws,), read-only.
+    """
+
+    interval: Interval
+    draws: Floats = field(repr=False, compare=False)
+
+    def p_exceeds(self, margin: float) -> float:
+        """P(difference <= margin): small when the difference is shown to exceed ``margin``."""
+        return self._tail(int(np.count_nonzero(self.draws <= margin)))
+
+    def p_greater(self, threshold: float = 0.0) -> float:
+        """P(difference <= threshold): small when the first is shown to be the better one."""
+        return self.p_exceeds(threshold)
+
+    def p_less(self, threshold: float = 0.0) -> float:
+        """P(difference >= threshold): small when the second is shown to be the better one."""
+        return self._tail(int(np.count_nonzero(self.draws >= threshold)))
+
+    def p_equivalent(self, margin: float) -> float:
+        """Two one-sided tests: small when the difference is shown to lie within ±``margin``.
+
+        Returns max(P(difference >= margin), P(difference <= -margin)) (Schuirmann 1987).
+
+        Seeds that all succeed cannot rule out rare total failures, and here the prior is not
+        strict enough to say so: where one seed in ten fails outright against perfect ones, a
+        margin of 0.1 is called shown at 0.05 whenever no failure happens to turn up, with a
+        chance of 0.9**seeds (0.21 for 15 unpaired seeds, 0.35 for 10 paired ones, the fewest
+        that allow the claim; unpaired it is 0.05 at 30 and 0.08 at 40). For rates that
+        vary smoothly between seeds the error was below the level in every case simulated.
+
+        Raises
+        ------
+        ValueError
+            If ``margin`` is not positive.
+        """
+        if not margin > 0.0:
+            raise ValueError(f"expected an equivalence margin > 0, got {margin!r}")
+        return max(self.p_less(margin), self.p_exceeds(-margin))
+
+    def _tail(self, count: int) -> float:
+        return (count + 1) / (self.draws.size + 1)
+
+
+def mean_rate(rates: RatesLike) -> float:
+    """Plain mean of success rates of shape (seeds,), whatever their order.
+
+    Raises
+    ------
+    ValueError
+        If ``rates`` is empty or not one-dimensional, or a rate is not finite or outside [0, 1].
+    """
+    return mean_of(one_dimensional(rates, "rates"))
+
+
+def rate_interval(rates: RatesLike, level: float = 0.95) -> Interval:
+    """Interval for the mean success rate over training seeds.
+
+    Equal-tailed interval of `rate_posterior`, stretched to the estimate where the prior pulls
+    it past. When every seed is all or nothing, with k of n successes, the posterior is
+    Beta(k + 1/2, n - k + 1/2) and the result the Jeffreys interval, which by its usual
+    definition also ends at 0 for k = 0 and at 1 for k = n (Brown, Cai and DasGupta 2001). It
+    has positive length even when all seeds agree.
+
+    Like every interval of Jeffreys' kind it holds its level on average over the true rate, not
+    at each one: with all-or-nothing seeds the coverage of a 95 % interval averages 0.957 (5
+    seeds) and 0.953 (10), and falls to 0.89 and 0.87 at the least favourable rates. For rates
+    with one smooth peak it was 0.95 or more in every case simulated.
+
+    Parameters
+    ----------
+    rates
+        Shape (seeds,): success rate of each training seed, in [0, 1].
+    level
+        Nominal coverage, in (0, 1).
+
+    Returns
+    -------
+    Interval whose estimate is the plain mean over seeds.
+
+    Raises
+    ------
+    ValueError
+        If ``rates`` is empty or not one-dimensional, a rate is not finite or outside [0, 1], or
+        ``level`` is outside (0, 1).
+    """
+    values = one_dimensional(rates, "rates")
+    return equal_tailed(mean_of(values), rate_posterior(values), level)
+
+
+def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> Difference:
+    """Home drop: the same policies judged twice, home − away.
+
+    Parameters
+    ----------
+    home, away
+        Shape (seeds,), in [0, 1]: entry k of both belongs to training seed k.
+    level
+        Nominal coverage of the interval, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        As `paired_posterior` and `rate_interval`.
+    """
+    one, other = one_dimensional(home, "home"), one_dimensional(away, "away")
+    draws = paired_posterior(one, other)
+    return _difference(mean_of(one) - mean_of(other), draws, level)
+
+
+def unpaired_difference(
+    native: RatesLike, transferred: RatesLike, level: float = 0.95
+) -> Difference:
+    """Transfer gap: two groups of policies in one place, native − transferred.
+
+    The groups may have different numbers of seeds; their posteriors are independent.
+
+    Parameters
+    ----------
+    native, transferred
+        Shapes (seeds,) and (other seeds,), in [0, 1].
+    level
+        Nominal coverage of the interval, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        As `rate_interval`.
+    """
+    one = one_dimensional(native, "native")
+    other = one_dimensional(transferred, "transferred")
+    draws = unpaired_posterior(one, other)
+    return _difference(mean_of(one) - mean_of(other), draws, level)
+
+
+def _difference(estimate: float, draws: Floats, level: float) -> Difference:
+    draws.setflags(write=False)
+    return Difference(equal_tailed(estimate, draws, level), draws)

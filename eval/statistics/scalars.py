@@ -1,0 +1,122 @@
+"""Means and medians of any scalar but success, with intervals."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from integ_gym.eval.statistics.interval import Interval, RatesLike, check_level, mean_of
+
+
+def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
+    """Mean over training seeds with Student's t interval, for any scalar but success.
+
+    Meant for quantities such as time to success or energy residual. Seeds without a finite
+    value (a policy that never succeeded has no time to success) are left out, so the result
+    speaks only for seeds that have one: report how many those were. Equal seeds give an
+    interval of no length.
+
+    Parameters
+    ----------
+    values
+        Shape (seeds,), one value per seed in any unit; NaN and infinities are left out.
+    level
+        Nominal coverage, in (0, 1).
+
+    Returns
+    -------
+    The interval, or None with fewer than two finite values.
+
+    Raises
+    ------
+    ValueError
+        If ``values`` is not one-dimensional, or ``level`` is outside (0, 1).
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"expected values of shape (seeds,), got {array.shape}")
+    check_level(level)
+    finite = array[np.isfinite(array)]
+    if finite.size < 2:
+        return None
+    mean = mean_of(finite)
+    spread = math.sqrt(math.fsum((finite - mean) ** 2) / (finite.size - 1) / finite.size)
+    half = student_t_quantile(finite.size - 1, level) * spread
+    return Interval(mean, mean - half, mean + half, level)
+
+
+def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
+    """Median over training seeds between two order statistics, whatever the distribution.
+
+    Infinity stands for "not within the time there was": such seeds count as larger than all
+    others, and an end or the median itself is infinite where too many are. The order statistics
+    X(k) and X(n + 1 − k) with the largest k that covers the median often enough are taken; with
+    fewer than 6 seeds even the extremes do not reach 95 %, and the level says what they reach.
+
+    Parameters
+    ----------
+    values
+        Shape (seeds,), one value per seed in any unit; infinities are allowed, NaN is not.
+    level
+        Least nominal coverage where the seeds allow it, in (0, 1).
+
+    Returns
+    -------
+    Interval with the level that holds exactly for a continuous distribution, or None with
+    fewer than two values.
+
+    Raises
+    ------
+    ValueError
+        If ``values`` is not one-dimensional or has a NaN, or ``level`` is outside (0, 1).
+    """
+    array = np.sort(np.asarray(values, dtype=np.float64))
+    if array.ndim != 1 or np.isnan(array).any():
+        raise ValueError(f"expected values of shape (seeds,) without NaN, got {values!r}")
+    check_level(level)
+    count = array.size
+    if count < 2:
+        return None
+    tails = np.cumsum([math.comb(count, k) for k in range(count // 2)]) / 2.0**count
+    covers = 1.0 - 2.0 * tails
+    place = max(0, int(np.count_nonzero(covers >= level)) - 1)
+    low, high = array[place], array[count - 1 - place]
+    middle = array[(count - 1) // 2 : count // 2 + 1]
+    return Interval(float(middle.mean()), float(low), float(high), float(covers[place]))
+
+
+@lru_cache(maxsize=256)
+def student_t_quantile(dof: int, level: float) -> float:
+    """Two-sided quantile of Student's t: the t with P(|T| <= t) = level.
+
+    For whole degrees of freedom the distribution is a finite trigonometric sum in
+    θ = atan(t/√dof) (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4), which is bisected.
+
+    Raises
+    ------
+    ValueError
+        If ``dof`` is below 1 or ``level`` is outside (0, 1).
+    """
+    if dof < 1:
+        raise ValueError(f"expected at least 1 degree of freedom, got {dof}")
+    check_level(level)
+    low, high = 0.0, math.pi / 2.0
+    for _ in range(64):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _central_t(middle, dof) < level else (low, middle)
+    return math.sqrt(dof) * math.tan(low)
+
+
+def _central_t(theta: float, dof: int) -> float:
+    """P(|T| <= √dof·tan θ) for Student's t with ``dof`` degrees of freedom."""
+    odd = dof % 2
+    cosine = math.cos(theta)
+    term, total = (cosine if odd else 1.0), 0.0
+    for power in range(odd, dof - 1, 2):
+        if power > odd:
+            term *= cosine * cosine * (power - 1) / power
+        total += term
+    value = math.sin(theta) * total
+    return 2.0 / math.pi * (theta + value) if odd else value

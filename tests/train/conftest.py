@@ -1,0 +1,31 @@
+"""Files of policies that several tests read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from small_ppo import SMALL
+
+from integ_gym.train.ppo import train
+from integ_gym.train.sidecar import TrainedPolicy
+
+
+@pytest.fixture(scope="session")
+def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Zip of an untrained default policy on Pendulum-v1: observations (3,), actions [-2, 2]."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path_factory.mktemp("template") / "pendulum.zip"
+    sb3.PPO("MlpPolicy", "Pendulum-v1", device="cpu", seed=1).save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scratch")
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> TrainedPolicy:
+    """A policy after a short run."""
+    return train(SMALL, tmp_path_factory.mktemp("small"), progress=False)
