@@ -47,6 +47,7 @@ class EpisodeFacts:
         observation_noise: standard deviation of the sensor noise, SI units.
         staleness: action latency, and age that a sample can have at a decision, s.
         homes: training discretizations of the policy.
+        terminated: whether the task ended the episode.
     """
 
     success: bool
@@ -62,6 +63,7 @@ class EpisodeFacts:
     observation_noise: float = 0.0
     staleness: float = 0.0
     homes: int = 1
+    terminated: bool = False
 
 
 def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
@@ -147,6 +149,8 @@ def _course(facts: EpisodeFacts) -> str:
     saturated = f"with {facts.saturated_share:.0%} of the control steps saturated"
     if facts.goal_reached is None:
         return f"never reached the goal ({facts.goal}) in {facts.time:.4g} s, {saturated}"
+    if facts.terminated and (facts.goal_reached, facts.goal_left) == (0.0, facts.time):
+        return f"was terminated at {facts.time:.4g} s (asked: {facts.goal}), {saturated}"
     reached = f"reached the goal ({facts.goal}) at {facts.goal_reached:.4g} s"
     if facts.goal_left is not None:
         return f"{reached} and last left it at {facts.goal_left:.4g} s, {saturated}"

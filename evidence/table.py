@@ -175,6 +175,7 @@ _FACTS = {
     "goal_reached": "goal_reached",
     "goal_left": "goal_left",
     "goal_since": "goal_since",
+    "terminated": "terminated",
 }
 """Facts of :class:`EpisodeFacts` to the summary that holds them."""
 

@@ -91,6 +91,22 @@ def test_control():
     assert "4.5 s" in reason
 
 
+def test_a_fall_is_told_as_the_end_that_it_was():
+    """Where the goal is not to fall, it is held from the start and lost with the episode's end."""
+    fall = {"time": 1.104, "goal": "not terminated within the time limit", "goal_reached": 0.0}
+    label, reason = _label(**fall, goal_left=1.104, terminated=True)
+    assert label == "control_error"
+    assert reason == (
+        "it was terminated at 1.104 s (asked: not terminated within the time limit), with 10% of "
+        "the control steps saturated"
+    )
+    label, reason = _label(Replays(home=True), **fall, goal_left=1.104, terminated=True)
+    assert label == "discretization_error"
+    assert "period 0.05 s was terminated at 1.104 s" in reason
+    for other in ({"goal_left": 0.9, "terminated": True}, {"goal_left": 1.104}):
+        assert "last left it at" in _label(**fall, **other)[1]
+
+
 def test_planning():
     label, reason = _label()
     assert label == "planning_error"
