@@ -33,12 +33,32 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
     count = round(ratio)
     if count >= least and is_multiple(value, unit):
         return count
-    below = max(least, math.floor(ratio))
-    nearest = " or ".join(f"{n * unit:.12g}" for n in sorted({below, max(least, below + 1)}))
+    nearest = " or ".join(f"{n * unit:.12g}" for n in _beside(ratio, least))
     raise ValueError(
         f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
         f"nearest valid: {nearest} s"
     )
+
+
+def check_divides(name: str, value: float, whole_name: str, whole: float) -> None:
+    """Check that a time that is given is a whole part of one that cannot be chosen.
+
+    Raises:
+        ValueError: if ``whole`` is no whole multiple of ``value``, naming the nearest valid values.
+    """
+    ratio = whole / value
+    if ratio <= MOST and (round(ratio) < 1 or not is_multiple(whole, value)):
+        nearest = " or ".join(f"{whole / n:.12g}" for n in reversed(_beside(ratio, 1)))
+        raise ValueError(
+            f"`{name}`={value:.12g} s does not divide {whole_name} of {whole:.12g} s into whole "
+            f"steps; nearest valid: {nearest} s"
+        )
+
+
+def _beside(ratio: float, least: int) -> list[int]:
+    """The whole numbers below and above, none under ``least``."""
+    below = max(least, math.floor(ratio))
+    return sorted({below, max(least, math.floor(ratio) + 1)})
 
 
 def _horizon(duration: float, period: float) -> int:

@@ -9,9 +9,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.engines._mujoco_quiet import silencer
 from integ_gym.envs.extras import load
-from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.plants.interface import in_state_order
+from integ_gym.envs.rediscretized.choice import Choice, integrator_numbers
 from integ_gym.envs.rediscretized.description import (
     ModelEngine,
     TaskGoal,
@@ -19,15 +20,12 @@ from integ_gym.envs.rediscretized.description import (
     observation_names,
     plant_of,
 )
-from integ_gym.envs.rediscretized.ledger import NOTHING, Ledger
+from integ_gym.envs.rediscretized.ledger import NOTHING, Ledger, is_lost
 from integ_gym.envs.settings import Settings
 from integ_gym.envs.timing import Timing
 from integ_gym.envs.transition import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 Array = npt.NDArray[Any]
-
-FASTEST = 1e6
-"""A velocity component beyond this, m/s or rad/s, is a divergence."""
 
 SURVIVAL = "not terminated within the time limit"
 
@@ -52,8 +50,8 @@ def rediscretize(
 
     Raises:
         TypeError: for another environment.
-        ValueError: for an unknown integrator, or a timestep of which the control period is no
-            whole multiple, with the nearest that are.
+        ValueError: for an unknown integrator, a timestep of which the control period is no whole
+            multiple, with the nearest that are possible, or an argument of another kind.
 
     >>> import gymnasium as gym
     >>> import integ_gym
@@ -91,9 +89,11 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         super().__init__(env)
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
+        choice = Choice(integrator, dt, success_return)
         self._success_return = success_return
         self._model, self._data = self._inner.model, self._inner.data
-        self.setup = self._discretized(integrator, dt)
+        self.setup = self._discretized(choice)
+        self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
         self._booked = NOTHING
@@ -156,14 +156,13 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         data.ctrl[:] = control
         self._applied = self._clamped(control)
         self._saturated = bool((self._applied != control).any())
+        self._silence()
         self._booked = self._ledger.step(data, count)
-        self._diverged = not (
-            np.isfinite(data.qpos).all() and bool((np.abs(data.qvel) <= FASTEST).all())
-        )
+        self._diverged = is_lost(data)
         if self._diverged:
             data.qpos[:], data.qvel[:] = q, v
             self._mujoco.mj_forward(self._model, data)
-            self._booked = NOTHING._replace(iterations=self._booked.iterations)
+            self._booked = self._ledger.put_back(self._booked)
         self._mujoco.mj_rnePostConstraint(self._model, data)
 
     def _clamped(self, control: Array) -> Array:
@@ -226,17 +225,16 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         capped = self._booked.iterations >= self.setup.engine.cap
         return NOT_CONVERGED if capped else OK
 
-    def _discretized(self, integrator: str | None, dt: float | None) -> TaskSetup:
+    def _discretized(self, choice: Choice) -> TaskSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
-        step = float(model.opt.timestep) if dt is None else dt
-        chosen = _integrator(mujoco, model, integrator)
+        step, chosen = choice.step_of(model, period), choice.integrator_of(model)
         limit = self.spec.max_episode_steps if self.spec else None
         horizon = 1000 if limit is None else limit
         timing = Timing.of(step, period, 0.0, None, horizon * period)
         model.opt.timestep = step
-        model.opt.integrator = _integrators(mujoco)[chosen]
+        model.opt.integrator = integrator_numbers()[chosen]
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
@@ -281,27 +279,3 @@ def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
             raise TypeError("the environment is rediscretized already; make a new one")
         wrapper = wrapper.env
     return env.unwrapped
-
-
-def mujoco_integrators() -> tuple[str, ...]:
-    """Names of the integrators that the installed MuJoCo has."""
-    return tuple(_integrators(load("mujoco", "mujoco")))
-
-
-def _integrators(mujoco: Any) -> dict[str, int]:
-    """MuJoCo's integrators by the names that its model files use."""
-    names = {"EULER": "Euler", "RK4": "RK4", "IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast"}
-    found = {}
-    for member in mujoco.mjtIntegrator.__members__.values():
-        short = member.name.removeprefix("mjINT_")
-        found[names.get(short, short.lower())] = int(member)
-    return found
-
-
-def _integrator(mujoco: Any, model: Any, name: str | None) -> str:
-    known = _integrators(mujoco)
-    if name is None:
-        return next(own for own, number in known.items() if number == int(model.opt.integrator))
-    if name not in known:
-        raise ValueError(unknown_name("integrator of MuJoCo", name, known))
-    return name

@@ -14,6 +14,10 @@ TAKEN_AT_THE_END = ("Euler", "implicit", "implicitfast", "discrete")
 """Integrators that take joint damping at the end of the step: its work is force · displacement."""
 
 
+FASTEST = 1e6
+"""A velocity component beyond this, m/s or rad/s, is a divergence."""
+
+
 class Booked(NamedTuple):
     """What one control period brought, J."""
 
@@ -25,7 +29,8 @@ class Booked(NamedTuple):
     iterations: int
     """Most solver iterations of any sub-step."""
     penetration: float
-    """Deepest contact at the beginning of any sub-step, m."""
+    """Deepest contact where the forces of any sub-step were last computed, m: at its beginning,
+    under RK4 at its end."""
     violation: float
     """Largest violation of any constraint there, m or rad."""
 
@@ -39,7 +44,8 @@ class Ledger:
     Work is the generalized force of the actuators times the displacement, which is exact where the
     force does not depend on the state within a step, as that of a motor. What damping takes is
     known for integrators that take it at the end of the step; losses in a fluid, in a tendon or by
-    gravity compensation are not accounted for.
+    gravity compensation are not accounted for. Of RK4's four stages MuJoCo tells the constraints of
+    the last alone: a step that ends where it would without any constraint had none in the others.
 
     Args:
         mujoco: the module.
@@ -53,6 +59,7 @@ class Ledger:
         self._displacement = np.zeros(model.nv)
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
         self.accounted = _accounted(model, integrator)
+        self._staged = self.accounted and integrator == "RK4"
 
     def energy(self, data: Any) -> float:
         """Kinetic plus potential energy, J, zero where MuJoCo has it."""
@@ -67,26 +74,52 @@ class Ledger:
         return float(scratch.energy.sum())
 
     def step(self, data: Any, count: int) -> Booked:
-        """Take ``count`` steps, or as many as the state stays finite for."""
+        """Take ``count`` steps, or as many as there are until the motion has diverged."""
         work = lost = depth = violation = 0.0
         constrained, iterations = False, 0
         for _ in range(count):
             before = data.qpos.copy()
-            self._mujoco.mj_step(self._model, data)
-            if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            constrained |= self._taken(data)
+            if is_lost(data):
                 break
             moved = self._displacement
             self._mujoco.mj_differentiatePos(self._model, moved, 1.0, before, data.qpos)
             work += float(data.qfrc_actuator @ moved)
             lost += float((self._damping * data.qvel) @ moved)
             if data.nefc:
-                constrained = True
-                iterations = max(iterations, int(data.solver_niter[0]))
+                iterations = max(iterations, int(data.solver_niter.max()))
                 violation = max(violation, -float(data.efc_pos.min()))
             if data.ncon:
                 depth = max(depth, -float(data.contact.dist.min()))
         lost = lost if self.accounted else nan
         return Booked(work, lost, constrained, iterations, depth, violation)
+
+    def put_back(self, booked: Booked) -> Booked:
+        """What is booked of a control period whose motion was taken back."""
+        lost = 0.0 if self.accounted else nan
+        return NOTHING._replace(
+            dissipated=lost, constrained=booked.constrained, iterations=booked.iterations
+        )
+
+    def _taken(self, data: Any) -> bool:
+        """Take one step; whether a constraint acted in it."""
+        mujoco, model, free = self._mujoco, self._model, self._scratch
+        if self._staged:
+            mujoco.mj_copyData(free, model, data)
+        mujoco.mj_step(model, data)
+        if data.nefc or not self._staged:
+            return bool(data.nefc)
+        flags = model.opt.disableflags
+        model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        mujoco.mj_step(model, free)
+        model.opt.disableflags = flags
+        return bool((free.qpos != data.qpos).any() or (free.qvel != data.qvel).any())
+
+
+def is_lost(data: Any) -> bool:
+    """Whether the motion has diverged."""
+    finite = np.isfinite(data.qpos).all()
+    return not (finite and bool((np.abs(data.qvel) <= FASTEST).all()))
 
 
 def _accounted(model: Any, integrator: str) -> bool:

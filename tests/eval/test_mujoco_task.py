@@ -22,8 +22,10 @@ CELLS = [f"mujoco {name} dt={dt}" for name in ("Euler", "implicitfast") for dt i
 
 
 @pytest.fixture(autouse=True)
-def _mujoco():
+def _mujoco(tmp_path, monkeypatch):
+    """In a folder of its own: MuJoCo's compiler writes a file where it has a remark on a model."""
     needs("mujoco")
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="session")
@@ -131,6 +133,16 @@ def test_starts_are_paired_and_the_cells_differ(run):
 
 
 @pytest.mark.slow
+def test_a_fall_is_told_as_such(run):
+    labels = _column(run, "failure_label", "random", HOME)
+    reasons = _column(run, "failure_reason", "random", HOME)
+    lengths = _column(run, "length", "random", HOME)
+    assert set(labels) == {"control_error"}
+    for reason, length in zip(reasons, lengths, strict=True):
+        assert reason.startswith(f"it was terminated at {length * 0.04:.4g} s (asked: not termin")
+
+
+@pytest.mark.slow
 def test_resumes_where_it_was_interrupted(run, balancing, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(run, out)
@@ -166,7 +178,11 @@ WRONG = {
     "not a MuJoCo task": ("CartPole-v1", [], "CartPoleEnv; --env takes IntegPendulum-v0"),
     "unknown id": ("HalfCheta-v5", [], "Gymnasium cannot make 'HalfCheta-v5'"),
     "other spaces": ("Hopper-v5", [], "expects observations of shape (17,)"),
-    "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "nearest valid"),
+    "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "nearest valid: 0.025 or 0.05 s"),
+    "no timestep": ("HalfCheetah-v5", ["--dt", "0"], "`dt` must be a finite number above 0, got"),
+    "not a number": ("HalfCheetah-v5", ["--dt", "nan"], "`dt` must be a finite number above 0"),
+    "backwards": ("HalfCheetah-v5", ["--dt=-0.002"], "`dt` must be a finite number above 0, got"),
+    "no return": ("HalfCheetah-v5", ["--success-return", "nan"], "must be a finite number, got"),
     "unknown integrator": ("HalfCheetah-v5", ["--integrator", "euler"], "Did you mean 'Euler'"),
     "varied": ("HalfCheetah-v5", ["--env-arg", "dt=0.01"], "is what the evaluation varies"),
     "unknown argument": ("HalfCheetah-v5", ["--env-arg", "mass=2"], "Gymnasium cannot make"),
