@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.mechanism import Mechanism
 from integ_gym.envs.ops import SCALAR, Components
 from integ_gym.envs.plants.interface import Plant
 
@@ -31,6 +32,33 @@ class Model(Protocol):
 
     def gravity(self, q: Components) -> Array:
         """The simulator's generalized force of gravity, (dof,), N or N m."""
+
+
+class Floored(Protocol):
+    """An engine that takes no moment of inertia below some least one."""
+
+    name: ClassVar[str]
+    width: ClassVar[int]
+    least_inertia: ClassVar[float]
+
+
+def check_weight(model: Floored, mechanism: Mechanism) -> None:
+    """Check that the least moment of inertia that an engine takes makes no difference.
+
+    Raises:
+        ValueError: if it does.
+    """
+    least = model.least_inertia
+    for link in mechanism.links:
+        about_joint = link.inertia + link.mass * link.centre**2
+        tolerated = TOLERANCE[model.width] * about_joint
+        if link.joint == "hinge" and max(link.inertia, tolerated) < least:
+            raise ValueError(
+                f"engine {model.name!r} takes no body's moment of inertia below {least:g} kg m², "
+                f"which the plant's {about_joint:g} kg m² about {link.coordinate!r} is too small "
+                f"for; use a larger mass or length, or an engine without this limit, such as "
+                "'native', 'drake' or 'pinocchio'"
+            )
 
 
 def check_agreement(model: Model, plant: Plant) -> None:

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from integ_gym.envs.contact import Stops
+from integ_gym.envs.engines._moments import moment
 from integ_gym.envs.mechanism import Link, Mechanism
 
-SMALLEST_INERTIA = 1e-12
-"""Of a point mass or a sliding body, kg m²: MuJoCo wants one above zero."""
+MAPS = {
+    "Euler": "symplectic_euler_implicit_damping",
+    "implicitfast": "symplectic_euler_implicit_damping",
+    "implicit": "symplectic_euler_implicit_velocity",
+    "discrete": "symplectic_euler_implicit_damping",
+    "RK4": "rk4",
+}
+"""MuJoCo's integrators, and the one-step maps that they apply."""
+
+LEAST_INERTIA = 1.1e-15
+"""Of a body, kg m²: MuJoCo's compiler wants more than 1e-15."""
 
 _AXES = {"slide": "1 0 0", "hinge": "0 1 0"}
 
@@ -16,7 +26,6 @@ def mjcf(
     dt: float,
     integrator: str,
     stops: Stops | None = None,
-    least: float = SMALLEST_INERTIA,
 ) -> str:
     """The model as XML text.
 
@@ -25,11 +34,10 @@ def mjcf(
         dt: timestep, s.
         integrator: MuJoCo's name.
         stops: whose limit a joint has, with MuJoCo's own parameters of contact; or None.
-        least: smallest moment of inertia, kg m².
     """
     limits = {} if stops is None else {stops.coordinate: stops.limit}
     bodies = "".join(
-        _opening(link, least, limits.get(place)) for place, link in enumerate(mechanism.links)
+        _opening(link, limits.get(place)) for place, link in enumerate(mechanism.links)
     )
     return (
         '<mujoco><compiler angle="radian" autolimits="false"/>'
@@ -39,8 +47,8 @@ def mjcf(
     )
 
 
-def _opening(link: Link, least: float, limit: float | None) -> str:
-    inertia = max(link.inertia, least)
+def _opening(link: Link, limit: float | None) -> str:
+    inertia = max(moment(link), LEAST_INERTIA)
     ends = "" if limit is None else f'limited="true" range="{-limit!r} {limit!r}" '
     return (
         f'<body name="{link.coordinate}">'

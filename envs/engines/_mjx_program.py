@@ -14,7 +14,8 @@ from mujoco import mjx
 from mujoco.mjx._src import forward
 
 from integ_gym.envs.contact import Stops
-from integ_gym.envs.engines._mjcf import SMALLEST_INERTIA, mjcf
+from integ_gym.envs.engines._mjcf import mjcf
+from integ_gym.envs.engines._moments import LEAST_SHARE
 from integ_gym.envs.mechanism import Link, Mechanism
 from integ_gym.envs.ops import Component
 
@@ -117,7 +118,7 @@ class Program:
         model, joint = jax.tree.map(_own, self._model), self._stopped
         end = 2 + 4 * self.dof
         mass, centre, inertia, damping = values[2:end].reshape(-1, 4).T
-        inertia = jnp.maximum(inertia, SMALLEST_INERTIA)
+        inertia = jnp.maximum(inertia, LEAST_SHARE * mass * centre**2)
         down = jnp.array([0.0, 0.0, -1.0])
         model = model.replace(
             opt=model.opt.replace(timestep=values[0], gravity=values[1] * down),

@@ -12,15 +12,6 @@ ROWS = 2
 """Constraints to make room for in a world: one side of a limited joint at a time, and no fewer than
 one, for without any MuJoCo Warp leaves the forces out of `Euler`, `implicitfast` and `implicit`."""
 
-MAPS = {
-    "Euler": "symplectic_euler_implicit_damping",
-    "implicitfast": "symplectic_euler_implicit_damping",
-    "implicit": "symplectic_euler_implicit_velocity",
-    "discrete": "symplectic_euler_implicit_damping",
-    "RK4": "rk4",
-}
-"""MuJoCo's integrators, and the one-step maps that they apply."""
-
 
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
     """Of the first world, (dof, dof), from a MuJoCo model and MuJoCo Warp's data."""

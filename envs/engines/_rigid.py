@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.engines._agreement import TOLERANCE, check_agreement
+from integ_gym.envs.engines._agreement import TOLERANCE, check_agreement, check_weight
 from integ_gym.envs.engines._foreign import ForeignEngine
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.maps import one_step_map
@@ -28,13 +28,18 @@ State = tuple[Components, Components]
 class RigidBodyEngine(ForeignEngine):
     """Builds the plant's mechanism in a simulator and advances it under generalized forces.
 
-    Friction and stops are forces of our own, taken at the start of each step and held during it,
-    so that the contact law is one and the same in every engine.
+    Friction and stops are forces of our own, taken at the start of each step and held during it:
+    a simulator takes generalized forces once in a step. Under a map that evaluates forces once
+    that is the map's own law; any other is of first order where they act.
 
     Raises:
-        ValueError: for a plant without a mechanism, and for an engine whose mass matrix or gravity
-            force is not the plant's.
+        ValueError: for a plant without a mechanism, for one too light for the engine, and for an
+            engine whose mass matrix or gravity force is not the plant's.
     """
+
+    holds_resistance: ClassVar[bool] = True
+    least_inertia: ClassVar[float] = 0.0
+    """Moment of inertia of a body below which it takes none, kg m²."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, integrator, dt)
@@ -58,6 +63,7 @@ class RigidBodyEngine(ForeignEngine):
         """The simulator's generalized force of gravity, (dof,), N or N m."""
 
     def _check(self) -> None:
+        check_weight(self, self.mechanism)
         check_agreement(self, self.system.plant)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.engines._foreign import Run, is_astray
-from integ_gym.envs.engines._mjcf import SMALLEST_INERTIA
+from integ_gym.envs.engines._moments import moment
 from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.mechanism import Link
@@ -103,7 +103,7 @@ class DartEngine(RigidBodyEngine):
         joint, body = create() if parent is None else create(parent)
         joint.setAxis(axis)
         joint.setDampingCoefficient(0, link.damping)
-        moments = max(link.inertia, SMALLEST_INERTIA) * np.eye(3)
+        moments = moment(link) * np.eye(3)
         body.setInertia(dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))
         stops = self.system.engine_stops
         if stops is not None and stops.coordinate == place:

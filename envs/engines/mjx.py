@@ -9,6 +9,7 @@ import numpy as np
 
 from integ_gym.envs.engines._foreign import Run
 from integ_gym.envs.engines._lanes import LanesEngine
+from integ_gym.envs.engines._mjcf import MAPS
 from integ_gym.envs.engines._quiet import quiet
 from integ_gym.envs.engines._rigid import Array
 from integ_gym.envs.extras import load
@@ -27,11 +28,7 @@ class MjxEngine(LanesEngine):
     package: ClassVar[str] = "mujoco-mjx"
     batched: ClassVar[bool] = True
     own_stops: ClassVar[bool] = True
-    maps: ClassVar[Mapping[str, str]] = {
-        "Euler": "symplectic_euler_implicit_damping",
-        "implicitfast": "symplectic_euler_implicit_damping",
-        "RK4": "rk4",
-    }
+    maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
 
     def build(self) -> None:
         """Make the program and place the model's numbers."""

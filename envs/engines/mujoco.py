@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.engines._foreign import Run
-from integ_gym.envs.engines._mjcf import mjcf
+from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS, mjcf
 from integ_gym.envs.engines._mujoco_quiet import silencer
 from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
 from integ_gym.envs.extras import load
@@ -27,13 +27,8 @@ class MujocoEngine(RigidBodyEngine):
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
     own_stops: ClassVar[bool] = True
-    maps: ClassVar[Mapping[str, str]] = {
-        "Euler": "symplectic_euler_implicit_damping",
-        "implicitfast": "symplectic_euler_implicit_damping",
-        "implicit": "symplectic_euler_implicit_velocity",
-        "discrete": "symplectic_euler_implicit_damping",
-        "RK4": "rk4",
-    }
+    least_inertia: ClassVar[float] = LEAST_INERTIA
+    maps: ClassVar[Mapping[str, str]] = MAPS
 
     def build(self) -> None:
         """Compile the model."""

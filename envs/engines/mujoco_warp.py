@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.contact import Stops
-from integ_gym.envs.engines._mjcf import mjcf
-from integ_gym.envs.engines._mujoco_warp import MAPS, ROWS, mass_matrix
+from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS, mjcf
+from integ_gym.envs.engines._mujoco_warp import ROWS, mass_matrix
 from integ_gym.envs.engines._rigid import Array
 from integ_gym.envs.engines._warp import WarpEngine, Worlds
 from integ_gym.envs.extras import load
@@ -26,6 +26,7 @@ class MujocoWarpEngine(WarpEngine):
     package: ClassVar[str] = "mujoco-warp"
     extra: ClassVar[str] = "mujoco_warp"
     own_stops: ClassVar[bool] = True
+    least_inertia: ClassVar[float] = LEAST_INERTIA
     maps: ClassVar[Mapping[str, str]] = MAPS
 
     def open(self) -> None:

@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.contact import Stops
-from integ_gym.envs.engines._mjcf import SMALLEST_INERTIA
-from integ_gym.envs.engines._mujoco_warp import MAPS, ROWS, mass_matrix
+from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS
+from integ_gym.envs.engines._moments import moment
+from integ_gym.envs.engines._mujoco_warp import ROWS, mass_matrix
 from integ_gym.envs.engines._rigid import Array
 from integ_gym.envs.engines._warp import WarpEngine, Worlds
 from integ_gym.envs.extras import load
@@ -33,6 +34,7 @@ class NewtonEngine(WarpEngine):
     package: ClassVar[str] = "newton"
     extra: ClassVar[str] = "newton"
     own_stops: ClassVar[bool] = True
+    least_inertia: ClassVar[float] = LEAST_INERTIA
     maps: ClassVar[Mapping[str, str]] = {FEATHERSTONE: "symplectic_euler", **_MUJOCO}
     KERNELS: ClassVar[tuple[str, ...]] = (
         "newton._src.sim.articulation",
@@ -116,11 +118,10 @@ class NewtonEngine(WarpEngine):
     def _hung(self, builder: Any, parent: int, link: Link, limit: float | None) -> tuple[int, int]:
         """Add a link on its joint; the numbers of both."""
         axes, warp = self._newton.Axis, self._warp
-        inertia = max(link.inertia, SMALLEST_INERTIA)
         body = builder.add_link(
             mass=link.mass,
             com=warp.vec3(0.0, 0.0, link.centre),
-            inertia=warp.mat33(np.diag([inertia] * 3)),
+            inertia=warp.mat33(np.diag([max(moment(link), LEAST_INERTIA)] * 3)),
         )
         slides = link.joint == "slide"
         add = builder.add_joint_prismatic if slides else builder.add_joint_revolute
