@@ -7,29 +7,40 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.cells import Cell, Discretization
 from integ_gym.eval.engine_cells import NATIVE, map_of
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.spec import PanelSpec
 
 VARIANTS = {
     "symplectic_euler_implicit_damping": "symplectic_euler",
     "symplectic_euler_implicit_velocity": "symplectic_euler",
     "symplectic_euler_sequential_damping": "symplectic_euler",
 }
-"""Maps that differ from one of ours by how they take damping, to that one of ours."""
+"""Maps that differ from one of ours by how they take forces of the velocity, to that one."""
+
+EVALUATED_ONCE = ("explicit_euler", "symplectic_euler")
+"""Of our integrators, those to which a force held from a step's start is the force itself."""
 
 
-def twin_of(cell: Cell, cells: Mapping[str, Cell]) -> str | None:
+def twin_of(cell: Cell, cells: Mapping[str, Cell], resisted: bool) -> str | None:
     """The native cell with an engine's cell's map, step and control period, or None.
 
     Args:
         cell: on a foreign engine.
         cells: all cells by name.
+        resisted: whether stops or friction act; no native cell holds their force over a step as
+            most engines do, but for those that evaluate forces once.
     """
     own = cell.discretization
     wanted = map_of(own)
-    twin = Discretization(VARIANTS.get(wanted, wanted), own.dt, own.control_period)
+    ours = VARIANTS.get(wanted, wanted)
+    if resisted and ENGINES.load(own.engine).holds_resistance and ours not in EVALUATED_ONCE:
+        return None
+    twin = Discretization(ours, own.dt, own.control_period)
     same = (
         name
         for name, other in cells.items()
@@ -38,8 +49,13 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell]) -> str | None:
     return next(same, None)
 
 
-def agreements(layout: PanelLayout, matrix: Matrix) -> list[dict[str, Any]]:
+def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> list[dict[str, Any]]:
     """Every grid cell on a foreign engine beside its native twin.
+
+    Args:
+        layout: cells and rows.
+        matrix: episodes of every row in every cell.
+        spec: of the panel, whose plant has stops or friction, or has not.
 
     Returns:
         Per cell: its ``map``, its ``twin`` (null without one), ``success`` and ``twin_success``
@@ -51,11 +67,15 @@ def agreements(layout: PanelLayout, matrix: Matrix) -> list[dict[str, Any]]:
         for cell in layout.cells.values()
         if cell.kind == "grid" and cell.discretization.engine != NATIVE
     ]
-    return [_agreement(cell, layout, matrix) for cell in foreign]
+    if not foreign:
+        return []
+    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
+    twins = {cell.name: twin_of(cell, layout.cells, truth.system.steep) for cell in foreign}
+    return [_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign]
 
 
-def _agreement(cell: Cell, layout: PanelLayout, matrix: Matrix) -> dict[str, Any]:
-    twin, rows = twin_of(cell, layout.cells), [row.name for row in layout.rows]
+def _agreement(cell: Cell, twin: str | None, layout: PanelLayout, matrix: Matrix) -> dict[str, Any]:
+    rows = [row.name for row in layout.rows]
     here = [matrix.values(row, cell.name, "success") for row in rows]
     found = {
         "cell": cell.name,

@@ -47,7 +47,7 @@ def write_artefact(
     }
     panel = build_artefact(layout, matrix, facts)
     panel["versions"] = directory.versions()
-    panel["engine_agreement"] = agreements(layout, matrix)
+    panel["engine_agreement"] = agreements(layout, matrix, spec)
     if not spec.family:
         panel["answer"] = agreement_answer(panel["engine_agreement"]) or panel["answer"]
     write_outputs(panel, layout, directory)

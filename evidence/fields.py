@@ -130,7 +130,8 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
     _text(
         _DISCRETIZATION,
         "engine_description",
-        "the engine's float width, the map that it applies, its fingerprint and its stops",
+        "the engine's float width, map, fingerprint and stops; `resistance`, where the force of "
+        "our stops and friction acts; why no constraint is violated",
         kind="json",
     ),
     _text(_DISCRETIZATION, "integrator", "one-step map, as the engine calls it"),
@@ -214,7 +215,7 @@ SUMMARY_FIELDS: tuple[Field, ...] = (
         _OUTCOME,
         "constraint_violation_max",
         "m",
-        "largest constraint violation; null: not reported",
+        "largest constraint violation; null: not reported, or none to violate",
         nullable=True,
     ),
     _text(_OUTCOME, "failure_label", "first failure rule that fits", choices=LABELS),

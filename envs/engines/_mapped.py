@@ -58,7 +58,7 @@ class MappedEngine(SteppedEngine):
         return self.maps[self.integrator]
 
     def describe(self) -> dict[str, Any]:
-        """Float width, the map that is applied, and the parameters of the engine's own stops."""
+        """What every engine says, the map that is applied, and the engine's own stops."""
         stops = None if self.system.engine_stops is None else self.stop_parameters()
         return {**super().describe(), "map": self.map, "stops": stops}
 

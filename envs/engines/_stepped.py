@@ -11,6 +11,12 @@ from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops import FLOAT32_MAX, Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
 
+CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"
+"""Of engines whose joints are coordinates: there is no constraint that a step could violate."""
+
+HELD = "held over the step"
+WITHIN = "within the integrator's stages"
+
 
 class SteppedEngine(ABC):
     """Advances the plant step by step under a constant control.
@@ -28,6 +34,8 @@ class SteppedEngine(ABC):
     """Bits of the floats that it computes with outside JAX."""
     own_stops: ClassVar[bool] = False
     """Whether it has joint stops of its own, for ``contact="engine"``."""
+    holds_resistance: ClassVar[bool] = False
+    """Whether our stops and friction are forces taken at a step's start and held during it."""
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
@@ -58,8 +66,16 @@ class SteppedEngine(ABC):
         return {"solver_tolerance": None, "solver_cap": None}
 
     def describe(self) -> dict[str, Any]:
-        """What the engine is, beyond its name, version and integrator, as plain data."""
-        return {"width": self.width}
+        """What the engine is, beyond its name, version and integrator, as plain data.
+
+        `resistance` is where the force of our stops and friction acts, None without either.
+        """
+        acts = HELD if self.holds_resistance else WITHIN
+        return {
+            "width": self.width,
+            "constraint_violation": CONSTRAINT_VIOLATION,
+            "resistance": acts if self.system.steep else None,
+        }
 
     def advance(
         self,

@@ -52,7 +52,7 @@ class PinocchioEngine(NativeEngine):
         check_agreement(self, system.plant)
 
     def describe(self) -> dict[str, Any]:
-        """Float width, and the map that is applied; no stops of its own."""
+        """What every engine says, and the map that is applied; no stops of its own."""
         return {**super().describe(), "map": self.map, "stops": None}
 
     def inertia(self, q: Components) -> Array:

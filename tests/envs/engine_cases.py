@@ -10,6 +10,8 @@ import pytest
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.maps import MAPS
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
@@ -29,6 +31,9 @@ CASES = [
     for integrator in ENGINES.load(engine).maps
     for env_id in IDS
 ]
+EVERY = [(engine, integrator) for engine, integrator, env_id in CASES if env_id == IDS[0]]
+"""Every integrator of every engine."""
+
 FIRST = [(engine, next(iter(ENGINES.load(engine).maps))) for engine in FOREIGN]
 """Each engine with one of its integrators."""
 
@@ -40,6 +45,14 @@ STOPPED = [
     if integrator not in owner.stopless
 ]
 """Every integrator that heeds its engine's own stops."""
+
+
+def native_name(name: str) -> str:
+    """The map as an integrator of the native engine."""
+    if name in INTEGRATORS.names():
+        return name
+    owner = MAPS.load(name)
+    return f"{owner.__module__}:{owner.__name__}"
 
 
 def needs(engine: str) -> None:
@@ -61,14 +74,14 @@ def _setup(engine: str, integrator: str, env_id: str, arguments: Any) -> Setup:
     return environment_setup(env_id, {"engine": engine, "integrator": integrator, **chosen})
 
 
-def states(setup: Setup, count: int = 20) -> list[tuple[Any, Any, float]]:
-    """(q, v, control) at random: fast spins and both signs included."""
+def states(setup: Setup, count: int = 20, strongest: float = 3.0) -> list[tuple[Any, Any, float]]:
+    """(q, v, control) at random: fast spins and both signs included; controls to ±strongest."""
     rng, n = np.random.default_rng(7), len(setup.plant.coordinates)
     return [
         (
             tuple(rng.uniform(-3.0, 3.0, n).tolist()),
             tuple(rng.uniform(-6.0, 6.0, n).tolist()),
-            float(rng.uniform(-3.0, 3.0)),
+            float(rng.uniform(-strongest, strongest)),
         )
         for _ in range(count)
     ]
