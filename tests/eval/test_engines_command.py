@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from engine_cases import FIRST, needs
@@ -10,16 +11,33 @@ from engine_cases import FIRST, needs
 from integ_gym.cli import main
 from integ_gym.envs import extras
 from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.numerics.fingerprint import fingerprint
+
+
+def _table(printed):
+    """Rows of the printed table, each {heading: cell}."""
+    headings, _, *lines = [re.split(r" {2,}", line.strip()) for line in printed.splitlines()]
+    return [dict(zip(headings, line, strict=True)) for line in lines if len(line) > 1]
 
 
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
 def test_every_integrator_of_an_engine_has_its_line(engine, integrator, capsys):
+    """With the map that it is declared to apply in the column of what it was found to apply."""
     needs(engine)
-    assert main(["engines", "--engine", engine, "--plant", "pendulum"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    for own, applied in ENGINES.load(engine).maps.items():
-        (line,) = [x for x in lines if x.split()[:3:2] == [engine, own]]
-        assert any(name in line for name in (applied, "symplectic_euler_implicit_damping"))
+    assert main(["engines", "--engine", engine]) == 0
+    rows = _table(capsys.readouterr().out)
+    assert {row["engine"] for row in rows} == {engine}
+    assert {row["integrator"]: row["applies"] for row in rows} == ENGINES.load(engine).maps
+    found = {own: fingerprint(engine, own, "cart_pole") for own in ENGINES.load(engine).maps}
+    for row in rows:
+        volume = found[row["integrator"]].volume_defect
+        assert float(row["det J - 1"]) == pytest.approx(volume, rel=0.5)
+
+
+@pytest.mark.parametrize("given", [[], ["--json"]], ids=["table", "json"])
+def test_what_a_step_cannot_violate_is_said(given, capsys):
+    assert main(["engines", "--engine", "native", *given]) == 0
+    assert "not applicable: generalized coordinates" in capsys.readouterr().out
 
 
 def test_the_document_has_everything_measured(capsys):
