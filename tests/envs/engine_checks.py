@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 from engine_cases import mapped, one_step
 
 from integ_gym.envs.maps import one_step_map
-from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.settings import Setup
 
@@ -29,23 +27,6 @@ def defect(setup: Setup, cases: list[tuple[Any, Any, float]]) -> float:
     expected = np.array([mapped(known, setup, *case) for case in cases])
     got = np.array([one_step(setup, *case) for case in cases])
     return float((np.abs(got - expected) / (1.0 + np.abs(expected))).max())
-
-
-def energy_drift(engine: str, integrator: str) -> tuple[float, float]:
-    """Relative drift of a free pendulum's energy, at the end and the largest.
-
-    A point mass, released 0.5 rad from hanging at rest, 4000 steps of 0.05 s.
-    """
-    setup = new_setup(
-        engine, integrator, "IntegPendulum-v0", mass_distribution="point", gravity=9.81, dt=0.05
-    )
-    q, v = (pi - 0.5,), (0.0,)
-    energies = [setup.plant.energy(SCALAR, q, v)]
-    for _ in range(4000):
-        q, v = setup.engine.travel(SCALAR, q, v, (0.0,), 1)[:2]
-        energies.append(setup.plant.energy(SCALAR, q, v))
-    drift = np.array(energies) / energies[0] - 1.0
-    return float(drift[-1]), float(np.abs(drift).max())
 
 
 _EPISODE = """
