@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.numerics.matching import cases_of, largest_error, mapped
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.cells import Cell, Discretization
 from integ_gym.eval.engine_cells import NATIVE, map_of
@@ -20,24 +22,31 @@ VARIANTS = {
     "symplectic_euler_implicit_velocity": "symplectic_euler",
     "symplectic_euler_sequential_damping": "symplectic_euler",
 }
-"""Maps that differ from one of ours by how they take forces of the velocity, to that one."""
+"""Maps that differ from one of ours by how they take forces of the velocity, to that one; without
+such forces both are the same."""
+
+SAME = 1e-9
+"""Largest difference of two steps that are the same map's."""
 
 EVALUATED_ONCE = ("explicit_euler", "symplectic_euler")
 """Of our integrators, those to which a force held from a step's start is the force itself."""
 
 
-def twin_of(cell: Cell, cells: Mapping[str, Cell], resisted: bool) -> str | None:
+def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool) -> str | None:
     """The native cell with an engine's cell's map, step and control period, or None.
 
     Args:
         cell: on a foreign engine.
         cells: all cells by name.
+        plant: whose damping and Coriolis forces tell apart what is the same map without them.
         resisted: whether stops or friction act; no native cell holds their force over a step as
             most engines do, but for those that evaluate forces once.
     """
     own = cell.discretization
     wanted = map_of(own)
     ours = VARIANTS.get(wanted, wanted)
+    if ours != wanted and not _same_steps(ours, wanted, plant, own.dt):
+        return None
     if resisted and ENGINES.load(own.engine).holds_resistance and ours not in EVALUATED_ONCE:
         return None
     twin = Discretization(ours, own.dt, own.control_period)
@@ -47,6 +56,12 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell], resisted: bool) -> str | None
         if other.discretization == twin and other.kind == cell.kind
     )
     return next(same, None)
+
+
+def _same_steps(first: str, second: str, plant: Plant, dt: float) -> bool:
+    cases = cases_of(plant, controlled=True)
+    steps = [[mapped(name, plant, dt, 1, case) for case in cases] for name in (first, second)]
+    return max(map(largest_error, *steps)) < SAME
 
 
 def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> list[dict[str, Any]]:
@@ -70,7 +85,9 @@ def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> list[dic
     if not foreign:
         return []
     truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
-    twins = {cell.name: twin_of(cell, layout.cells, truth.system.steep) for cell in foreign}
+    twins = {
+        cell.name: twin_of(cell, layout.cells, truth.plant, truth.system.steep) for cell in foreign
+    }
     return [_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign]
 
 

@@ -12,12 +12,15 @@ from integ_gym.envs.engines._rigid import HeldForce
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import along
 from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.cells import Cell, Discretization
 from integ_gym.eval.engine_agreement import EVALUATED_ONCE, agreements, twin_of
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.spec import parse_spec
 
+FREE = Pendulum()
 NATIVE = {
     cell.name: cell
     for name in INTEGRATORS.names()
@@ -25,9 +28,9 @@ NATIVE = {
 }
 
 
-def _twin(engine, integrator, resisted):
+def _twin(engine, integrator, resisted, plant=FREE):
     cell = Cell(Discretization(integrator, 0.01, 0.05, engine), "grid")
-    found = twin_of(cell, NATIVE, resisted)
+    found = twin_of(cell, NATIVE, plant, resisted)
     return None if found is None else NATIVE[found].discretization.integrator
 
 
@@ -46,6 +49,21 @@ def _twin(engine, integrator, resisted):
 def test_a_cell_whose_stops_act_otherwise_has_no_twin(engine, integrator, free, resisted):
     assert _twin(engine, integrator, False) == free
     assert _twin(engine, integrator, True) == resisted
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator", "plant", "twin"),
+    [
+        ("mujoco", "Euler", CartPole(), "symplectic_euler"),
+        ("mujoco", "Euler", Pendulum(damping=0.1), None),
+        ("mujoco", "implicit", Pendulum(), "symplectic_euler"),
+        ("mujoco", "implicit", CartPole(), None),
+        ("pybullet", "semi_implicit_euler", Pendulum(damping=0.1), "symplectic_euler"),
+        ("sapien", "tgs", CartPole(damping=0.01), None),
+    ],
+)
+def test_forces_of_the_velocity_tell_maps_apart(engine, integrator, plant, twin):
+    assert _twin(engine, integrator, False, plant) == twin
 
 
 TOML = """
