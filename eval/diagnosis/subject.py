@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.numerics.probe import linear_rates
-from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.plants.interface import Plant, join_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registration import ENVIRONMENTS, environment_class, environment_setup
 from integ_gym.envs.timing import whole_multiple
+from integ_gym.eval.diagnosis.rest import rest_state
 
 Array = npt.NDArray[np.float64]
 
@@ -27,10 +27,6 @@ SMALL = 0.004
 
 _MOST_HALVINGS = 14
 _STEPS_PER_RADIAN = 4.0
-_RELAXATION = 0.02
-_DRAG = 0.9
-_MOST_RELAXATIONS = 20_000
-_AT_REST = 1e-11
 
 
 @dataclass(frozen=True)
@@ -130,6 +126,9 @@ _STILL = 1e-3
 _FINEST = 1e-4
 """hω below which a step is refused."""
 
+_COARSEST = 10.0
+"""hω above which a step is refused: then the oscillation passes between two instants unseen."""
+
 
 def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> list[Subject]:
     """The plants to diagnose: of an environment, one by name, or all.
@@ -168,11 +167,7 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
             "oscillates about a stable equilibrium"
         )
     ladder = _ladder(steps or [_usual_step(environments, frequency)])
-    if ladder[-1] * frequency < _FINEST:
-        raise ValueError(
-            f"--dt {ladder[-1]:g} s is finer than {_FINEST / frequency:.2g} s, where the "
-            f"oscillation of {name} takes too many steps; give a larger one"
-        )
+    _check_scale(name, ladder, frequency)
     slowest = float(rates[rates > _STILL * frequency][0])
     return Subject(name, plant, environments, ladder, rest, frequency, slowest)
 
@@ -208,6 +203,20 @@ def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
     return tuple(ladder) if len(ladder) > 1 else tuple(ladder[0] / n for n in (1, 2, 4))
 
 
+def _check_scale(name: str, ladder: tuple[float, ...], frequency: float) -> None:
+    """Refuse steps that say nothing about an oscillation of ``frequency`` rad/s."""
+    if ladder[-1] * frequency < _FINEST:
+        raise ValueError(
+            f"--dt {ladder[-1]:g} s is finer than {_FINEST / frequency:.2g} s, where the "
+            f"oscillation of {name} takes too many steps; give a larger one"
+        )
+    if ladder[0] * frequency > _COARSEST:
+        raise ValueError(
+            f"--dt {ladder[0]:g} s is coarser than {_COARSEST / frequency:.2g} s, where a step "
+            f"passes over whole oscillations of {name}; give a smaller one"
+        )
+
+
 def _usual_step(environments: tuple[str, ...], frequency: float) -> float:
     """That of the plant's own environment, else 1, 2 or 5 times a power of ten."""
     if environments:
@@ -215,23 +224,3 @@ def _usual_step(environments: tuple[str, ...], frequency: float) -> float:
     wanted = 1.0 / (_STEPS_PER_RADIAN * frequency)
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted * (1.0 + 1e-9)) * power
-
-
-def rest_state(plant: Plant) -> Array:
-    """Where the plant comes to rest under strong drag, state order, shape (n,).
-
-    Raises:
-        ValueError: if it does not come to rest.
-    """
-    q = tuple(0.1 * (i + 1) for i in range(len(plant.coordinates)))
-    v = nothing = (0.0,) * len(q)
-    for _ in range(_MOST_RELAXATIONS):
-        slopes = plant.acceleration(SCALAR, q, v, nothing)
-        v = tuple(_DRAG * (x + _RELAXATION * a) for x, a in zip(v, slopes, strict=True))
-        q = tuple(x + _RELAXATION * y for x, y in zip(q, v, strict=True))
-        if max(map(abs, (*v, *slopes))) < _AT_REST:
-            return np.array(join_state(q, nothing))
-    raise ValueError(
-        f"the plant {type(plant).__name__} does not come to rest without control; a diagnosis "
-        "needs a plant with a stable equilibrium"
-    )

@@ -166,3 +166,36 @@ class Slider:
 
     def mass_matrix(self, ops, q):
         return ((self.mass,),)
+
+
+@dataclass(frozen=True)
+class Stiff(Slider):
+    """A block on a spring of 141 rad/s."""
+
+    stiffness: float = parameter(2e4, "N/m", "of the spring at rest", positive)
+    hardening: float = parameter(0.0, "N/m^3", "cubic stiffness", nonnegative)
+
+
+@dataclass(frozen=True)
+class Slow(Slider):
+    """A block on a spring of 0.1 rad/s."""
+
+    stiffness: float = parameter(0.01, "N/m", "of the spring at rest", positive)
+    hardening: float = parameter(0.0, "N/m^3", "cubic stiffness", nonnegative)
+    damping: float = parameter(0.002, "N s/m", "viscous damping", nonnegative)
+
+
+@dataclass(frozen=True)
+class Falling(Slider):
+    """A block that nothing holds."""
+
+    def acceleration(self, ops, q, v, force):
+        return (9.81 + 0.0 * q[0],)
+
+
+@dataclass(frozen=True)
+class Hill(Slider):
+    """A block that its spring pushes away."""
+
+    def acceleration(self, ops, q, v, force):
+        return (self.stiffness / self.mass * q[0],)

@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planted import Falling, Hill, Slider
 
 from integ_gym.cli import main
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics import advance
 from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval import drift_example
 from integ_gym.eval.diagnosis.bench import Bench, Commands
 from integ_gym.eval.diagnosis.impact import impact_of
+from integ_gym.eval.diagnosis.rest import rest_state
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.eval.diagnosis.theory import THEORY
@@ -250,6 +253,27 @@ def test_rest_is_an_equilibrium(name):
     assert np.abs(moved - subject.rest).max() < 1e-8
 
 
+@pytest.mark.parametrize("omega", [0.05, 0.1, 1.0, 10.0, 141.0, 1e3, 1e4])
+@pytest.mark.parametrize("hardening", [0.0, 5.0])
+def test_stiff_and_slow_plants_come_to_rest(omega, hardening):
+    plant = Slider(stiffness=omega**2, hardening=hardening)
+    assert np.abs(rest_state(plant)).max() < 1e-12
+    pendulum = Pendulum(gravity=omega**2 * Pendulum().gravity / 15.0)
+    np.testing.assert_allclose(rest_state(pendulum), (math.pi, 0.0), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("stiffness", [30.0, 1e3, 1e6, 1e8])
+def test_a_stiff_spring_does_not_hide_a_slow_swing(stiffness):
+    rest = rest_state(ElasticPendulum(stiffness=stiffness))
+    np.testing.assert_allclose(rest, np.zeros(4), rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("plant", [Falling(), Hill()])
+def test_what_never_rests_is_refused(plant):
+    with pytest.raises(ValueError, match="does not come to rest without control"):
+        rest_state(plant)
+
+
 @pytest.mark.parametrize("name", PLANTS.names())
 def test_analytic_impact_is_what_the_plant_does(name):
     """Penetration and rebound of one impact, against the motion followed to rounding."""
@@ -298,10 +322,22 @@ def test_a_plant_that_cannot_be_diagnosed_is_refused_in_one_line(
     assert not (tmp_path / "o").exists()
 
 
-def test_a_step_that_would_take_too_many_is_refused(tmp_path, capsys):
-    command = ["diagnose", "--plant", "pendulum", "--dt", "1e-7", "--out", str(tmp_path / "o")]
+@pytest.mark.parametrize(
+    ("dt", "limit", "remedy"),
+    [
+        ("1e-7", "finer than 2.6e-05 s", "give a larger one"),
+        ("2.6", "coarser than 2.6 s", "give a smaller one"),
+        ("1e9", "coarser than 2.6 s", "give a smaller one"),
+    ],
+)
+def test_a_step_of_another_scale_than_the_plant_is_refused(dt, limit, remedy, tmp_path, capsys):
+    command = ["diagnose", "--plant", "pendulum", "--dt", dt, "--out", str(tmp_path / "o")]
     assert main(command) == 2
-    assert "give a larger one" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert limit in error
+    assert remedy in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
 
 
 @dataclass(frozen=True)
