@@ -6,6 +6,8 @@ import hashlib
 import importlib
 import inspect
 import pkgutil
+import traceback
+from collections.abc import Iterable
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -57,6 +59,17 @@ class Registry:
             return None
         source = inspect.getsource(inspect.getmodule(loaded) or loaded)
         return hashlib.sha256(source.encode()).hexdigest()
+
+    def at_work(self, error: BaseException, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of some names in whose class's methods an error was raised.
+
+        Args:
+            error: with its traceback.
+            names: registered names or references.
+        """
+        frames = traceback.walk_tb(error.__traceback__)
+        callers = {type(frame.f_locals.get("self")) for frame, _ in frames}
+        return tuple(name for name in names if self.load(name) in callers)
 
     def _article(self) -> str:
         return f"{'an' if self._kind[0] in 'aeiou' else 'a'} {self._kind}"

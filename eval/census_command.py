@@ -17,6 +17,7 @@ from integ_gym.eval.census.page import render
 from integ_gym.eval.census.published import PUBLISHED
 from integ_gym.eval.census.run import take_census
 from integ_gym.eval.census.words import row
+from integ_gym.eval.output_folder import make_folder
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.command_line import CommandParser
 from integ_gym.evidence.extra import pyarrow
@@ -58,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 1 if something installed could not be looked at."""
     given = parser().parse_args(argv)
     require("report")
-    _make_folder(given.out)
+    make_folder(given.out)
     libraries, engines = _chosen(given)
     census = take_census(libraries, engines, _tell)
     words = ["integ-gym", "census", *(sys.argv[2:] if argv is None else argv)]
@@ -69,13 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     _print(document)
     print(f"Page: {page.resolve()}")
     return 1 if census.failed else 0
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"cannot write to {out}: {error.strerror}; give another --out") from None
 
 
 def _chosen(given: argparse.Namespace) -> tuple[list[str], list[str]]:

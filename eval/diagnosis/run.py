@@ -31,6 +31,8 @@ from integ_gym.eval.diagnosis import (
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import Subject, subjects
+from integ_gym.eval.diagnosis.trial import check_integrator
+from integ_gym.eval.output_folder import cannot_write, make_folder
 from integ_gym.eval.run_directory import package_versions
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.store import EvidenceStore
@@ -82,12 +84,15 @@ class Request:
         """Plants and integrators.
 
         Raises:
-            ValueError: for an unknown environment, plant or integrator, or an impossible step.
+            ValueError: for an unknown environment, plant or integrator, an impossible step, or an
+                integrator that cannot take one.
         """
         names = tuple(dict.fromkeys(self.integrators)) or INTEGRATORS.names()
+        plants = subjects(self.env_id, self.plant, self.steps)
         for name in names:
-            INTEGRATORS.load(name)
-        return subjects(self.env_id, self.plant, self.steps), names
+            for subject in plants:
+                check_integrator(name, subject)
+        return plants, names
 
 
 class DiagnosisError(ValueError):
@@ -105,12 +110,29 @@ class _Job:
     leads: bool
 
     def run(self) -> Diagnosis:
-        """Examine, and commit the evidence."""
+        """Examine, and commit the evidence.
+
+        Raises:
+            DiagnosisError: naming the plant and the integrator that failed.
+        """
         bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
         diagnosis = Diagnosis(self.section, bench, self.subject, self.integrators, self.leads)
-        SECTIONS[self.section](diagnosis)
+        try:
+            SECTIONS[self.section](diagnosis)
+        except Exception as error:
+            raise DiagnosisError(self._failure(error)) from error
         bench.commit(self.section.replace(" ", "_"))
         return diagnosis
+
+    def _failure(self, error: Exception) -> str:
+        """A sentence on what failed, with whose step it was where one of them was at work."""
+        names = INTEGRATORS.at_work(error, self.integrators) or self.integrators
+        what = " ".join(str(error).split())
+        return (
+            f"{self.section} of {self.subject.name} with {', '.join(names)} failed: "
+            f"{type(error).__name__}: {what}; docs/adding.md says what a plant and an integrator "
+            "must be"
+        )
 
 
 def diagnose(
@@ -130,7 +152,8 @@ def diagnose(
         The content of ``diagnose.json``.
 
     Raises:
-        ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already.
+        ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already or
+            cannot be written to.
     """
     if directory.is_file():
         raise ValueError(f"{directory} is a file; --out needs a directory")
@@ -139,7 +162,7 @@ def diagnose(
             f"{directory} already holds a diagnosis; give another --out, or remove the directory"
         )
     plants, names = request.chosen()
-    unfinished = directory / "evidence.unfinished"
+    unfinished = make_folder(directory) / "evidence.unfinished"
     shutil.rmtree(unfinished, ignore_errors=True)
     jobs = [
         _Job(section, subject, names, unfinished, subject is plants[0])
@@ -149,6 +172,12 @@ def diagnose(
     try:
         with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
             parts = _all(jobs, workers, bar.update)
+    except OSError as error:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise cannot_write(directory, error) from error
+    except DiagnosisError as error:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise DiagnosisError(str(error)) from error
     except BaseException:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
@@ -166,7 +195,7 @@ def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[D
     if min(workers, len(jobs)) < 2:
         done = []
         for job in jobs:
-            done.append(_outcome(job, job.run))
+            done.append(job.run())
             on_job()
         return done
     with Progress().pool(workers) as pool:
@@ -175,29 +204,12 @@ def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[D
         found = {}
         try:
             for future in as_completed(running):
-                found[running[future]] = _outcome(jobs[running[future]], future.result)
+                found[running[future]] = future.result()
                 on_job()
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
     return [found[i] for i in range(len(jobs))]
-
-
-def _outcome(job: _Job, result: Callable[[], Diagnosis]) -> Diagnosis:
-    """What a job found.
-
-    Raises:
-        DiagnosisError: naming the plant and the integrators, if one of them failed.
-    """
-    try:
-        return result()
-    except Exception as error:
-        what = " ".join(str(error).split())
-        raise DiagnosisError(
-            f"{job.section} of {job.subject.name} with {', '.join(job.integrators)} failed: "
-            f"{type(error).__name__}: {what}; docs/adding.md says what a plant and an integrator "
-            "must be"
-        ) from error
 
 
 def _result(

@@ -498,8 +498,8 @@ def test_the_ledger_closes_in_driven_damped_contact_at_order(integrator):
     """All that is booked converges to the exact motion's at order min(p, 2).
 
     A stop's force is continuous on touching and its rate is not: the acceleration jumps by J in its
-    first derivative. A step of h that holds the touch at share s of its length follows a broken line
-    by its own quadrature, whose error in the velocity is c(s) J h², and in the position h times
+    first derivative. A step of h with the touch at a share s of its length follows a broken line by
+    its own quadrature, whose error in the velocity is c(s) J h², and in the position h times
     that. Only one step per touch errs so, while the smooth rest adds up to O(h^p): the error is
     O(h^min(p, 2)), as that of energy, losses and work, which are integrals of the motion. c(s)
     depends on where in a step the touch happens to be, changes from step size to step size, and may

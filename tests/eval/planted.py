@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mutants
+import numpy as np
 
 from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.integrators.implicit_midpoint import ImplicitMidpoint
@@ -44,6 +45,34 @@ class Raising:
 
     def step(self, ops, system, q, v, losses, control, dt):
         raise KeyError("no such\nthing")
+
+
+class Wordy(RK4):
+    """Says its order in words."""
+
+    order = "two"
+
+
+class Unsure(RK4):
+    """Says of its reversibility what is no answer."""
+
+    reversible = "mostly"
+
+
+class Pair(RK4):
+    """Returns a pair in the place of a step."""
+
+    def step(self, *arguments):
+        return tuple(super().step(*arguments)[:2])
+
+
+class Late(RK4):
+    """Fails in its second step."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        if not np.all(np.equal(v[0], 0.0)):
+            raise RuntimeError("too fast")
+        return super().step(ops, system, q, v, losses, control, dt)
 
 
 class Forgetful(RK4):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,8 @@ from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval import drift_example
+from integ_gym.eval.diagnosis import plant as plant_section
+from integ_gym.eval.diagnosis import run
 from integ_gym.eval.diagnosis.bench import Bench, Commands
 from integ_gym.eval.diagnosis.impact import impact_of
 from integ_gym.eval.diagnosis.rest import rest_state
@@ -209,6 +213,14 @@ def test_a_diagnosis_is_not_overwritten(diagnosis, capsys):
         (["--plant", "pendulum", "--integrator", "planted:Missing"], "cannot load integrator"),
         (["--plant", "pendulum", "--integrator", "planted:NoPlant"], "is not an integrator"),
         (["--plant", "pendulum", "--integrator", "planted:Raising"], "KeyError: 'no such"),
+        (["--integrator", "rk4", "planted:Raising"], "the integrator 'planted:Raising' cannot"),
+        (["--integrator", "rk4", "planted:Wordy"], "`order` of the integrator 'planted:Wordy'"),
+        (["--integrator", "planted:Unsure"], "`reversible` of the integrator 'planted:Unsure'"),
+        (["--integrator", "planted:Pair"], "cannot take a step on cart_pole"),
+        (
+            ["--plant", "pendulum", "--integrator", "rk4", "planted:Late"],
+            "with planted:Late failed",
+        ),
     ],
 )
 def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys):
@@ -228,6 +240,28 @@ def test_a_file_in_the_place_of_the_directory(tmp_path, capsys):
     error = capsys.readouterr().err.strip()
     assert "is a file" in error
     assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_directory_that_cannot_be_made_is_said_before_anything_is_run(workers, tmp_path, capsys):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    out = str(tmp_path / "file" / "out")
+    assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", workers]) == 2
+    error = capsys.readouterr().err
+    assert (
+        error == f"integ-gym diagnose: cannot write to {out}: Not a directory; give another --out\n"
+    )
+
+
+def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkeypatch):
+    def no_space(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Bench, "commit", no_space)
+    monkeypatch.setattr(run, "SECTIONS", {plant_section.SECTION: plant_section.diagnose_plant})
+    out = str(tmp_path / "out")
+    assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", "1"]) == 2
+    assert f"cannot write to {out}: No space left on device" in capsys.readouterr().err
 
 
 def test_theory_covers_the_built_in_integrators():
