@@ -16,7 +16,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -25,6 +25,7 @@ import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.extras import load
+from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.parameters import (
     boolean,
@@ -243,7 +244,7 @@ def train(
             _log_to(model, folder / "tensorboard" if tensorboard else None)
             start = time.perf_counter()
             with _Progress(config.rounded_steps, progress, on_steps) as bar:
-                _learn(model, config, bar)
+                _learn(model, config, bar, _own_integrators(mixture))
             seconds = time.perf_counter() - start
             model.logger.close()
             zip_bytes = saved(model)
@@ -261,14 +262,33 @@ def train(
     return write_policy(folder, zip_bytes, card, vector_env.single_action_space)
 
 
-def _learn(model: Any, config: PPOConfig, callback: Any) -> None:
+def _learn(model: Any, config: PPOConfig, callback: Any, integrators: Iterable[str]) -> None:
+    """Train.
+
+    Raises:
+        TrainingError: if the weights are no longer finite, or one of ``integrators`` fails.
+    """
     try:
         model.learn(config.total_steps, callback=callback)
-    except ValueError as error:
+    except Exception as error:
+        failed = INTEGRATORS.at_work(error, integrators)
+        if failed:
+            raise TrainingError(
+                f"the integrator {failed[0]!r} failed: {type(error).__name__}: {error}; "
+                "docs/adding.md says what an integrator must be"
+            ) from error
+        if not isinstance(error, ValueError):
+            raise
         raise TrainingError(
             "training broke down: the policy's weights are no longer finite; lower "
             f"`learning_rate`={config.learning_rate:g}"
         ) from error
+
+
+def _own_integrators(mixture: Mixture) -> tuple[str, ...]:
+    """References to integrators of the user's own."""
+    names = (setup.settings.integrator for setup in mixture.setups)
+    return tuple(dict.fromkeys(name for name in names if ":" in name))
 
 
 def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:

@@ -91,7 +91,7 @@ def write_policy(
         new_sidecar = Path(folder) / SIDECAR_FILE
         _write_durably(new_zip, zip_bytes)
         bounds = _bounds(action_space)
-        policy = read_sb3_zip(new_zip, action_bounds=bounds)
+        policy = _read_back(new_zip, bounds)
         _write_durably(new_weights, safetensors_bytes(policy))
         full = {
             "format": FORMAT,
@@ -108,6 +108,14 @@ def write_policy(
         os.replace(new_weights, out_dir / WEIGHTS_FILE)
         os.replace(new_sidecar, sidecar_path)
     return TrainedPolicy(zip_path, sidecar_path, full)
+
+
+def _read_back(new_zip: Path, bounds: Any) -> MlpPolicy:
+    try:
+        return read_sb3_zip(new_zip, action_bounds=bounds)
+    except PolicyFileError as error:
+        reason = str(error).removeprefix(f"{new_zip}: ")
+        raise PolicyFileError(f"training left a policy that cannot be used: {reason}") from error
 
 
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:
