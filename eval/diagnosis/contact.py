@@ -165,11 +165,12 @@ def _map(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
 
 
 def passive(integrator: str, limit: float) -> Expectation:
-    """What theory says of the hω from which an impact gains energy.
+    """What is expected of the hω from which an impact gains energy.
 
     The stop's potential is convex. An explicit step is a polynomial in hω, which outgrows any
     bound: well beyond the limit of an oscillator that is never left, the stop throws back more than
-    it got. Damping and the way out move where that begins.
+    it got. Damping and the way out move where that begins. No theory says how far: twice the limit,
+    and 1 where there is none, are bounds that all built-in methods were seen to keep.
     """
     theory = THEORY.get(integrator)
     if theory is None:

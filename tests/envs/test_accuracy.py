@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from math import pi
+from pathlib import Path
+from time import process_time
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +19,7 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.numerics import declared, fastest_rate, ledger
 from integ_gym.envs.numerics.convergence import slope
 from integ_gym.envs.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.system import PlantSystem
@@ -68,19 +72,55 @@ class Counting(PlantSystem):
         return super().rates(*arguments)
 
 
+STAGES = 12
+"""Evaluations of one inner step of the reference: those of its method, and none besides."""
+
+
 @pytest.mark.parametrize("plant", DRIVEN_PLANTS)
-def test_reference_costs_less_than_20_steps_of_rk4_where_the_motion_is_slow(plant):
-    """Time is measured by `benchmarks/reference_cost.py`."""
+def test_reference_takes_one_inner_step_where_that_is_enough(plant):
+    """Beside one step of RK4: 12 evaluations for 4, and in time no more than 20 of its steps."""
     q, v = STARTS[plant]
     period = 0.05 / fastest_rate(DRIVEN_PLANTS[plant], join_state(q, v))
-    counted = {}
+    evaluations, seconds = {}, {}
     for integrator in ("rk4", "reference"):
         system = Counting(DRIVEN_PLANTS[plant])
         engine = NativeEngine(system, integrator, period)
         motion = engine.advance(SCALAR, q, v, ((1.7, 1),), None)
-        counted[integrator] = system.evaluations
+        evaluations[integrator] = system.evaluations
+        seconds[integrator] = min(_seconds(engine, q, v) for _ in range(7))
     assert motion.iterations == 1
-    assert counted["reference"] <= 20 * counted["rk4"]
+    assert evaluations == {"rk4": 4, "reference": STAGES}
+    assert seconds["reference"] <= 20.0 * seconds["rk4"]
+
+
+def _seconds(engine, q, v) -> float:
+    """Processor time of 40 steps."""
+    start = process_time()
+    for _ in range(40):
+        engine.advance(SCALAR, q, v, ((1.7, 1),), None)
+    return process_time() - start
+
+
+COSTS = re.findall(
+    r"^\| `(\w+)`, q = \((.*?)\), v = \((.*?)\) \| (\S+) s \| (\d+) \| (\d+) \|",
+    (Path(__file__).parents[2] / "docs" / "verification.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+
+
+def test_costs_are_stated_for_every_plant():
+    assert {plant for plant, *_ in COSTS} == set(PLANTS.names())
+
+
+@pytest.mark.parametrize(("plant", "q", "v", "period", "inner", "evaluations"), COSTS)
+def test_inner_steps_of_the_reference_are_as_stated(plant, q, v, period, inner, evaluations):
+    """The table of docs/verification.md: control periods of the environments' own."""
+    system = Counting(PLANTS.load(plant)())
+    engine = NativeEngine(system, "reference", float(period))
+    q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))
+    motion = engine.advance(SCALAR, q, v, ((0.5, 1),), None)
+    assert motion.iterations == int(inner)
+    assert system.evaluations == int(evaluations) == STAGES * int(inner)
 
 
 @pytest.mark.parametrize(
