@@ -49,8 +49,9 @@ def fastest_mode(plant: Plant, state: State) -> Array:
     fastest = rates[np.argmax(np.abs(rates))]
     # The null vector by singular values: eigenvectors are poor beside a cart that rolls freely.
     shape = np.linalg.svd(linear - fastest * np.eye(len(linear)))[2][-1].conj()[0::2]
-    largest = shape[np.argmax(np.abs(shape))]
-    mode: Array = (shape / largest).real
+    largest = np.argmax(np.abs(shape))
+    turned: Array = (shape * shape[largest].conj()).real
+    mode: Array = turned / turned[largest]
     return mode
 
 
