@@ -56,6 +56,12 @@ def make_mixture(
     if members is None:
         return Mixture((make_setup(arguments),))
     checked = _checked_members(members)
+    for name in DISCRETIZATION:
+        if name in arguments and all(name in member for member in checked):
+            raise ValueError(
+                f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
+                "leave one of them out"
+            )
     setups = tuple(
         make_setup({**arguments, **{k: x for k, x in member.items() if k != WEIGHT}})
         for member in checked

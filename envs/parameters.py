@@ -45,10 +45,16 @@ def check_values(owner: type, values: Mapping[str, Any]) -> None:
 
 def unknown_name(kind: str, name: str, choices: Iterable[str]) -> str:
     """One sentence that says a name is unknown, guesses what was meant and lists the choices."""
+    return f"unknown {kind} {name!r}. {suggestion(name, choices)}"
+
+
+def suggestion(name: str, choices: Iterable[str]) -> str:
+    """What may have been meant by a name, whatever its case, and what there is."""
     known = sorted(choices)
-    close = difflib.get_close_matches(name, known, n=1)
-    guess = f"Did you mean {close[0]!r}? " if close else ""
-    return f"unknown {kind} {name!r}. {guess}Valid choices: {', '.join(known)}"
+    lower = {choice.lower(): choice for choice in known}
+    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    guess = f"Did you mean {lower[close[0]]!r}? " if close else ""
+    return f"{guess}Valid choices: {', '.join(known)}"
 
 
 def _is_number(value: Any) -> bool:

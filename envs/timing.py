@@ -71,6 +71,14 @@ def _horizon(duration: float, period: float) -> int:
     return max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
 
 
+def _check_within(name: str, value: float, duration: float) -> None:
+    if value > duration * (1.0 + TOLERANCE):
+        raise ValueError(
+            f"`{name}`={value:.12g} s is longer than an episode, `duration`={duration:.12g} s; all "
+            "times are in seconds"
+        )
+
+
 @dataclass(frozen=True)
 class Timing:
     """Rates of one environment, in seconds and in sub-steps of ``dt``.
@@ -103,9 +111,12 @@ class Timing:
         """Check the times against each other and count them.
 
         Raises:
-            ValueError: if one of them is no whole multiple of ``dt``.
+            ValueError: if one of them is no whole multiple of ``dt``, or if an episode has not one
+                whole control period or ends before the first command acts.
         """
         period = dt if control_period is None else control_period
+        _check_within("control_period" if control_period else "dt", period, duration)
+        _check_within("action_latency", action_latency, duration)
         return cls(
             dt=dt,
             control_period=period,

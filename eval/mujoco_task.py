@@ -21,6 +21,9 @@ from integ_gym.eval.spec import PanelSpec
 from integ_gym.train.box_baselines import BOX_BASELINES
 from integ_gym.train.sidecar import POLICY_FILE
 
+OWN = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}
+"""Gymnasium's environments that ours are at their defaults."""
+
 
 @dataclass(frozen=True)
 class TaskPanel(PanelSpec):
@@ -79,7 +82,9 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         reason = " ".join(str(error).split()).rstrip(".")
         raise ValueError(f"Gymnasium cannot make {env_id!r}: {reason}; {wanted}") from error
     if not isinstance(env.unwrapped, MujocoEnv):
-        raise ValueError(f"{env_id!r} is {type(env.unwrapped).__name__}; {wanted}")
+        own = OWN.get(env_id)
+        hint = f"; use --env {own}, which it is at its own discretization" if own else f"; {wanted}"
+        raise ValueError(f"{env_id!r} is no MuJoCo task{hint}")
     if env.spec is None or env.spec.max_episode_steps is None:
         raise ValueError(
             f"{env_id!r} has no time limit, so its episodes may never end; register it with "

@@ -72,8 +72,8 @@ class FinishedPolicies:
             )
         if marker is None or not is_trained(self._source, unit, self._key(unit)):
             raise RunDirectoryError(
-                f"{self._source.path} has no finished policy {unit.policy}; finish that panel, or "
-                "train without --policies"
+                f"{self._source.path} has no finished policy {unit.policy}; give the directory of "
+                "a finished panel with all rows and seeds of this one, or train without --policies"
             )
 
 

@@ -151,7 +151,7 @@ def _course(facts: EpisodeFacts) -> str:
         return f"never reached the goal ({facts.goal}) in {facts.time:.4g} s, {saturated}"
     if facts.terminated and (facts.goal_reached, facts.goal_left) == (0.0, facts.time):
         return f"was terminated at {facts.time:.4g} s (asked: {facts.goal}), {saturated}"
-    reached = f"reached the goal ({facts.goal}) at {facts.goal_reached:.4g} s"
+    reached = f"came to the goal ({facts.goal}) at {facts.goal_reached:.4g} s"
     if facts.goal_left is not None:
         return f"{reached} and last left it at {facts.goal_left:.4g} s, {saturated}"
     return f"{reached}, too late for the episode's end at {facts.time:.4g} s, {saturated}"

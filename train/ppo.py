@@ -56,6 +56,12 @@ Wrap: TypeAlias = Callable[[VectorEnv[Any, Any, Any]], VectorEnv[Any, Any, Any]]
 _GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 
+def _nearest_divisor(whole: int, wanted: int) -> int:
+    """The divisor of ``whole`` whose ratio to ``wanted`` is nearest to 1."""
+    divisors = [n for n in range(1, whole + 1) if whole % n == 0]
+    return min(divisors, key=lambda n: abs(math.log(n / wanted)))
+
+
 class TrainingError(RuntimeError):
     """A run that cannot go on, in one sentence with the remedy."""
 
@@ -162,7 +168,7 @@ class PPOConfig:
             raise ValueError(
                 f"`batch_size`={self.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
                 f"= {self.rollout} decisions; give a divisor, such as "
-                f"{math.gcd(self.rollout, self.batch_size)}"
+                f"{_nearest_divisor(self.rollout, self.batch_size)}"
             )
 
     @classmethod

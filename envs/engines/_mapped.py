@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.engines._stepped import SteppedEngine
-from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.parameters import suggestion
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.versions import package_version
 
@@ -40,7 +40,8 @@ class MappedEngine(SteppedEngine):
         super().__init__(system, dt)
         if integrator not in self.maps:
             raise ValueError(
-                unknown_name(f"integrator of engine {self.name!r}", integrator, self.maps)
+                f"engine {self.name!r} has no integrator {integrator!r}; give `integrator`. "
+                f"{suggestion(integrator, self.maps)}"
             )
         refuse_arrays(self.name, system)
         if system.engine_stops is not None and integrator in self.stopless:

@@ -99,7 +99,7 @@ class RigidBodyEngine(ForeignEngine):
             held = HeldForce(plant, force)
             return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
         state = start if self._map_losses_of == "start" else end
-        return loss + self.dt * plant.dissipation(ops, *state)
+        return along((loss,), self.dt, (plant.dissipation(ops, *state),))[0]
 
     def _push(
         self, ops: Ops, q: Components, v: Components, end: Components, force: Components

@@ -13,7 +13,7 @@ from integ_gym.envs.engines._rigid import mechanism_of
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.ops import Components
-from integ_gym.envs.parameters import unknown_name
+from integ_gym.envs.parameters import suggestion
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.versions import package_version
@@ -40,7 +40,8 @@ class PinocchioEngine(NativeEngine):
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         if integrator not in self.maps and ":" not in integrator:
             raise ValueError(
-                unknown_name(f"integrator of engine {self.name!r}", integrator, self.maps)
+                f"engine {self.name!r} has no integrator {integrator!r}; give `integrator`. "
+                f"{suggestion(integrator, self.maps)}"
             )
         refuse_arrays(self.name, system)
         self._bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))

@@ -70,7 +70,7 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
         return Finding(
             "agreement",
             f"Every pass and every fail agrees with the reference, in all {len(judged)} "
-            "pairs of policies and discretizations compared.",
+            f"pairs of policies and discretizations compared{_none_passes(judged)}.",
         )
     counts = Counter(entry.reference_class for entry in wrong)
     parts = [
@@ -83,6 +83,11 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
         f"{len(judged) - len(wrong)} of {plural(len(judged), 'answer')} agree with the "
         f"reference; {' and '.join(parts)} do not.",
     )
+
+
+def _none_passes(judged: Sequence[Entry]) -> str:
+    passing = any(entry.reference_class == "true_pass" for entry in judged)
+    return "" if passing else ", but none of them passes: this tells nothing about transfer"
 
 
 def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | None:

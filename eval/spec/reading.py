@@ -58,10 +58,12 @@ def read_spec(path: Path) -> PanelSpec:
     except OSError as error:
         raise SpecError(
             f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
-            "file, or none for the built-in panel"
+            f"file, or a built-in panel: {', '.join(BUILT_IN)}"
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise SpecError(f"{path} is not valid TOML: {error}") from error
+        raise SpecError(
+            f"{path} is not valid TOML: {error}; docs/panel.md has the format"
+        ) from error
     return parse_spec(data, source=str(path))
 
 

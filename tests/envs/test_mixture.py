@@ -214,6 +214,7 @@ PARTS = {"mixture": WEIGHTED, "control_period": PERIOD}
         ({"mixture": [{"weight": "half"}]}, ValueError, ["`weight`", "'half'"]),
         ({"mixture": [{"dt": 0.03}]}, ValueError, ["not a whole multiple"]),
         ({"control_period": None}, ValueError, ["one control period", "0.02, 0.04"]),
+        ({"integrator": "rk4"}, ValueError, ["`integrator`='rk4' acts nowhere", "leave"]),
         ({"masss": 1.0}, TypeError, ["unknown argument 'masss'"]),
     ],
 )

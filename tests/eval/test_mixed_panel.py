@@ -70,9 +70,10 @@ def test_a_mixture_is_one_row_evaluated_at_its_members_first():
     ]  # fmt: skip
 
 
-def test_the_example_of_the_documentation_is_valid():
+def test_the_examples_of_the_documentation_are_valid():
     page = Path(__file__).parents[2] / "docs" / "panel.md"
-    (example,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    first, example = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    check_spec(parse_spec(tomllib.loads(first), "docs/panel.md"))
     spec = parse_spec(tomllib.loads(example), "docs/panel.md")
     check_spec(replace(spec, trainer="fleet"))
     assert [home.name for home in spec.train] == [
