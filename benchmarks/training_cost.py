@@ -19,7 +19,7 @@ from integ_gym.train import fleet, fleet_worker
 from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_update import permutations
 from integ_gym.train.ppo import PPOConfig, train
-from integ_gym.train.worker import Progress
+from integ_gym.train.worker import Progress, peak_memory
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
 """For the measured peak: so many square matrices, and products of each."""
@@ -34,7 +34,7 @@ def fleet_seconds(configs: Sequence[PPOConfig], workers: int) -> dict[str, float
     """Train as a panel does: processes started, programs compiled, evidence and files written.
 
     Returns:
-        Wall time in s, and the most memory that a worker took, in MiB.
+        Wall time in s, and the most memory that a worker took, in MiB (this process's at least).
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -92,7 +92,7 @@ def rollout_cost(configs: Sequence[PPOConfig], evidence: bool = True) -> dict[st
         told = [_evidence_of(config, Path(name)) for config in runs] if evidence else None
         fleet.train_chunk(runs, told, note)
     wall, cpu = np.diff(times, axis=0)[1:].min(axis=0)
-    mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    mib = (peak_memory() or 0) / 2**20
     return {"wall": float(wall), "cpu": float(cpu), "mib": mib}
 
 

@@ -33,7 +33,7 @@ GIB_PER_WORKER: dict[Device, float] = {"cpu": 1.5, "gpu": 8.0}
 
 SHARE_OF_MEMORY = 0.75
 
-PROGRAM_BYTES = 600 << 20
+PROGRAM_BYTES = 700 << 20
 """What a worker takes before it holds any policy, while it compiles."""
 
 DECISION_BYTES = 1000
@@ -42,7 +42,7 @@ DECISION_BYTES = 1000
 SUMMARY_BYTES = 20
 """What is kept of each decision of a whole run beside traces."""
 
-TRACE_COPIES = 2.0
+TRACE_COPIES = 4.0
 """What is kept of traces, and what its writing takes in addition."""
 
 FLOPS = 60e9

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import Any
 
 _report: Callable[[float], None] | None = None
@@ -48,6 +49,19 @@ def report_work(amount: float) -> None:
     """Add to the work done; without a pool it goes nowhere."""
     if _report is not None:
         _report(amount)
+
+
+def peak_memory() -> int | None:
+    """Most memory that this process has held, bytes; None where the system does not tell.
+
+    What `getrusage` tells counts the process that this one was started from.
+    """
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return None
+    lines = status.read_text(encoding="ascii").splitlines()
+    (kib,) = (line.split()[1] for line in lines if line.startswith("VmHWM"))
+    return 1024 * int(kib)
 
 
 def cores() -> int:

@@ -82,8 +82,8 @@ def _hide(engine, monkeypatch):
     ("entry", "fragments"),
     [
         ({"engine": "mujocco"}, ["unknown engine 'mujocco'", "Did you mean 'mujoco'"]),
-        ({"engine": "mujoco"}, ["unknown integrator of engine 'mujoco' 'rk4'", "RK4"]),
-        ({"engine": "dart"}, ["unknown integrator of engine 'dart' 'rk4'", "semi_implicit_euler"]),
+        ({"engine": "mujoco"}, ["engine 'mujoco' has no integrator 'rk4'", "RK4"]),
+        ({"engine": "dart"}, ["engine 'dart' has no integrator 'rk4'", "semi_implicit_euler"]),
         ({"engine": "installed"}, ["takes `map` in place of `integrator`", "symplectic_euler"]),
         ({"map": "rk4"}, ["unknown key in `evaluate`"]),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from integ_gym.evidence import EpisodeContext
 from integ_gym.train.fleet import train_chunk
 from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.worker import peak_memory
 
 SMALL = {"n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 2, "net_arch": (16, 8)}
 
@@ -21,7 +21,7 @@ def small_run(env_id: str = "IntegPendulum-v0", **overrides: Any) -> PPOConfig:
     return PPOConfig.of(env_id, **{**SMALL, "total_steps": 256, **overrides})
 
 
-def peak_memory(configs: Sequence[PPOConfig], folder: Path) -> int:
+def trained_memory(configs: Sequence[PPOConfig], folder: Path) -> int:
     """Most that this process has held after training runs together, with evidence, bytes."""
     told = []
     for config in configs:
@@ -29,7 +29,7 @@ def peak_memory(configs: Sequence[PPOConfig], folder: Path) -> int:
         context = EpisodeContext("cell", name, phase="training", trace_every=every)
         told.append(TrainingEvidence(folder, name, context))
     train_chunk(configs, told)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return peak_memory() or 0
 
 
 def own_gpu() -> str:
