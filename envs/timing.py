@@ -33,7 +33,8 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
     count = round(ratio)
     if count >= least and is_multiple(value, unit):
         return count
-    nearest = " or ".join(f"{n * unit:.12g}" for n in _beside(ratio, least))
+    below = max(least, math.floor(ratio))
+    nearest = " or ".join(f"{n * unit:.12g}" for n in (below, below + 1))
     raise ValueError(
         f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
         f"nearest valid: {nearest} s"
@@ -48,17 +49,12 @@ def check_divides(name: str, value: float, whole_name: str, whole: float) -> Non
     """
     ratio = whole / value
     if ratio <= MOST and (round(ratio) < 1 or not is_multiple(whole, value)):
-        nearest = " or ".join(f"{whole / n:.12g}" for n in reversed(_beside(ratio, 1)))
+        below = math.floor(ratio)
+        nearest = " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
         raise ValueError(
             f"`{name}`={value:.12g} s does not divide {whole_name} of {whole:.12g} s into whole "
             f"steps; nearest valid: {nearest} s"
         )
-
-
-def _beside(ratio: float, least: int) -> list[int]:
-    """The whole numbers below and above, none under ``least``."""
-    below = max(least, math.floor(ratio))
-    return sorted({below, max(least, math.floor(ratio) + 1)})
 
 
 def _horizon(duration: float, period: float) -> int:

@@ -39,10 +39,7 @@ class MappedEngine(SteppedEngine):
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, dt)
         if integrator not in self.maps:
-            raise ValueError(
-                f"engine {self.name!r} has no integrator {integrator!r}; give `integrator`. "
-                f"{suggestion(integrator, self.maps)}"
-            )
+            raise lacks_integrator(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
         if system.engine_stops is not None and integrator in self.stopless:
             others = ", ".join(name for name in self.maps if name not in self.stopless)
@@ -66,6 +63,14 @@ class MappedEngine(SteppedEngine):
     def stop_parameters(self) -> dict[str, Any]:
         """Parameters of the engine's own joint stops, in its own names."""
         return {}
+
+
+def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> ValueError:
+    """The error for an integrator that is none of an engine's."""
+    return ValueError(
+        f"engine {engine!r} has no integrator {integrator!r}; give `integrator`. "
+        f"{suggestion(integrator, maps)}"
+    )
 
 
 def refuse_arrays(engine: str, system: PlantSystem) -> None:

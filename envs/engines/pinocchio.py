@@ -8,12 +8,11 @@ from typing import Any, ClassVar
 
 from integ_gym.envs.engines._aba import Array, ArticulatedBodies
 from integ_gym.envs.engines._agreement import check_agreement
-from integ_gym.envs.engines._mapped import refuse_arrays
+from integ_gym.envs.engines._mapped import lacks_integrator, refuse_arrays
 from integ_gym.envs.engines._rigid import mechanism_of
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.ops import Components
-from integ_gym.envs.parameters import suggestion
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.versions import package_version
@@ -39,10 +38,7 @@ class PinocchioEngine(NativeEngine):
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         if integrator not in self.maps and ":" not in integrator:
-            raise ValueError(
-                f"engine {self.name!r} has no integrator {integrator!r}; give `integrator`. "
-                f"{suggestion(integrator, self.maps)}"
-            )
+            raise lacks_integrator(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
         self._bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
         moved = _moved_by(system.plant, self._bodies)

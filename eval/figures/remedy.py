@@ -17,8 +17,8 @@ from integ_gym.eval.figure_style import (
 from integ_gym.eval.figures.gaps import VERDICT_COLOURS
 from integ_gym.eval.figures.rate_axes import rate_axes
 from integ_gym.eval.formatting import fixed
-from integ_gym.eval.report.remedy import Line, Remedy, remedies_of, success_of
 from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.remedy import Line, Remedy, remedies_of, success_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,11 +24,11 @@ from integ_gym.eval.report.ladders import ladder_plots
 from integ_gym.eval.report.matrices import energy_matrix, return_matrix, success_matrix
 from integ_gym.eval.report.method import limits_of, settings_of
 from integ_gym.eval.report.records import records_of
-from integ_gym.eval.report.remedy import costs_of, line_words, remedies_of, success_of
 from integ_gym.eval.report.tiles import tiles_of
 from integ_gym.eval.report_data.findings import findings_of
 from integ_gym.eval.report_data.panel import Panel
 from integ_gym.eval.report_data.parts import Json
+from integ_gym.eval.report_data.remedy import costs_of, line_words, remedies_of, success_of
 from integ_gym.eval.report_data.trust import CLASS_WORDS, trust_of
 from integ_gym.evidence.atomic import replace_file
 

@@ -1,4 +1,4 @@
-"""The report's part on mixtures: do they hold where single discretizations do not, at what cost."""
+"""A panel's mixtures: do they hold where single discretizations do not, at what cost."""
 
 from __future__ import annotations
 
