@@ -54,8 +54,12 @@ def mujoco(setup: Setup) -> Bare:
     return Bare(start, drive, only_step)
 
 
-def drake(setup: Setup) -> Bare:
-    """A `Simulator` that advances by the step, of a continuous or a discrete plant."""
+def drake(setup: Setup, anew: bool = False) -> Bare:
+    """A `Simulator` that advances by the step, of a continuous or a discrete plant.
+
+    With ``anew``, each step of an implicit integrator is begun anew, so that it depends on nothing
+    but the state: no Jacobian of an earlier one has a part in its result.
+    """
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
     from integ_gym.envs.engines.drake import ACCURACY, DISCRETE, IMPLICIT
@@ -93,6 +97,8 @@ def drake(setup: Setup) -> Bare:
 
     def by_difference(periods: int) -> None:
         for _ in range(periods * count):
+            if anew:
+                integrator.Initialize()
             simulator.AdvanceTo(context.get_time() + dt)
 
     def by_number(periods: int) -> None:

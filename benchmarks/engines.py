@@ -9,6 +9,7 @@ median over rounds of turns, with its quartiles.
 The ratio that is wanted is that of `gym.make(...).unwrapped`: what Gymnasium's own wrappers add
 (column `gym.make`) they add to every environment, and `env_throughput.py` has both with them.
 `steps only` is the engine's step without setting or reading anything: no loop can do without those.
+Rows marked `anew` are beside a loop of Drake whose implicit steps begin anew, as ours do.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -25,14 +27,16 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import results
-from bare import LOOPS, Bare
+from bare import LOOPS, Bare, drake
 from rates import Advance, turns
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines.drake import IMPLICIT
 from integ_gym.envs.extras import missing, missing_modules
 from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.settings import Setup
 
 EXAMPLES = """\
 examples:
@@ -62,10 +66,13 @@ DAMPING = {
     "IntegPendulum-v0": {"damping": 0.1},
     "IntegCartPole-v0": {"damping": 0.01, "cart_damping": 0.1},
 }
-"""With damping, which the ledger books at every engine step, so that each is a call of its own."""
+"""With damping, which the ledger books at every engine step."""
 
 DAMPED = (("mujoco", "implicitfast"), ("drake", "sap"), ("drake", "runge_kutta3"))
 """Engines and integrators that are measured with damping, too."""
+
+PURE_LOOPS = {("drake", integrator): partial(drake, anew=True) for integrator in IMPLICIT}
+"""Loops that also forget all but the state between steps, as each of our steps does."""
 
 LOOPED = {"pinocchio": ("symplectic_euler",), "casadi": ("rk",)}
 """Integrators of which there is a bare loop, where that is not all."""
@@ -97,6 +104,7 @@ class Row:
         integrator: as the engine calls it.
         environment: id.
         damped: whether with damping.
+        pure: whether the bare loop forgets all but the state between steps.
         count: engine steps per control.
         seconds: median time of a control period, by contender.
         ratios: of `env.step` to another contender: quartiles, the median in the middle.
@@ -108,6 +116,7 @@ class Row:
     integrator: str
     environment: str
     damped: bool
+    pure: bool
     count: int
     seconds: dict[str, float]
     ratios: dict[str, tuple[float, ...]]
@@ -121,9 +130,15 @@ class Row:
 
 
 def measured(
-    engine: str, integrator: str, environment: str, damped: bool, count: int, seconds: float
+    loop: Callable[[Setup], Bare],
+    engine: str,
+    integrator: str,
+    environment: str,
+    damped: bool,
+    count: int,
+    seconds: float,
 ) -> Row:
-    """Measure one row.
+    """Measure one row, beside the bare ``loop``.
 
     Raises:
         RuntimeError: if the bare loop does not go where the environment goes.
@@ -132,7 +147,7 @@ def measured(
         "engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT,
         **(DAMPING[environment] if damped else {}),
     }  # fmt: skip
-    bare = LOOPS[engine](environment_setup(environment, chosen))
+    bare = loop(environment_setup(environment, chosen))
     made, other = (gym.make(environment, **chosen) for _ in range(2))
     ours: Any = other.unwrapped
 
@@ -160,11 +175,12 @@ def measured(
         integrator,
         environment,
         damped,
+        loop is PURE_LOOPS.get((engine, integrator)),
         count,
         {name: float(np.median(values)) for name, values in times.items()},
         {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
         _quartiles(times[MADE] / times[BARE]),
-        WANTED.get((engine, count)),
+        WANTED.get((engine, count)) if loop is LOOPS[engine] else None,
     )
 
 
@@ -198,9 +214,10 @@ def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
     for engine in engines:
         for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
             plain_and_damped = (False, True) if (engine, integrator) in DAMPED else (False,)
-            for case in product(STARTS, plain_and_damped, COUNTS):
+            loops = [LOOPS[engine], PURE_LOOPS.get((engine, integrator))]
+            for loop, *case in product(filter(None, loops), STARTS, plain_and_damped, COUNTS):
                 print(engine, integrator, *case, file=sys.stderr)
-                yield measured(engine, integrator, *case, seconds)
+                yield measured(loop, engine, integrator, *case, seconds)
 
 
 def cells(row: Row) -> list[str]:
@@ -208,7 +225,8 @@ def cells(row: Row) -> list[str]:
     low, middle, high = row.ratios[BARE]
     wanted = "" if row.at_most is None else f"{row.at_most:g} " + ("met" if row.met else "MISSED")
     return [
-        row.engine, row.integrator, row.environment, "damped" if row.damped else "",
+        row.engine, row.integrator, row.environment,
+        "damped" if row.damped else "anew" if row.pure else "",
         str(row.count),
         *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
         f"{middle:.2f}", f"{low:.2f}-{high:.2f}", wanted, f"{row.made_ratio[1]:.2f}",

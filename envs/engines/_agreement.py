@@ -61,6 +61,23 @@ def check_weight(model: Floored, mechanism: Mechanism) -> None:
             )
 
 
+def check_dampers(mechanism: Mechanism, plant: Plant) -> None:
+    """Check that the plant's damping is that of dampers at the mechanism's joints.
+
+    Raises:
+        ValueError: if it is not.
+    """
+    for probe in PROBES:
+        q = v = probe[-len(plant.coordinates) :]
+        expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
+        power = plant.dissipation(SCALAR, q, v)
+        if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
+            raise ValueError(
+                f"plant {plant.name!r} loses {power:g} W to damping at q = v = {v}, where the "
+                f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
+            )
+
+
 def check_agreement(model: Model, plant: Plant) -> None:
     """Compare mass matrix and gravity force with the plant's.
 

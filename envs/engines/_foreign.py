@@ -10,6 +10,7 @@ from typing import Any
 from integ_gym.envs.engines._mapped import MappedEngine
 from integ_gym.envs.engines._stepped import within_bounds
 from integ_gym.envs.engines.interface import Motion, Segments
+from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
 
@@ -34,7 +35,7 @@ class ForeignEngine(MappedEngine):
     @property
     @abstractmethod
     def straight(self) -> bool:
-        """Whether nothing but the work is booked between the steps of one control."""
+        """Whether the steps of one control may be taken by one :meth:`stride`."""
 
     def advance(
         self,
@@ -48,16 +49,31 @@ class ForeignEngine(MappedEngine):
         if not self.straight or sample_at is not None:
             return super().advance(ops, q, v, segments, sample_at)
         actuated, work = self.system.plant.actuated, 0.0
-        most, worst, converged = 0, 0.0, True
+        losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
         for control, count in segments:
             before = q[actuated]
             force = self.system.generalized(control)
-            q, v, iterations, residual, solved = self.travel(ops, q, v, force, count)
+            q, v, losses, iterations, residual, solved, _ = self.stride(
+                ops, q, v, losses, force, count
+            )
             work = work + control * (q[actuated] - before)
             most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
             converged = converged & solved
-        ok, losses = within_bounds(q, v), self.system.no_losses
+        ok = within_bounds(q, v)
         return Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, ok)
+
+    def stride(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        losses: Components,
+        force: Components,
+        count: int,
+    ) -> Step:
+        """Take ``count`` steps in one call, without a loss."""
+        q, v, *report = self.travel(ops, q, v, force, count)
+        return Step(q, v, losses, *report)
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int

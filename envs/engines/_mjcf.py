@@ -26,6 +26,7 @@ def mjcf(
     dt: float,
     integrator: str,
     stops: Stops | None = None,
+    history: int = 0,
 ) -> str:
     """The model as XML text.
 
@@ -34,17 +35,24 @@ def mjcf(
         dt: timestep, s.
         integrator: MuJoCo's name.
         stops: whose limit a joint has, with MuJoCo's own parameters of contact; or None.
+        history: of so many steps, the last, the data keeps the velocities of the start.
     """
     limits = {} if stops is None else {stops.coordinate: stops.limit}
     bodies = "".join(
         _opening(link, limits.get(place)) for place, link in enumerate(mechanism.links)
     )
+    sensors = "".join(_speedometer(link, history) for link in mechanism.links if history)
     return (
         '<mujoco><compiler angle="radian" autolimits="false"/>'
         f'<option timestep="{dt!r}" integrator="{integrator}" gravity="0 0 {-mechanism.gravity!r}">'
         '<flag contact="disable" autoreset="disable"/></option>'
-        f"<worldbody>{bodies}{'</body>' * len(mechanism.links)}</worldbody></mujoco>"
+        f"<worldbody>{bodies}{'</body>' * len(mechanism.links)}</worldbody>"
+        f"<sensor>{sensors}</sensor></mujoco>"
     )
+
+
+def _speedometer(link: Link, history: int) -> str:
+    return f'<jointvel joint="{link.coordinate}" nsample="{history}"/>'
 
 
 def _opening(link: Link, limit: float | None) -> str:

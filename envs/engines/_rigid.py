@@ -10,8 +10,13 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.engines._agreement import TOLERANCE, check_agreement, check_weight
-from integ_gym.envs.engines._foreign import ForeignEngine
+from integ_gym.envs.engines._agreement import (
+    TOLERANCE,
+    check_agreement,
+    check_dampers,
+    check_weight,
+)
+from integ_gym.envs.engines._foreign import ForeignEngine, Run
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.mechanism import Mechanism
@@ -33,19 +38,23 @@ class RigidBodyEngine(ForeignEngine):
     that is the map's own law; any other is of first order where they act.
 
     Raises:
-        ValueError: for a plant without a mechanism, for one too light for the engine, and for an
-            engine whose mass matrix or gravity force is not the plant's.
+        ValueError: for a plant without a mechanism or whose damping is not its mechanism's, for
+            one too light for the engine, and for an engine whose mass matrix or gravity force is
+            not the plant's.
     """
 
     holds_resistance: ClassVar[bool] = True
     least_inertia: ClassVar[float] = 0.0
     """Moment of inertia of a body below which it takes none, kg m²."""
+    tells_speeds: bool = False
+    """Whether it has a :meth:`run_with_speeds`."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, integrator, dt)
         self.mechanism = mechanism_of(self.name, system.plant)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
+        self._runs_with_speeds: dict[int, Run] = {}
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
         self._check()
@@ -68,10 +77,43 @@ class RigidBodyEngine(ForeignEngine):
 
     @property
     def straight(self) -> bool:
-        """Whether nothing but the work is booked between the steps of one control."""
+        """Whether nothing is booked between steps but work, and damping that is told with them."""
         system = self.system
-        booked = system.steep or system.max_speed is not None or system.engine_stops is not None
-        return not (self._damped or booked)
+        if system.steep or system.max_speed is not None or system.engine_stops is not None:
+            return False
+        return not self._damped or (self.tells_speeds and self._map_losses_of == "end")
+
+    def run_with_speeds(self, count: int) -> Run:
+        """As :meth:`run`, and then each velocity's root mean square over the ends of the steps."""
+        raise NotImplementedError
+
+    def stride(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        losses: Components,
+        force: Components,
+        count: int,
+    ) -> Step:
+        """Take ``count`` steps; lost is what joint damping takes."""
+        if not self._damped:
+            return super().stride(ops, q, v, losses, force, count)
+        if count == 1:
+            q, v, *_ = self.travel(ops, q, v, force, 1)
+            speeds = v
+        else:
+            n, run = len(q), self._run_with_speeds(count)
+            values = ops.foreign(run, (*q, *v, *force), (False,) * (3 * n))
+            q, v, speeds = values[:n], values[n : 2 * n], values[2 * n :]
+        # Dampers at the joints: the mean power is that at the root mean square of each velocity.
+        power = self.system.plant.dissipation(ops, q, speeds)
+        return Step(q, v, along(losses, count * self.dt, (power,)))
+
+    def _run_with_speeds(self, count: int) -> Run:
+        if count not in self._runs_with_speeds:
+            self._runs_with_speeds[count] = self.run_with_speeds(count)
+        return self._runs_with_speeds[count]
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
@@ -150,7 +192,7 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
     """The plant's links.
 
     Raises:
-        ValueError: if it has none.
+        ValueError: if it has none, and if their dampers do not take what the plant's damping takes.
     """
     mechanism = getattr(plant, "mechanism", None)
     if mechanism is None:
@@ -158,4 +200,5 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
             f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
             "no `mechanism`; use engine 'native' or 'casadi'"
         )
+    check_dampers(mechanism, plant)
     return mechanism  # type: ignore[no-any-return]

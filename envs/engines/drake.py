@@ -57,7 +57,8 @@ class DrakeEngine(RigidBodyEngine):
 
     def build(self) -> None:
         """Make the model."""
-        self.reports = self.integrator not in DISCRETE
+        self.tells_speeds = self.integrator in DISCRETE
+        self.reports = not self.tells_speeds
         if self.reports:
             self._plant = multibody_plant(self.mechanism)
         else:
@@ -91,6 +92,10 @@ class DrakeEngine(RigidBodyEngine):
             return discrete_steps(self._plant, count)
         steps = implicit_steps if self.integrator in IMPLICIT else explicit_steps
         return steps(self._plant, self.integrator, self.dt, count)
+
+    def run_with_speeds(self, count: int) -> Run:
+        """Take ``count`` steps of a discrete plant."""
+        return discrete_steps(self._plant, count, speeds=True)
 
     def _at_rest(self, q: Components) -> Any:
         """A context with the model at rest in ``q``."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,16 +30,13 @@ class MujocoEngine(RigidBodyEngine):
     package: ClassVar[str] = "mujoco"
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA
+    tells_speeds: bool = True
     maps: ClassVar[Mapping[str, str]] = MAPS
 
     def build(self) -> None:
         """Compile the model."""
-        mujoco = load("mujoco", "mujoco")
-        text = mjcf(self.mechanism, self.dt, self.integrator, self.system.engine_stops)
-        self._model = mujoco.MjModel.from_xml_string(text)
-        self._data = mujoco.MjData(self._model)
-        self._mujoco = mujoco
-        silencer(mujoco, self._data)()
+        self._mujoco = load("mujoco", "mujoco")
+        self._model, self._data = self._made()
         self.reports = self.system.engine_stops is not None
 
     def solver(self) -> dict[str, Any]:
@@ -67,28 +66,54 @@ class MujocoEngine(RigidBodyEngine):
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps in one call, or one by one where there is a solver to report on."""
-        n = self._model.nv
-        places = tuple(range(n))
-        position, velocity, applied = self._data.qpos, self._data.qvel, self._data.qfrc_applied
-        model, data, step = self._model, self._data, self._mujoco.mj_step
+        model, data = self._model, self._data
+        put, position, velocity = _setter(data), data.qpos, data.qvel
         solved = self._solved if self.reports else None
+        step = self._stepper(model, data, count)
 
         def run(*values: float) -> tuple[float, ...]:
-            for i in places:
-                position[i] = values[i]
-                velocity[i] = values[n + i]
-                applied[i] = values[2 * n + i]
+            put(values)
             report: tuple[float, ...] = ()
             if solved is not None:
                 report = solved(count)
-            elif count == 1:
-                step(model, data)
             else:
-                step(model, data, nstep=count)
+                step()
             end: tuple[float, ...] = (*position.tolist(), *velocity.tolist(), *report)
             return end
 
         return run
+
+    def run_with_speeds(self, count: int) -> Run:
+        """Take ``count`` steps in one call, of which sensors keep the velocities."""
+        model, data = self._made(history=count)
+        put, position, velocity = _setter(data), data.qpos, data.qvel
+        step = self._stepper(model, data, count)
+        # Sensors read a step's start: their first value is left out, the very last velocity added.
+        ends = [address + 2 + 2 * count for address in model.sensor_historyadr.tolist()]
+        told = [data.history[end + 1 - count : end] for end in ends]
+
+        def run(*values: float) -> tuple[float, ...]:
+            put(values)
+            step()
+            last = velocity.tolist()
+            speeds = [
+                sqrt((x.dot(x) + end * end) / count) for x, end in zip(told, last, strict=True)
+            ]
+            return (*position.tolist(), *last, *speeds)
+
+        return run
+
+    def _made(self, history: int = 0) -> tuple[Any, Any]:
+        """A model and its data."""
+        text = mjcf(self.mechanism, self.dt, self.integrator, self.system.engine_stops, history)
+        model = self._mujoco.MjModel.from_xml_string(text)
+        data = self._mujoco.MjData(model)
+        silencer(self._mujoco, data)()
+        return model, data
+
+    def _stepper(self, model: Any, data: Any, count: int) -> Callable[[], None]:
+        step = partial(self._mujoco.mj_step, model, data)
+        return step if count == 1 else partial(step, nstep=count)
 
     def _solved(self, count: int) -> tuple[int, float, bool]:
         """Take steps with constraints, each from no guess; most iterations, 0 and convergence."""
@@ -105,3 +130,18 @@ class MujocoEngine(RigidBodyEngine):
         data.qpos[:] = q
         self._mujoco.mj_forward(self._model, data)
         return data
+
+
+def _setter(data: Any) -> Callable[[tuple[float, ...]], None]:
+    """What puts configuration, velocity and force into a model's data."""
+    position, velocity, applied = data.qpos, data.qvel, data.qfrc_applied
+    n = len(position)
+    places = tuple(range(n))
+
+    def put(values: tuple[float, ...]) -> None:
+        for i in places:
+            position[i] = values[i]
+            velocity[i] = values[n + i]
+            applied[i] = values[2 * n + i]
+
+    return put

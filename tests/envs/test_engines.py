@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from integ_gym.envs.mechanism import Mechanism
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.steps import plain_step, traced_step
-from integ_gym.envs.transition import EnvState, initial_state
+from integ_gym.envs.transition import EnvState, initial_state, transition
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
 
@@ -121,6 +123,24 @@ def test_several_steps_at_once_are_single_steps(engine, integrator):
     np.testing.assert_allclose((*at_once.q, *at_once.v), (*q, *v), rtol=0, atol=tolerance)
 
 
+@pytest.mark.parametrize(("engine", "integrator", "env_id"), CASES)
+def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_id):
+    """A sensor that samples each step has them taken singly; latency makes calls of 3 and 4."""
+    given = {"dt": 0.01, "control_period": 0.07, "action_latency": 0.03, **DAMPING[env_id]}
+    at_once = setup_of(engine, integrator, env_id, **given)
+    singly = setup_of(engine, integrator, env_id, sensor_period=0.01, **given)
+    tolerance = 1e-12 if at_once.engine.width == 64 else 1e-4
+    q, v, _ = states(at_once, 1)[0]
+    here, there = (initial_state(SCALAR, setup, q, v) for setup in (at_once, singly))
+    for action in (1.0, 0.0, 0.0, 1.0):
+        here, told = transition(SCALAR, at_once, here, action)
+        there, expected = transition(SCALAR, singly, there, action)
+        assert told.dissipated > 0.0
+        assert told.dissipated == pytest.approx(expected.dissipated, rel=tolerance)
+        assert (*here.q, *here.v) == pytest.approx((*there.q, *there.v), rel=tolerance)
+        assert told.iterations == expected.iterations
+
+
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
 def test_the_vector_environment_equals_the_single_one(engine, integrator):
     needs(engine)
@@ -212,14 +232,28 @@ def test_a_model_that_is_not_the_plant_is_refused(engine, integrator, monkeypatc
     if not hasattr(ENGINES.load(engine), "inertia"):
         assert engine == "casadi"
         return
-    right = Pendulum.mechanism.func
-
-    def heavier(plant: Pendulum) -> Mechanism:
-        mechanism = right(plant)
-        (link,) = mechanism.links
-        wrong = type(link)(**{**vars(link), "mass": 1.01 * link.mass})
-        return Mechanism((wrong,), mechanism.gravity)
-
-    monkeypatch.setattr(Pendulum, "mechanism", property(heavier))
+    _change_link(monkeypatch, mass=1.01)
     with pytest.raises(ValueError, match="another mass matrix"):
         gym.make("IntegPendulum-v0", engine=engine, integrator=integrator, dt=0.0123)
+
+
+@pytest.mark.parametrize("engine", [e for e in FOREIGN if e != "casadi"])
+def test_a_mechanism_with_other_damping_than_its_plant_is_refused(engine, monkeypatch):
+    needs(engine)
+    _change_link(monkeypatch, damping=1.01)
+    integrator = next(iter(ENGINES.load(engine).maps))
+    with pytest.raises(ValueError, match="dampers of its `mechanism` take"):
+        gym.make("IntegPendulum-v0", engine=engine, integrator=integrator, dt=0.0123, damping=0.5)
+
+
+def _change_link(monkeypatch: pytest.MonkeyPatch, **factors: float) -> None:
+    """Multiply numbers of the link that engines are told of."""
+    right = Pendulum.mechanism.func
+
+    def changed(plant: Pendulum) -> Mechanism:
+        mechanism = right(plant)
+        (link,) = mechanism.links
+        told = {name: factor * getattr(link, name) for name, factor in factors.items()}
+        return Mechanism((replace(link, **told),), mechanism.gravity)
+
+    monkeypatch.setattr(Pendulum, "mechanism", property(changed))
