@@ -46,6 +46,10 @@ class IntegEnv(gym.Env[Observation, Any]):
     }
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        if "mixture" in arguments:
+            raise TypeError(
+                "one environment has one discretization; give `mixture` to gym.make_vec"
+            )
         for name, value in arguments.items():
             if isinstance(value, np.ndarray) and value.ndim:
                 raise ValueError(

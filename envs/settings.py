@@ -145,11 +145,16 @@ def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
 
 def _refuse_arrays(values: Mapping[str, Any]) -> None:
     for name, value in values.items():
-        if isinstance(value, np.ndarray):
+        if isinstance(value, (np.ndarray, list, tuple)):
             raise ValueError(
-                f"`{name}` must be one value for all environments, got an array; only parameters "
-                "of the plant and the task may differ between the lanes of gym.make_vec"
+                f"`{name}` must be one value for all environments, got {_kind(value)}; parameters "
+                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
+                "list of discretizations"
             )
+
+
+def _kind(value: Any) -> str:
+    return "an array" if isinstance(value, np.ndarray) else repr(value)
 
 
 def _as_float(value: Any) -> Any:

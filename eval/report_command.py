@@ -8,7 +8,7 @@ from pathlib import Path
 
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.report import write_report
-from integ_gym.eval.run_directory import read_json
+from integ_gym.eval.run_directory import MANIFEST, read_json
 from integ_gym.evidence.command_line import CommandParser
 
 
@@ -26,11 +26,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     directory = parser().parse_args(argv).directory
-    if not (directory / "panel.json").exists():
-        raise ValueError(
-            f"{directory} holds no panel.json; finish the panel first: integ-gym panel --out "
-            f"{directory}"
-        )
+    _check(directory)
     panel = read_json(directory / "panel.json")
     try:
         write_figures(panel, directory / "figures")
@@ -42,3 +38,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         ) from error
     print(f"Page: {page.resolve()}")
     return 0
+
+
+def _check(directory: Path) -> None:
+    """Check that a panel was finished in a directory.
+
+    Raises:
+        ValueError: if not, with what to do.
+    """
+    if (directory / "panel.json").exists():
+        return
+    if not directory.is_dir():
+        raise ValueError(f"there is no directory {directory}; give the directory of a panel")
+    if (directory / MANIFEST).exists():
+        raise ValueError(
+            f"{directory} holds a panel that is not finished; run the command that started it "
+            "again, which goes on where it stopped"
+        )
+    raise ValueError(
+        f"{directory} holds no panel; give the directory that `integ-gym panel` or `integ-gym "
+        "evaluate` wrote with --out"
+    )

@@ -97,10 +97,11 @@ class RunDirectory:
 
     def _check_manifest(self, manifest: Path) -> None:
         held = read_json(manifest)
-        if held.get("specification") != self._specification:
+        other = list(_differences(held.get("specification", {}), self._specification))
+        if other:
             raise RunDirectoryError(
-                f"{self.path} holds another panel; give another directory with --out, or the "
-                "specification that it was started with"
+                f"{self.path} holds another panel: {', '.join(other)}; give another directory "
+                "with --out, or the specification that it was started with"
             )
         versions = self.versions()
         changed = [
@@ -221,6 +222,20 @@ def key_of(engines: Mapping[str, str], **parts: Any) -> str:
     """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
     text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
+    """What differs between two specifications: numbers and texts as they were and are."""
+    for key in {**held, **now}:
+        one, other, name = held.get(key), now.get(key), f"{of}{key}"
+        if one == other:
+            continue
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from _differences(one, other, f"{name}.")
+        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
+            yield f"another `{name}`"
+        else:
+            yield f"`{name}` {one} (now {other})"
 
 
 def read_json(path: Path) -> dict[str, Any]:

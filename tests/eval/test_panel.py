@@ -130,7 +130,7 @@ def test_running_again_redoes_nothing(panel_directory):
     ("sign", "count"), [("units/train-*.json", 2), ("evidence/.evaluate-*.tmp", 1)]
 )
 def test_a_killed_panel_is_finished_without_losing_or_redoing(
-    tmp_path, panel_directory, sign, count
+    tmp_path, panel_directory, sign, count, capsys
 ):
     """Killed with SIGKILL in training, or in evaluation; the result is that of an unbroken run."""
     spec = tmp_path / "small.toml"
@@ -145,6 +145,7 @@ def test_a_killed_panel_is_finished_without_losing_or_redoing(
     process.wait()
     kept = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
     assert not (out / "panel.json").exists()
+    assert "holds a panel that is not finished" in _fails(capsys, "report", str(out))
     time.sleep(1.5)
     subprocess.run([*command, "--no-progress"], check=True, stdout=subprocess.DEVNULL)
     assert kept == {path: path.stat().st_mtime_ns for path in kept}
@@ -169,7 +170,7 @@ def test_another_panel_in_the_directory_is_refused(panel_directory, tmp_path, ca
     other.write_text(TOML.replace("episodes = 3", "episodes = 4"), encoding="utf-8")
     before = sorted(panel_directory.rglob("*"))
     message = _fails(capsys, "panel", str(other), "--out", str(panel_directory))
-    assert "holds another panel" in message
+    assert "holds another panel: `episodes` 3 (now 4); give another" in message
     assert "--out" in message
     assert sorted(panel_directory.rglob("*")) == before
 
@@ -229,7 +230,9 @@ def test_report_is_written_again(panel_directory, capsys):
     assert main(["report", str(panel_directory)]) == 0
     assert str(page) in capsys.readouterr().out
     assert page.read_text(encoding="utf-8") == before
-    assert "holds no panel.json" in _fails(capsys, "report", str(page.parent.parent))
+    folder = page.parent.parent
+    assert "holds no panel; give the directory" in _fails(capsys, "report", str(folder))
+    assert "there is no directory" in _fails(capsys, "report", str(folder / "other"))
 
 
 @pytest.mark.slow
