@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
@@ -15,6 +15,7 @@ from integ_gym.eval.remedy import remedies
 from integ_gym.eval.run_directory import package_versions
 from integ_gym.eval.statistics import rate_interval
 from integ_gym.eval.verdict import (
+    LEARNED,
     Judgement,
     PolicyCell,
     compare_policies,
@@ -147,6 +148,8 @@ def _answer(layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement]
         if judgement.verdict != "not_learned"
     ]
     if not judged:
+        if judgements:
+            return _unlearned_answer(dict.fromkeys(row for row, _ in layout.family), matrix)
         return _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].gap.estimate)
@@ -171,6 +174,19 @@ def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
     return (
         f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home "
         f"and {there:.2f} on {cell} ({quantity} {judgement.gap})"
+    )
+
+
+def _unlearned_answer(rows: Iterable[str], matrix: Matrix) -> str:
+    """What to say where no row of the declared transfers has learned."""
+    home = {
+        row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
+    }
+    best = max(home, key=lambda row: home[row])
+    return (
+        "Not answered: no policies of the declared transfers have learned, which takes a success "
+        f"of {LEARNED} at home; those trained on {best} come nearest, with {home[best]:.2f}. Train "
+        "longer (`total_steps` in [training]), or set an easier task."
     )
 
 

@@ -99,6 +99,9 @@ def test_gaps_and_classes_are_given_where_they_are_defined(panel_directory):
     assert verdict["verdict"] in ("inconclusive", "not_learned")
     (comparison,) = panel["policy_comparisons"]
     assert comparison["outcome"] in ("accepted", "rejected", "uninformative")
+    assert [one["verdict"] for one in panel["verdicts"]] == ["not_learned"]
+    assert panel["answer"].startswith("Not answered: no policies of the declared transfers")
+    assert "those trained on rk4 dt=0.05 come nearest, with 0.00. Train longer" in panel["answer"]
 
 
 def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directory):
