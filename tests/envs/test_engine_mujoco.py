@@ -92,6 +92,20 @@ def test_nothing_is_printed_and_nothing_written(integrator, tmp_path):
     assert told_by_an_episode("mujoco", integrator, tmp_path) == (0, "")
 
 
+@pytest.mark.parametrize("integrator", [name for name in ALL if name != "RK4"])
+def test_the_history_of_damped_steps_holds_nothing_of_earlier_ones(integrator):
+    """To the last bit, after other states, infinite speeds and what is not a number."""
+    given = {"dt": 0.01, **DAMPING["IntegCartPole-v0"]}
+    start = (0.0, 0.1, 1.0, 2.0, 3.0, 0.0)
+    alone = new_setup("mujoco", integrator, "IntegCartPole-v0", **given).engine
+    expected = alone.run_with_speeds(7)(*start)
+    run = new_setup("mujoco", integrator, "IntegCartPole-v0", **given).engine.run_with_speeds(7)
+    others = [*np.random.default_rng(0).normal(size=(5, 6)), [np.nan] * 6, [0, 0, 1e200, 1, 0, 0]]
+    for other in others:
+        run(*other)
+        assert run(*start) == expected
+
+
 STIFF = {
     "pendulum": ("IntegPendulum-v0", {"damping": 50.0, "dt": 0.05, "control_period": 0.5},
                  (0.5, 8.0)),
