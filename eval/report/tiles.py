@@ -14,9 +14,9 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     trained = [row for row in panel.rows if row.kind == "trained"]
     policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
     wrong = [e for t in trusts for e in t.judged if e.contradicted]
-    discretizations = sum(cell.plain for cell in panel.cells)
+    discretizations = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
     checks = len(panel.cells) - discretizations
-    perturbed = f", {checks} more with perturbed plants or delays" if checks else ""
+    more_cells = f", and {plural(checks, 'cell')} for checks" if checks else ""
     tiles = []
     if trained:
         mixtures = sum(row.mixed for row in trained)
@@ -24,7 +24,7 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
         tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
     tiles += [
         (f"{policies}", "policies" if policies != 1 else "policy"),
-        (f"{discretizations}", f"evaluation discretizations{perturbed}"),
+        (f"{discretizations}", f"evaluation discretizations{more_cells}"),
         (f"{panel.episodes:,}", "episodes, each on record"),
     ]
     if trusts:
