@@ -19,8 +19,7 @@ from integ_gym.eval.existing.plan import Grid, plan, work
 from integ_gym.eval.existing.policy import read_existing
 from integ_gym.eval.mujoco_task import plan_task, read_for_task
 from integ_gym.eval.task_evaluation import evaluate_task
-from integ_gym.evidence.command_line import CommandParser
-from integ_gym.train.ppo import named_value
+from integ_gym.evidence.command_line import CommandParser, named_value
 
 EXAMPLES = """\
 examples:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from typing import Any, NoReturn
 
 
@@ -11,6 +12,17 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"cannot use {error.filename}: {error.strerror}; give another path"
     return " ".join(str(error).split())
+
+
+def named_value(word: str) -> tuple[str, Any]:
+    """``name=value``, the value read as JSON where it is JSON, else as text."""
+    name, equals, value = word.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -8,7 +8,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.train.baselines import Baseline, hashed_uniform
+from integ_gym.train.baselines.hashed_uniform import hashed_uniform
+from integ_gym.train.baselines.interface import Baseline
 from integ_gym.train.policy import FloatArray, Policy
 
 BOX_BASELINES = ("random", "zero")
@@ -45,7 +46,7 @@ class _InBox(Baseline):
 class RandomInBox(_InBox):
     """Uniform within the bounds, as a fixed random function of the observation.
 
-    See :class:`integ_gym.train.baselines.RandomPolicy`.
+    See :class:`integ_gym.train.baselines.random_policy.RandomPolicy`.
 
     Args:
         space: actions.

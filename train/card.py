@@ -15,7 +15,7 @@ from integ_gym.envs.versions import installed_versions
 from integ_gym.train.seeds import first_lane_seed
 
 if TYPE_CHECKING:
-    from integ_gym.train.ppo import PPOConfig
+    from integ_gym.train.ppo.config import PPOConfig
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
@@ -97,6 +97,15 @@ def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dic
         "return_mean": float(np.mean(returns)) if len(returns) else None,
         "success_rate": float(np.mean(successes)) if len(successes) else None,
     }
+
+
+def told(episodes: Mapping[str, Any]) -> str:
+    """Return and success in a few words."""
+    if not episodes["episodes"]:
+        return "no episode ended yet"
+    success = episodes["success_rate"]
+    words = f"return {episodes['return_mean']:.1f}"
+    return words if success is None else f"{words}, success {success:.2f}"
 
 
 def _discretization(setup: Setup) -> dict[str, Any]:

@@ -36,7 +36,8 @@ from integ_gym.train.fleet_program import FleetProgram
 from integ_gym.train.fleet_types import Algorithm, Knobs, Learner, Trail
 from integ_gym.train.fleet_worker import default_cache_dir, fleet_workers, prepare_worker
 from integ_gym.train.network import initial_stack, state_dict
-from integ_gym.train.ppo import PPOConfig, TrainingError
+from integ_gym.train.ppo.config import PPOConfig
+from integ_gym.train.ppo.errors import TrainingError
 from integ_gym.train.sb3_model import zip_of_weights
 from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy

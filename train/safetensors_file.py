@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.extras import missing
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
-from integ_gym.train.sb3_zip import PolicyFileError
+from integ_gym.train.policy_file_error import PolicyFileError
 
 try:
     from safetensors import SafetensorError, safe_open

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from integ_gym.train.ppo import PPOConfig
+    from integ_gym.train.ppo.config import PPOConfig
 
 
 def model_arguments(config: PPOConfig, control_period: float) -> dict[str, Any]:

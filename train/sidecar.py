@@ -18,8 +18,9 @@ from typing import Any
 from gymnasium import spaces
 
 from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.safetensors_file import read_safetensors, safetensors_bytes
-from integ_gym.train.sb3_zip import PolicyFileError, read_sb3_zip
+from integ_gym.train.sb3_zip import read_sb3_zip
 
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"

@@ -15,7 +15,9 @@ import pytest
 from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_of
 
 import integ_gym
+from integ_gym.envs.tasks import TASKS
 from integ_gym.train.baselines import BASELINES, has_handmade, make_baseline
+from integ_gym.train.baselines.handmade import HANDMADE
 from integ_gym.train.policy import Policy
 
 pytest.importorskip("scipy")
@@ -57,6 +59,11 @@ def test_which_tasks_have_a_hand_made_controller(env_id: str) -> None:
     assert not has_handmade(other)
     with pytest.raises(ValueError, match="there is no hand-made controller for the task Idle"):
         make_baseline("handmade", other)
+
+
+@pytest.mark.parametrize("name", HANDMADE.names())
+def test_a_hand_made_controller_is_found_under_the_name_of_its_task(name: str) -> None:
+    assert HANDMADE.load(name).task is TASKS.load(name)
 
 
 @pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)

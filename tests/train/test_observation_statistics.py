@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 from policy_files import refusal
 
-from integ_gym.train import sb3_zip
-from integ_gym.train.sb3_zip import PolicyFileError, read_observation_statistics, read_sb3_zip
+from integ_gym.train.sb3_zip import (
+    PolicyFileError,
+    limits,
+    read_observation_statistics,
+    read_sb3_zip,
+)
 
 GOOD_STATISTICS = {"mean": [0.0, 1, -2.5], "var": [1.0, 0, 4.0], "epsilon": 1e-8, "clip_obs": 10}
 
@@ -72,7 +76,7 @@ def test_statistics_that_cannot_be_opened_or_are_too_large_are_refused(
     with pytest.raises(PolicyFileError, match=r"cannot be opened \(No such file"):
         read_observation_statistics(path)
     path.write_text(json.dumps(GOOD_STATISTICS))
-    monkeypatch.setattr(sb3_zip, "MAX_JSON_BYTES", 10)
+    monkeypatch.setattr(limits, "MAX_JSON_BYTES", 10)
     with pytest.raises(PolicyFileError, match="is larger than 10 bytes; write"):
         read_observation_statistics(path)
 

@@ -10,8 +10,7 @@ import pytest
 from gymnasium import spaces
 from policy_files import UNIT_3, BoxEnv, refusal, rewritten, setting
 
-from integ_gym.train import sb3_zip
-from integ_gym.train.sb3_zip import read_sb3_zip
+from integ_gym.train.sb3_zip import architecture, read_sb3_zip
 
 sb3 = pytest.importorskip("stable_baselines3")
 
@@ -118,7 +117,7 @@ def test_harmless_data_is_accepted(pendulum_zip: Path, tmp_path: Path) -> None:
             ":type:": "<class 'dict'>",
             "net_arch": [{"pi": [64, 64], "vf": [1]}],
             "activation_fn": TORCH_CLASS.format("Tanh"),
-            "features_extractor_class": sb3_zip._FLATTEN,
+            "features_extractor_class": architecture._FLATTEN,
             "optimizer_class": "<class 'mine.Optimizer'>",
             "log_std_init": -1.0,
         }

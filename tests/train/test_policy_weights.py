@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policy_files import read_or_none, refusal, rewritten, saved, setting, state_dict
 
-from integ_gym.train import sb3_zip
-from integ_gym.train.sb3_zip import read_sb3_zip
+from integ_gym.train.sb3_zip import limits, read_sb3_zip
 
 torch = pytest.importorskip("torch")
 
@@ -126,10 +125,10 @@ def test_members_above_the_limit_are_refused_unread(
         weights = archive.getinfo("policy.pth").file_size
         data = archive.getinfo("data").file_size
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("the bomb was unpacked"))
-    monkeypatch.setattr(sb3_zip, "MAX_JSON_BYTES", data - 1)
+    monkeypatch.setattr(limits, "MAX_JSON_BYTES", data - 1)
     assert f"'data' of {data} bytes, above the limit of {data - 1}" in refusal(pendulum_zip)
     monkeypatch.undo()
-    monkeypatch.setattr(sb3_zip, "MAX_WEIGHTS_BYTES", weights - 1)
+    monkeypatch.setattr(limits, "MAX_WEIGHTS_BYTES", weights - 1)
     assert f"'policy.pth' of {weights} bytes, above the limit of" in refusal(pendulum_zip)
 
 
@@ -140,7 +139,7 @@ def test_weights_that_unpack_above_the_limit_are_refused(
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("archive/data.pkl", bytes(10**6))
     path = rewritten(pendulum_zip, tmp_path / "bomb.zip", policy__pth=stream.getvalue())
-    monkeypatch.setattr(sb3_zip, "MAX_WEIGHTS_BYTES", 10**5)
+    monkeypatch.setattr(limits, "MAX_WEIGHTS_BYTES", 10**5)
     assert "unpacks to 1000000 bytes, above the limit of 100000" in refusal(path)
 
 

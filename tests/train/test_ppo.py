@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of
 
-from integ_gym.train import ppo
-from integ_gym.train.ppo import PPOConfig, first_lane_seed, train
+from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.sidecar import TrainedPolicy, read_sidecar, read_trained
 
 torch = pytest.importorskip("torch")
@@ -135,7 +135,8 @@ def test_discrete_actions_and_options_of_the_learner(tmp_path: Path) -> None:
 
 
 def test_another_process_gives_the_same_weights(small: TrainedPolicy, tmp_path: Path) -> None:
-    command = [sys.executable, ppo.__file__, *FLAGS, "--out", str(tmp_path), "--no-tensorboard"]
+    command = [sys.executable, "-m", "integ_gym.cli", "train", *FLAGS, "--no-tensorboard"]
+    command += ["--out", str(tmp_path)]
     environment = os.environ | {"PYTHONHASHSEED": "77"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

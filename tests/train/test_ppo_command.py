@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL
 
-from integ_gym.train import ppo
-from integ_gym.train.ppo import PPOConfig, main
+from integ_gym.train.ppo import PPOConfig, command
+from integ_gym.train.ppo.command import main
 from integ_gym.train.sidecar import TrainedPolicy, read_trained
 
 torch = pytest.importorskip("torch")
@@ -33,7 +33,7 @@ def test_main_trains_and_says_where_the_policy_is(
 
 def test_flags_reach_the_run() -> None:
     given = vars(
-        ppo.parser().parse_args(
+        command.parser().parse_args(
             [
                 *("--out", "x", "--env", "IntegCartPole-v0", "--control-period", "none"),
                 *("--max-speed", "8", "--env-arg", "mass=0.2", "--env-arg"),
@@ -42,7 +42,7 @@ def test_flags_reach_the_run() -> None:
             ]
         )
     )
-    config = ppo._config({k: v for k, v in given.items() if k not in (
+    config = command._config({k: v for k, v in given.items() if k not in (
         "out", "force", "tensorboard", "progress", "trainer"
     )})  # fmt: skip
     assert config.env_arguments == {

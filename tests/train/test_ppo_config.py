@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from small_ppo import SMALL
 
-from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig, first_lane_seed
+from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
+from integ_gym.train.seeds import first_lane_seed
 
 
 @pytest.mark.parametrize(

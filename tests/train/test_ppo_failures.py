@@ -10,8 +10,7 @@ import pytest
 from small_ppo import FLAGS, SMALL, Recorder, files_of
 
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.train import ppo
-from integ_gym.train.ppo import main, train
+from integ_gym.train.ppo import main, train, training
 from integ_gym.train.sb3_model import saved
 
 torch = pytest.importorskip("torch")
@@ -57,7 +56,7 @@ def test_weights_that_overflow_are_told_with_the_remedy(
 ) -> None:
     """On the way, or in the last update, which nothing is computed from before it is written."""
     if last:
-        monkeypatch.setattr(ppo, "saved", _with_overflow)
+        monkeypatch.setattr(training, "saved", _with_overflow)
     flags = [*FLAGS, "--learning-rate", "1e-3" if last else "1e6"]
     assert main([*flags, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 2
     error = capsys.readouterr().err

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of
 
-from integ_gym.train import ppo, sidecar
-from integ_gym.train.ppo import PPOConfig, main, train
+from integ_gym.train import sidecar
+from integ_gym.train.ppo import PPOConfig, main, train, training
 from integ_gym.train.sb3_zip import PolicyFileError
 from integ_gym.train.sidecar import TrainedPolicy, read_trained
 
@@ -24,13 +24,13 @@ def test_an_interrupted_run_leaves_no_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made: list[Recorder] = []
-    make = ppo.make_training_envs
+    make = training.make_training_envs
 
     def interrupted(config: PPOConfig) -> Any:
         made.append(Recorder(make(config), fail_at=70))
         return made[-1]
 
-    monkeypatch.setattr(ppo, "make_training_envs", interrupted)
+    monkeypatch.setattr(training, "make_training_envs", interrupted)
     assert main([*FLAGS, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 130
     assert "interrupted; no policy was written" in capsys.readouterr().err
     assert files_of(tmp_path) == set()

@@ -1,0 +1,15 @@
+"""Hand-made controllers: one module for each task, named as the task's, found in this folder."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from integ_gym.envs.discovery import Registry
+from integ_gym.train.baselines.handmade.interface import HandMade
+
+HANDMADE = Registry(__name__, "hand-made controller", "act")
+
+
+def controller_classes() -> list[type[HandMade[Any]]]:
+    """Classes of all hand-made controllers, by the names of their modules."""
+    return [HANDMADE.load(name) for name in HANDMADE.names()]
