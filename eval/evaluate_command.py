@@ -19,7 +19,8 @@ from integ_gym.eval.existing.plan import Grid, plan, work
 from integ_gym.eval.existing.policy import read_existing
 from integ_gym.eval.mujoco_task import plan_task, read_for_task
 from integ_gym.eval.task_evaluation import evaluate_task
-from integ_gym.evidence.command_line import CommandParser
+from integ_gym.evidence.command_line import CommandParser, whole_number
+from integ_gym.evidence.text_table import say
 from integ_gym.train.ppo import named_value
 
 EXAMPLES = """\
@@ -76,7 +77,7 @@ def parser() -> argparse.ArgumentParser:
         "--own-code", action="store_true",
         help="load the classes that the side-car names as module:Class",
     )  # fmt: skip
-    add("--episodes", type=int, default=50, metavar="N", help="starts (default: 50)")
+    add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
@@ -94,7 +95,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         total=total, unit="cell", desc="evaluate", disable=given.no_progress, delay=0.5
     ) as bar:
         panel = evaluate(given.out, command, bar.update, _warn)
-    print(f"{panel['question']}\n{panel['answer']}")
+    say(panel["question"], sys.stdout)
+    say(panel["answer"], sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
 

@@ -143,7 +143,7 @@ def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
         smoothing=0.05,
-        bar_format="{l_bar}{bar}| {postfix} elapsed {elapsed}, about {remaining} left",
+        bar_format="{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}",  # ", phase"
     )
 
 
@@ -175,7 +175,7 @@ class _Work:
             PanelError: if one fails.
         """
         running = {self._pool.submit(task, *given): name for name, given in arguments.items()}
-        self._bar.set_postfix_str(f"{phase},", refresh=False)
+        self._bar.set_postfix_str(phase, refresh=False)
         while running:
             ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in ended:

@@ -42,7 +42,7 @@ from integ_gym.envs.parameters import (
 from integ_gym.envs.registration import ENVIRONMENTS, register_environments
 from integ_gym.envs.settings import Settings, Setup
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
-from integ_gym.evidence.command_line import CommandParser, sentence
+from integ_gym.evidence.command_line import CommandParser, sentence, whole_number
 from integ_gym.train.card import episode_summary, make_card
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.sb3_model import model_arguments, reproducible, saved
@@ -526,10 +526,10 @@ def _number_or_none(word: str) -> float | None:
 _number_or_none.__name__ = "number"
 _READERS: dict[str, Callable[[str], Any]] = {
     "str": str,
-    "int": int,
+    "int": whole_number,
     "float": float,
     "float | None": _number_or_none,
-    "tuple[int, ...]": int,
+    "tuple[int, ...]": whole_number,
 }
 
 
