@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     total, evaluate = _planned(given) if ours else _planned_task(given)
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     with tqdm(
-        total=total, unit="cell", desc="evaluate", disable=given.no_progress, delay=0.5
+        total=total, unit=" cells", desc="evaluate", disable=given.no_progress, delay=0.5
     ) as bar:
         panel = evaluate(given.out, command, bar.update, _warn)
     say(panel["question"], sys.stdout)

@@ -165,6 +165,7 @@ class _Work:
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
         self._skipped += seconds
+        self._show()
 
     def do(
         self, phase: str, task: Callable[..., None], arguments: Mapping[str, tuple[Any, ...]]
@@ -184,8 +185,11 @@ class _Work:
                     future.result()
                 except Exception as error:
                     raise PanelError(f"{phase} {name} failed: {error}; the rest is kept") from error
-            done = self._shared.total() + self._skipped
-            self._bar.update(min(self._bar.total, done) - self._bar.n)
+            self._show()
+
+    def _show(self) -> None:
+        done = self._shared.total() + self._skipped
+        self._bar.update(min(self._bar.total, done) - self._bar.n)
 
 
 def _named(batch: Sequence[Subject]) -> str:
