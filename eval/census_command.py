@@ -7,8 +7,10 @@ import json
 import shlex
 import sys
 from collections.abc import Sequence
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import require
@@ -20,8 +22,7 @@ from integ_gym.eval.census.words import row
 from integ_gym.eval.output_folder import make_folder
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.command_line import CommandParser
-from integ_gym.evidence.extra import pyarrow
-from integ_gym.evidence.print_table import print_table
+from integ_gym.evidence.text_table import FITS, fits, print_aligned, print_groups, say, unbroken
 
 EXAMPLES = """\
 examples:
@@ -39,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
         "published environment of that name, and find out from the states alone which one-step map "
         "it applies, how often and with which step; and what it does to the energy of a free "
         "motion. DIR gets census.json and census.html, one page that opens offline. Give "
-        "--published or --engine to look at those alone.",
+        f"--published or --engine to look at those alone. {FITS}",
         epilog=EXAMPLES,
     )
     add = made.add_argument
@@ -67,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
     page = replace_file(given.out / "census.html", render(document).encode())
-    _print(document)
+    _print(document, sys.stdout)
     print(f"Page: {page.resolve()}")
     return 1 if census.failed else 0
 
@@ -86,17 +87,34 @@ def _tell(source: str) -> None:
     print(f"looking at {source} …", file=sys.stderr)
 
 
-def _print(document: dict[str, Any]) -> None:
+def _print(document: dict[str, Any], file: TextIO) -> None:
     for plant in ("pendulum", "cart_pole"):
-        lines = [line for line in document["lines"] if line["plant"] == plant]
+        lines = [row(line) for line in document["lines"] if line["plant"] == plant]
         if lines:
-            print(f"\n{plant}")
-            print_table(pyarrow().Table.from_pylist([row(line) for line in lines]), sys.stdout)
-    print()
+            print(f"\n{plant}", file=file)
+            _print_table(lines, file)
+    print(file=file)
     for line in document["lines"]:
         for difference in line["differences"]:
-            print(f"{line['source']} {line['name']} ({line['plant']}): {difference}")
+            say(f"{line['source']} {line['name']} ({line['plant']}): {difference}", file)
     for source, command in document["missing"].items():
-        print(f"{source}: not installed; run: {command}")
+        say(f"{source}: not installed; run: {unbroken(command)}", file)
     for source, error in document["failed"].items():
-        print(f"{source}: could not be looked at: {error}")
+        say(f"{source}: could not be looked at: {error}", file)
+
+
+_APPLIED = ("name", "applies", "step", "off by", "off truth by", "as said")
+_FREE_MOTION = ("name", "energy at end", "largest", "speed limit")
+
+
+def _print_table(rows: Sequence[dict[str, str]], file: TextIO) -> None:
+    """As one table; where that is too wide, by source, what is applied and what comes of it."""
+    names, cells = list(rows[0]), [list(row.values()) for row in rows]
+    if fits(names, cells, file):
+        print_aligned(names, cells, file)
+        return
+    sources = [(source, list(own)) for source, own in groupby(rows, itemgetter("source"))]
+    for place, part in enumerate((_APPLIED, _FREE_MOTION)):
+        print(end="\n" if place else "", file=file)
+        groups = [(source, [[r[name] for name in part] for r in own]) for source, own in sources]
+        print_groups(part, groups, file)

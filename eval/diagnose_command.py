@@ -14,8 +14,8 @@ from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.drift_example import drift_example
-from integ_gym.evidence.command_line import CommandParser
-from integ_gym.evidence.print_table import print_aligned
+from integ_gym.evidence.command_line import CommandParser, whole_number
+from integ_gym.evidence.text_table import FITS, print_aligned
 from integ_gym.train.worker import cores
 
 EXAMPLES = """\
@@ -39,11 +39,14 @@ def parser() -> argparse.ArgumentParser:
         "symplecticity, reversibility, free motion, stiffness, damping, friction, contact, "
         "actuation, timestep refinement and latency. Every line says what was measured, what is "
         "expected, the tolerance and whether it holds; DIR gets diagnose.json, figures and one "
-        "evidence record per rollout. docs/diagnose.md explains every section.",
+        f"evidence record per rollout. docs/diagnose.md explains every section. {FITS}",
         epilog=EXAMPLES,
     )
     add = made.add_argument
-    add("--env", choices=list(ENVIRONMENTS), help="diagnose the plant of this environment")
+    add(
+        "--env", choices=list(ENVIRONMENTS), metavar="ID",
+        help=f"diagnose the plant of this environment: {', '.join(ENVIRONMENTS)}",
+    )  # fmt: skip
     add("--plant", metavar="NAME", help="a plant, or module:Class of your own; default: all")
     add(
         "--integrator", nargs="+", action="extend", default=[], metavar="NAME",
@@ -58,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="DIR",
         help="where results go; for --example by default runs/NAME",
     )  # fmt: skip
-    add("--workers", type=int, metavar="N", help="processes; default: one per core")
+    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 

@@ -6,7 +6,9 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from typing import Any
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, TextIO
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines._stepped import CONSTRAINT_VIOLATION
@@ -15,8 +17,7 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.fingerprint import Fingerprint, fingerprint
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.evidence.command_line import CommandParser
-from integ_gym.evidence.extra import pyarrow
-from integ_gym.evidence.print_table import print_table
+from integ_gym.evidence.text_table import FITS, fits, print_aligned, print_groups, say, unbroken
 
 EXAMPLES = """\
 examples:
@@ -35,9 +36,10 @@ def parser() -> argparse.ArgumentParser:
         prog="integ-gym engines",
         description="Measure, from outside, which one-step map every integrator of every installed "
         "engine applies, and say what is not installed. APPLIES is the known map that is nearest, "
-        "with the largest error of one step against it, with and without control and damping; "
+        "OFF BY the largest error of one step against it, with and without control and damping; "
         "DET J - 1 is what a step of 0.02 s without damping adds to a small volume of phase space, "
-        "FREQUENCY and ENERGY what such steps do to small oscillations.",
+        "FREQUENCY and ENERGY what such steps do to small oscillations; OWN STOPS says whether the "
+        f"engine has joint stops. {FITS}",
         epilog=EXAMPLES,
     )
     made.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")
@@ -61,11 +63,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given.json:
         print(json.dumps(_document(measured, absent), indent=2))
     else:
-        print_table(_table(measured), sys.stdout)
+        _print([_row(found) for found in measured], sys.stdout)
         if installed:
             print(f"\nconstraint violation: {CONSTRAINT_VIOLATION}")
         for line in _remedies(absent):
-            print(line)
+            say(line, sys.stdout)
     return 0
 
 
@@ -83,24 +85,53 @@ def _chosen(names: Sequence[str]) -> list[str]:
     return list(names) or ["native", *others]
 
 
-def _table(measured: Sequence[Fingerprint]) -> Any:
-    rows = [
-        {
-            "engine": f.engine,
-            "version": f.version,
-            "integrator": f.integrator,
-            "applies": f.map,
-            "defect": f"{max(f.defects.values()):.0e}",
-            "det J - 1": f"{f.volume_defect:+.0e}",
-            "order": EXACT if f.order is None else f"{f.order:.2f}",
-            "frequency": _percent(f.frequency_shift, 3, "%"),
-            "energy": _percent(f.energy_rate, 2, "%/s"),
-            "bits": f.width,
-            "own stops": _own_stops(f.engine, f.integrator),
-        }
-        for f in measured
+_NUMBERS = ("off by", "det J - 1", "order", "frequency %", "energy %/s", "bits")
+_COMMON = ("engine", "version", "bits", "own stops")
+"""Columns that tell of an engine, and of an integrator only by exception."""
+
+
+def _row(found: Fingerprint) -> dict[str, str]:
+    return {
+        "engine": found.engine,
+        "version": found.version,
+        "integrator": found.integrator,
+        "applies": found.map,
+        "off by": f"{max(found.defects.values()):.0e}",
+        "det J - 1": f"{found.volume_defect:+.0e}",
+        "order": EXACT if found.order is None else f"{found.order:.2f}",
+        "frequency %": _percent(found.frequency_shift, 3),
+        "energy %/s": _percent(found.energy_rate, 2),
+        "bits": str(found.width),
+        "own stops": _own_stops(found.engine, found.integrator),
+    }
+
+
+def _print(rows: Sequence[dict[str, str]], file: TextIO) -> None:
+    """One table; where that is too wide, by engine, under what its integrators have in common."""
+    if not rows:
+        return
+    names: Sequence[str] = list(rows[0])
+    cells = [list(row.values()) for row in rows]
+    if fits(names, cells, file):
+        print_aligned(names, cells, file, [name in _NUMBERS for name in names])
+        return
+    names = [name for name in names if name not in _COMMON]
+    groups = [
+        (_title(own), [[row[name] for name in names] for row in own])
+        for _, same in groupby(rows, itemgetter("engine", "version", "bits"))
+        for own in [list(same)]
     ]
-    return pyarrow().Table.from_pylist(rows)
+    print_groups(names, groups, file, [name in _NUMBERS for name in names])
+
+
+def _title(rows: Sequence[dict[str, str]]) -> str:
+    """What an engine's integrators have in common."""
+    stops = [row["integrator"] for row in rows if row["own stops"] == "yes"]
+    said = f"own stops with {', '.join(stops)}" if stops else "no stops of its own"
+    if len(stops) == len(rows):
+        said = "own stops"
+    first = rows[0]
+    return f"{first['engine']} {first['version']}, {first['bits']} bits, {said}"
 
 
 def _own_stops(engine: str, integrator: str) -> str:
@@ -108,16 +139,16 @@ def _own_stops(engine: str, integrator: str) -> str:
     return "yes" if owner.own_stops and integrator not in owner.stopless else "no"
 
 
-def _percent(share: float, digits: int, unit: str) -> str:
+def _percent(share: float, digits: int) -> str:
     """With a sign where it does not round to zero."""
     shown = round(100.0 * share, digits)
-    return f"{shown:+.{digits}f} {unit}" if shown else f"0 {unit}"
+    return f"{shown:+.{digits}f}" if shown else "0"
 
 
 def _remedies(absent: Sequence[str]) -> list[str]:
     return [
-        f"{name}: not installed ({', '.join(missing_modules(name))}); "
-        f'run: pip install "integ-gym[{name}]"'
+        f"{name}: not installed ({', '.join(missing_modules(name))}); run: "
+        + unbroken(f'pip install "integ-gym[{name}]"')
         for name in absent
     ]
 

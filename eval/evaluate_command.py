@@ -19,7 +19,8 @@ from integ_gym.eval.existing.plan import Grid, plan, work
 from integ_gym.eval.existing.policy import read_existing
 from integ_gym.eval.mujoco_task import plan_task, read_for_task
 from integ_gym.eval.task_evaluation import evaluate_task
-from integ_gym.evidence.command_line import CommandParser, named_value
+from integ_gym.evidence.command_line import CommandParser, named_value, whole_number
+from integ_gym.evidence.text_table import say
 
 EXAMPLES = """\
 examples:
@@ -75,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
         "--own-code", action="store_true",
         help="load the classes that the side-car names as module:Class",
     )  # fmt: skip
-    add("--episodes", type=int, default=50, metavar="N", help="starts (default: 50)")
+    add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
@@ -90,10 +91,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     total, evaluate = _planned(given) if ours else _planned_task(given)
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     with tqdm(
-        total=total, unit="cell", desc="evaluate", disable=given.no_progress, delay=0.5
+        total=total, unit=" cells", desc="evaluate", disable=given.no_progress, delay=0.5
     ) as bar:
         panel = evaluate(given.out, command, bar.update, _warn)
-    print(f"{panel['question']}\n{panel['answer']}")
+    say(panel["question"], sys.stdout)
+    say(panel["answer"], sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
 

@@ -143,7 +143,7 @@ def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
         smoothing=0.05,
-        bar_format="{l_bar}{bar}| {postfix} elapsed {elapsed}, about {remaining} left",
+        bar_format="{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}",  # ", phase"
     )
 
 
@@ -165,6 +165,7 @@ class _Work:
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
         self._skipped += seconds
+        self._show()
 
     def do(
         self, phase: str, task: Callable[..., None], arguments: Mapping[str, tuple[Any, ...]]
@@ -175,7 +176,7 @@ class _Work:
             PanelError: if one fails.
         """
         running = {self._pool.submit(task, *given): name for name, given in arguments.items()}
-        self._bar.set_postfix_str(f"{phase},", refresh=False)
+        self._bar.set_postfix_str(phase, refresh=False)
         while running:
             ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in ended:
@@ -184,8 +185,11 @@ class _Work:
                     future.result()
                 except Exception as error:
                     raise PanelError(f"{phase} {name} failed: {error}; the rest is kept") from error
-            done = self._shared.total() + self._skipped
-            self._bar.update(min(self._bar.total, done) - self._bar.n)
+            self._show()
+
+    def _show(self) -> None:
+        done = self._shared.total() + self._skipped
+        self._bar.update(min(self._bar.total, done) - self._bar.n)
 
 
 def _named(batch: Sequence[Subject]) -> str:

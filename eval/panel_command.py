@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,8 @@ from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, built_in_spec, read_spec
 from integ_gym.eval.spec.checks import TRAINERS
 from integ_gym.eval.spec.reading import BUILT_IN
-from integ_gym.evidence.command_line import CommandParser
+from integ_gym.evidence.command_line import CommandParser, whole_number
+from integ_gym.evidence.text_table import beside, say, width_of
 from integ_gym.train.worker import cores
 
 EXAMPLES = """\
@@ -64,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
         "--policies", type=Path, metavar="DIR",
         help="take the policies of this finished panel, trained alike, instead of training",
     )  # fmt: skip
-    add("--workers", type=int, metavar="N", help="processes; default: one per core")
+    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
@@ -97,9 +99,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         policies=arguments.policies,
         finish=report,
     )
-    print(f"{panel['question']}\n{panel['answer']}")
+    say(panel["question"], sys.stdout)
+    say(panel["answer"], sys.stdout)
     for verdict in panel["verdicts"]:
-        print(f"  {verdict['verdict']:<13}{verdict['name']}: {verdict['reason']}")
+        name = f"  {verdict['verdict']:<13}"
+        print(beside(name, f"{verdict['name']}: {verdict['reason']}", width_of(sys.stdout)))
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     return 0
 

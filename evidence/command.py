@@ -16,6 +16,7 @@ from integ_gym.evidence.fields import SCHEMA_VERSION
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.show import ASCII_BARS, BARS, show
 from integ_gym.evidence.store import EvidenceStore, open_run
+from integ_gym.evidence.text_table import FITS, width_of
 
 _PROGRAM = "integ-gym evidence"
 
@@ -47,9 +48,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(arguments.run_command(arguments))
     except EvidenceError as error:
         return _fail(str(error))
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except ModuleNotFoundError as error:
         if error.name not in ("pyarrow", "duckdb"):
             raise
@@ -65,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
         prog=_PROGRAM,
-        description="Look at, check and export the evidence records of a run.",
+        description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
     commands = made.add_subparsers(required=True, metavar="{show,query,verify,export}")
@@ -78,7 +76,11 @@ def parser() -> argparse.ArgumentParser:
     command = commands.add_parser("query", help="run SQL over the view `records`")
     _add_run(command)
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
-    command.add_argument("--format", choices=printing.FORMATS, default="table")
+    command.add_argument(
+        "--format", choices=printing.FORMATS, default="table",
+        help="csv and json give every value in full, a table shortens numbers and long lists "
+        "(default: table)",
+    )  # fmt: skip
     command.set_defaults(run_command=_query)
 
     command = commands.add_parser("verify", help="check every record against its content hash")
@@ -103,7 +105,8 @@ def _store(arguments: argparse.Namespace) -> EvidenceStore:
 
 def _show(arguments: argparse.Namespace) -> int:
     record = _store(arguments).find(arguments.record_id)
-    print(show(record, BARS if _can_print(BARS) else ASCII_BARS))
+    bars = BARS if _can_print(BARS) else ASCII_BARS
+    print(show(record, bars, width_of(sys.stdout)))
     return 0
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, TextIO
 
 from integ_gym.evidence.show import number
+from integ_gym.evidence.text_table import print_aligned
 
 FORMATS = ("table", "csv", "json")
-
-_LONGEST = 60
 
 
 def print_table(table: Any, file: TextIO, form: str = "table") -> None:
@@ -22,8 +20,8 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
     Args:
         table: the table.
         file: where to.
-        form: ``table`` (numbers shortened, a list as the number of its values), ``csv`` or
-            ``json`` (an array of objects); the latter two give every value in full.
+        form: ``table`` (numbers shortened, a long list as the number of its values, texts whole),
+            ``csv`` or ``json`` (an array of objects); the latter two give every value in full.
 
     Raises:
         ValueError: for another format.
@@ -41,31 +39,6 @@ def _aligned(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
-def print_aligned(
-    names: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    file: TextIO,
-    right: Sequence[bool] | None = None,
-) -> None:
-    """Print cells in columns under their names.
-
-    Args:
-        names: of the columns.
-        rows: the cells.
-        file: where to.
-        right: which columns are flush right; None: none.
-    """
-    cells = [names, *rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(names))]
-    cells.insert(1, ["-" * width for width in widths])
-    for row in cells:
-        padded = (
-            cell.rjust(width) if flush else cell.ljust(width)
-            for cell, width, flush in zip(row, widths, right or [False] * len(names), strict=True)
-        )
-        print("  ".join(padded).rstrip(), file=file)
-
-
 def _csv(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(names)
@@ -81,8 +54,7 @@ def _json(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
 def _short(value: Any) -> str:
     if isinstance(value, list) and len(value) > 4:
         return f"[{len(value)} values]"
-    text = number(value)
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    return number(value)
 
 
 def _plain(value: Any) -> Any:

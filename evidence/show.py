@@ -12,27 +12,31 @@ import numpy.typing as npt
 
 from integ_gym.evidence.fields import SUMMARY_FIELDS
 from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.text_table import beside
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"
 
 _WIDTH = 40
+_NAME = 28
 _NOTHING = "-"
 
 
-def show(record: EvidenceRecord, bars: str = BARS) -> str:
+def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> str:
     """The record by groups, each value with its unit, and its trace column by column.
 
     Args:
         record: the record.
         bars: characters for low to high values.
+        width: characters in a line; None: as many as it takes.
     """
     fields = record.fields
     title = f"{fields['env_id']}, episode {fields['episode_index']}: {fields['failure_label']}"
-    return "\n".join([title, *_groups(record), *_arguments(record), *_trace(record, bars)])
+    parts = (_groups(record, width), _arguments(record, width), _trace(record, bars, width))
+    return "\n".join([title, *(line for part in parts for line in part)])
 
 
-def _groups(record: EvidenceRecord) -> Iterator[str]:
+def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     group = ""
     for field in SUMMARY_FIELDS:
         if field.name == "arguments":
@@ -41,29 +45,38 @@ def _groups(record: EvidenceRecord) -> Iterator[str]:
             group = field.group
             yield from ("", group)
         unit = record.units.get(field.name, "")
-        yield _line(field.name, number(record.fields.get(field.name)), unit)
+        yield _line(field.name, number(record.fields.get(field.name)), unit, width)
 
 
-def _arguments(record: EvidenceRecord) -> Iterator[str]:
+def _arguments(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     yield from ("", "constructor arguments")
     for name, argument in json.loads(record.fields["arguments"]).items():
-        yield _line(name, number(argument["value"]), argument["unit"])
+        yield _line(name, number(argument["value"]), argument["unit"], width)
 
 
-def _trace(record: EvidenceRecord, bars: str) -> Iterator[str]:
+def _trace(record: EvidenceRecord, bars: str, width: int | None) -> Iterator[str]:
     if not record.trace:
         yield from ("", f"no trace: trace_every is {record.fields['trace_every']}")
         return
     yield from ("", "trace")
-    heads = (f"{'':26}", f"{'first':>11}", f"{'least':>11}", f"{'most':>11}", f"{'last':>11}")
-    yield "".join(heads)
+    yield f"{'':{_NAME}}" + "".join(f"{head:>11}" for head in ("first", "least", "most", "last"))
     for name, values in record.trace.items():
-        if not len(values):
-            continue
-        numbers = (values[0], values.min(), values.max(), values[-1])
-        columns = "".join(f"{x:>11.4g}" for x in numbers)
-        line = f"{name:<24}{columns}  {sparkline(values, bars)} {_unit(record.units[name])}"
-        yield f"  {line}".rstrip()
+        if len(values):
+            yield from _column(name, values, _unit(record.units[name]), bars, width)
+
+
+def _column(
+    name: str, values: npt.NDArray[Any], unit: str, bars: str, width: int | None
+) -> Iterator[str]:
+    """A column of the trace; its sketch in a line of its own where there is no room beside."""
+    told = (values[0], values.min(), values.max(), values[-1])
+    numbers = f"  {name:<{_NAME - 2}}" + "".join(f"{x:>11.4g}" for x in told)
+    sketch = sparkline(values, bars)
+    if width is None or len(numbers) + len(unit) + _WIDTH + 3 <= width:
+        yield f"{numbers}  {sketch} {unit}".rstrip()
+    else:
+        yield f"{numbers}  {unit}".rstrip()
+        yield f"{'':{_NAME}}{sketch}"
 
 
 def sparkline(values: npt.NDArray[Any], bars: str = BARS) -> str:
@@ -90,9 +103,9 @@ def number(value: Any) -> str:
     return str(value)
 
 
-def _line(name: str, value: str, unit: str) -> str:
+def _line(name: str, value: str, unit: str, width: int | None) -> str:
     shown = "" if value == _NOTHING else _unit(unit)
-    return f"  {name:<26}{value} {shown}".rstrip()
+    return beside(f"  {name:<{_NAME - 2}}", f"{value} {shown}".rstrip(), width)
 
 
 def _unit(unit: str) -> str:

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from integ_gym.cli_errors import report_errors
+from integ_gym.cli_errors import end_quietly, report_errors
 from integ_gym.envs.versions import package_version
 from integ_gym.evidence.command_line import CommandParser
 
@@ -49,6 +49,10 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    return end_quietly(lambda: _main(arguments))
+
+
+def _main(arguments: list[str]) -> int:
     if os.getcwd() not in sys.path:  # for integrators of the user's own, "module:Class"
         sys.path.append(os.getcwd())
     parser = CommandParser(

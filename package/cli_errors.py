@@ -1,13 +1,46 @@
-"""Bad input ends a command with one clear line and exit code 2."""
+"""How a command ends: bad input with one clear line and exit code 2, an absent reader quietly."""
 
 from __future__ import annotations
 
+import os
+import select
 import sys
 from collections.abc import Callable
+from typing import TextIO
 
 from integ_gym.evidence.command_line import sentence
 
 INTERRUPTED = 130
+
+
+def end_quietly(run: Callable[[], int]) -> int:
+    """Run a command; one whose reader has seen enough, such as `head`, ends without a word."""
+    try:
+        try:
+            code = run()
+        except SystemExit:
+            sys.stdout.flush()
+            raise
+        sys.stdout.flush()  # what is left would else be written, and refused, at exit
+        return code
+    except BrokenPipeError:
+        unread = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
+        if not unread:
+            raise
+        for stream in unread:  # what is still to be written goes nowhere
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream.fileno())
+            os.close(nowhere)
+        return 0
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    """Whether a stream is a pipe of which the other end is closed."""
+    if not hasattr(select, "poll"):
+        return True
+    poll = select.poll()
+    poll.register(stream.fileno(), 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def report_errors(command: str, run: Callable[[], int]) -> int:
@@ -20,6 +53,8 @@ def report_errors(command: str, run: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print(f"integ-gym {command}: interrupted; what was finished stays", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:
+        raise
     except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
         if not _is_meant_for_users(error):
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
@@ -16,6 +17,11 @@ from integ_gym.eval.census.published import PUBLISHED
 def pytest_addoption(parser: pytest.Parser) -> None:
     """``--no-skip``, for machines on which everything is installed."""
     parser.addoption("--no-skip", action="store_true", help="a test that is skipped fails")
+
+
+def pytest_configure() -> None:
+    """Tables are printed in full where no test says how wide the terminal is."""
+    os.environ.pop("COLUMNS", None)
 
 
 def pytest_report_header() -> str:

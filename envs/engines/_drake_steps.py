@@ -49,10 +49,10 @@ def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
                     log[k] = state
         except RuntimeError:
             return lost
-        told = tuple(state.tolist())
-        if not speeds:
-            return told
-        return (*told, *np.sqrt(np.square(velocities).sum(0) / count).tolist())
+        told: list[float] = state.tolist()
+        if speeds:
+            told += np.sqrt(np.square(velocities).sum(0) / count).tolist()
+        return tuple(told)
 
     return run
 

@@ -170,7 +170,7 @@ def diagnose(
         for section in SECTIONS
     ]
     try:
-        with tqdm(total=len(jobs), unit="section", desc="diagnose", disable=not progress) as bar:
+        with tqdm(total=len(jobs), unit=" sections", desc="diagnose", disable=not progress) as bar:
             parts = _all(jobs, workers, bar.update)
     except OSError as error:
         shutil.rmtree(unfinished, ignore_errors=True)

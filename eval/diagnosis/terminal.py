@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
 from integ_gym.eval.diagnosis.finding import ANY, VERDICTS
-from integ_gym.evidence.print_table import print_aligned
+from integ_gym.evidence.text_table import print_aligned, say
 
 Line = Mapping[str, Any]
 """A finding as ``diagnose.json`` has it."""
@@ -21,7 +21,8 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO) -> None:
     """
     lines = result["findings"]
     for title, topic in _topics(lines):
-        print(f"\n{title}", file=file)
+        print(file=file)
+        say(title, file)
         rows = [(line["integrator"], *_cells(line)) for line in topic]
         print_aligned(("integrator", *_COLUMNS), rows, file)
     _print_identities(result["identities"], file)
@@ -85,7 +86,7 @@ def _print_counts(lines: Sequence[Line], file: TextIO) -> None:
     print("\nExpectations that hold, of those there are", file=file)
     rows = [(*owner, *(_count(asked, section, owner) for section in sections)) for owner in owners]
     rows.append(("all", "", *(_count(asked, section) for section in sections)))
-    print_aligned(("plant", "integrator", *sections), rows, file)
+    print_aligned(("plant", "integrator", *sections), rows, file, keys=2)
 
 
 def _owner(line: Line) -> tuple[str, str]:
@@ -104,12 +105,13 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
     if not failed:
         return
-    print("These do not; a NO speaks of an integrator at this step on this plant:", file=file)
+    say("These do not; a NO speaks of an integrator at this step on this plant:", file)
     for title, topic in _topics(failed):
-        print(f"  {title}", file=file)
+        say(title, file, indent="  ")
         for line in topic:
-            print(
-                f"    {line['integrator']}: {line['shown']}; expected {line['expected']}, "
+            say(
+                f"{line['integrator']}: {line['shown']}; expected {line['expected']}, "
                 f"tolerance {line['tolerance']}",
-                file=file,
+                file,
+                indent="    ",
             )

@@ -276,6 +276,20 @@ def test_the_terminal_gets_a_table_and_what_is_not_as_said(
     assert "planted Planted-v0 (cart_pole): said to take 0.02 s" in out
 
 
+def test_a_narrow_terminal_is_told_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = ["census", "--published", "planted_library:PlantedLibrary", "--engine", "native"]
+    assert main([*given, "--out", str(tmp_path / "wide")]) == 0
+    wide = capsys.readouterr().out.replace(str(tmp_path / "wide"), "")
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*given, "--out", str(tmp_path / "narrow")]) == 0
+    narrow = capsys.readouterr().out.replace(str(tmp_path / "narrow"), "")
+    assert max(map(len, wide.splitlines())) > 80
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert set(wide.split()) - set(narrow.split()) <= {"source", *re.findall(r"-{3,}", wide)}
+
+
 def test_a_library_that_fails_is_named_and_the_others_are_looked_at(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

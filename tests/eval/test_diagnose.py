@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import io
 import math
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ from integ_gym.eval.diagnosis.impact import impact_of
 from integ_gym.eval.diagnosis.rest import rest_state
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
+from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.diagnosis.theory import THEORY
 from integ_gym.evidence.store import EvidenceStore
 
@@ -188,6 +191,24 @@ def test_every_line_is_printed(diagnosis):
             verdicts[line["holds"]],
         )  # fmt: skip
         assert " ".join(" ".join(cells).split()) in rows
+
+
+def test_a_narrow_terminal_is_told_the_same(diagnosis, monkeypatch):
+    _, result, _ = diagnosis
+    monkeypatch.setenv("COLUMNS", "80")
+    file = io.StringIO()
+    print_diagnosis(result, file)
+    text = file.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    told = "".join(text.split())
+    for line in result["findings"]:
+        assert "".join(f"{line['plant']}, {line['section']}: {line['quantity']}".split()) in told
+    _, _, after = text.partition("These do not")
+    for line in result["findings"]:
+        if line["holds"] is False:
+            said = f"{line['integrator']}: {line['shown']}; expected {line['expected']}"
+            assert "".join(said.split()) in "".join(after.split())
+    assert len(re.findall("^all ", text, re.MULTILINE)) == 2
 
 
 def test_a_diagnosis_is_not_overwritten(diagnosis, capsys):

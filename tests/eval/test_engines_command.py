@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import takewhile
 
 import pytest
 from engine_cases import FIRST, needs
@@ -11,6 +12,7 @@ from engine_cases import FIRST, needs
 from integ_gym.cli import main
 from integ_gym.envs import extras
 from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.extras import missing_modules
 from integ_gym.envs.numerics.fingerprint import fingerprint
 
 
@@ -32,6 +34,44 @@ def test_every_integrator_of_an_engine_has_its_line(engine, integrator, capsys):
     for row in rows:
         volume = found[row["integrator"]].volume_defect
         assert float(row["det J - 1"]) == pytest.approx(volume, rel=0.5)
+
+
+def test_a_narrow_terminal_is_told_the_same(capsys, monkeypatch):
+    """By engine, with what its integrators have in common in a title."""
+    engines = [
+        name for name in ("native", "casadi", "drake", "mujoco") if not missing_modules(name)
+    ]
+    given = ["engines", "--engine", *engines]
+    assert main(given) == 0
+    rows = _table(capsys.readouterr().out)
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(given) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    for row in rows:
+        (at,) = (k for k, line in enumerate(lines) if line.startswith(f"{row['engine']} "))
+        assert lines[at].startswith(f"{row['engine']} {row['version']}, {row['bits']} bits, ")
+        own = lines[at].endswith(", own stops") or f" {row['integrator']}" in lines[at]
+        assert own == (row["own stops"] == "yes")
+        widths = list(map(len, next(filter(re.compile("---").match, lines)).split()))
+        assert [row[name] for name in _ROW] in _rows(lines[at + 1 :], widths)
+
+
+_ROW = ("integrator", "applies", "off by", "det J - 1", "order", "frequency %", "energy %/s")
+
+
+def _rows(lines, widths):
+    """Cells of the lines up to the next title, those that go on in the next line put together."""
+    second, third = widths[0] + 2, widths[0] + widths[1] + 4
+    found = []
+    for line in takewhile(str.strip, lines):
+        names = line[:second].strip(), line[second:third].strip()
+        numbers = line[third:].split()
+        if numbers:
+            found.append([*names, *numbers])
+        else:
+            found[-1][:2] = [upper + lower for upper, lower in zip(found[-1], names, strict=False)]
+    return found
 
 
 @pytest.mark.parametrize("given", [[], ["--json"]], ids=["table", "json"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -126,6 +127,23 @@ def test_running_again_redoes_nothing(panel_directory):
     assert main(["panel", str(spec), "--out", str(panel_directory), "--no-progress"]) == 0
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _panel(panel_directory)["cost"] == cost
+
+
+def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(panel_directory)]) == 0
+    printed = capsys.readouterr()
+    bar = re.split(r"[\r\n]+", printed.err.strip())[-1]
+    assert re.fullmatch(
+        r"panel small: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, evaluating", bar
+    )
+    *lines, page = printed.out.splitlines()
+    assert page.startswith("Page: ")
+    assert max(map(len, lines)) <= 80
+    verdicts = " ".join(printed.out.split())
+    for verdict in _panel(panel_directory)["verdicts"]:
+        assert f"{verdict['verdict']} {verdict['name']}: {verdict['reason']}" in verdicts
 
 
 @pytest.mark.slow

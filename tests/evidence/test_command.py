@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import importlib
 import io
 import json
+import os
+import pty
 import subprocess
 import sys
+import termios
 
 import numpy as np
 import pyarrow as pa
@@ -117,7 +121,7 @@ def test_print_table_of_odd_values():
     assert json.loads(file.getvalue())[0]["a"] is None
     file = io.StringIO()
     print_table(table, file)
-    assert max(map(len, file.getvalue().splitlines())) < 90
+    assert "x" * 100 in file.getvalue()
     with pytest.raises(ValueError, match="must be one of table, csv, json"):
         print_table(table, file, "xml")
 
@@ -151,17 +155,55 @@ def test_export(two_environments, tmp_path, capsys):
         assert line == records[line["record_id"]].summary()
 
 
-def test_reader_that_has_seen_enough_is_no_error(two_environments):
-    code = "from integ_gym.evidence.command import main; raise SystemExit(main())"
+def _table(width, *argv):
+    """What a real terminal of that width is shown."""
+    master, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, width))
+    command = [sys.executable, "-m", "integ_gym.cli", "evidence", *map(str, argv)]
+    with subprocess.Popen(command, stdout=terminal) as process:
+        os.close(terminal)
+        shown = b""
+        with contextlib.suppress(OSError):  # Linux's word for the end of a terminal's output
+            while part := os.read(master, 65536):
+                shown += part
+    os.close(master)
+    assert process.returncode == 0
+    return shown.decode().splitlines()
+
+
+@pytest.mark.parametrize("selected", ["record_id, failure_reason", "*"])
+def test_a_query_fits_the_terminal_and_nothing_is_cut(two_environments, selected):
+    sql = f"SELECT {selected} FROM records ORDER BY record_id LIMIT 2"
+    reasons = open_run(two_environments).query(sql).column("failure_reason").to_pylist()
+    lines = _table(80, "query", two_environments, sql)
+    assert max(map(len, lines)) <= 80
+    words = "".join(lines).replace(" ", "")
+    assert all(reason.replace(" ", "") in words for reason in reasons)
+    assert lines[-1] == "(2 rows)"
+
+
+def test_a_record_fits_the_terminal_and_nothing_is_cut(two_environments, record_id, capsys):
+    assert main(["show", str(two_environments), record_id]) == 0
+    piped = capsys.readouterr().out
+    lines = _table(80, "show", two_environments, record_id)
+    assert max(map(len, lines)) <= 80
+    assert sorted("".join(lines).replace(" ", "")) == sorted("".join(piped.split()))
+
+
+def test_a_reader_that_stops_amid_many_records_is_no_error(two_environments):
     sql = "SELECT unnest(theta), unnest(time) FROM records, range(500)"
-    query = [sys.executable, "-c", code, "query", str(two_environments), sql, "--format", "csv"]
-    with subprocess.Popen(query, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.readline()
-        process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait() == 0
+    for given in (["--format", "csv"], ["--format", "table"]):
+        query = ["evidence", "query", str(two_environments), sql, *given]
+        with subprocess.Popen(
+            [sys.executable, "-m", "integ_gym.cli", *query],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        ) as process:  # fmt: skip
+            assert process.stdout is not None
+            assert process.stderr is not None
+            process.stdout.readline()
+            process.stdout.close()
+            assert process.stderr.read() == b""
+            assert process.wait() == 0
 
 
 def test_bad_input_is_refused_with_one_sentence(two_environments, tmp_path, record_id, capsys):

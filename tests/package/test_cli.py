@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import shlex
 import subprocess
@@ -115,3 +116,87 @@ def test_the_installed_command_finds_an_integrator_beside_it(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "policy" / "policy.zip").exists()
+
+
+def _ends_without_a_reader(*argv: str, both: bool = False) -> tuple[int, bytes]:
+    """Exit code and standard error of a command whose output nobody reads."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "integ_gym.cli", *argv]
+    done = subprocess.run(
+        command, stdout=write, stderr=write if both else subprocess.PIPE, check=False
+    )
+    os.close(write)
+    return done.returncode, done.stderr or b""
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--help"],
+        ["--version"],
+        ["train", "--help"],
+        ["engines", "--engine", "native"],
+        ["engines", "--engine", "native", "--json"],
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_has_seen_enough_is_no_error(argv):
+    code, error = _ends_without_a_reader(*argv)
+    assert code == 0
+    assert error in (b"", "measuring native …\n".encode())
+
+
+def test_a_reader_of_messages_that_has_seen_enough_is_no_error():
+    assert _ends_without_a_reader("engines", "--engine", "native", both=True)[0] == 0
+
+
+def test_a_pipe_that_breaks_within_is_an_error(monkeypatch):
+    import integ_gym.eval.report_command as command
+
+    def fails(argv):
+        raise BrokenPipeError("a worker's")
+
+    monkeypatch.setattr(command, "main", fails)
+    monkeypatch.setattr(sys, "stdout", sys.__stdout__)
+    monkeypatch.setattr(sys, "stderr", sys.__stderr__)
+    with pytest.raises(BrokenPipeError, match="a worker's"):
+        main(["report"])
+
+
+WHOLE = {
+    "train": ["--total-steps", "--n-steps", "--seed", "--net-arch"],
+    "panel": ["--workers"],
+    "diagnose": ["--workers"],
+    "evaluate": ["--episodes"],
+}
+NEEDED = {"evaluate": ["policy.zip", "--env", "IntegPendulum-v0"]}
+
+
+@pytest.mark.parametrize(
+    ("command", "flag"), [(command, flag) for command, flags in WHOLE.items() for flag in flags]
+)
+def test_whole_numbers_may_have_an_exponent(command, flag, capsys):
+    made = importlib.import_module(COMMANDS[command][0]).parser()
+    given = [*NEEDED.get(command, []), "--out", "unused", flag]
+    name = flag.strip("-").replace("-", "_")
+    for word, meant in (("1e5", 100_000), ("2.5e3", 2500), ("40", 40)):
+        read = getattr(made.parse_args([*given, word]), name)
+        assert read in (meant, [meant])
+        assert isinstance(read, (int, list))
+    for word in ("1.5", "1e-3", "many", "nan", "1e999"):
+        with pytest.raises(SystemExit) as ended:
+            made.parse_args([*given, word])
+        assert ended.value.code == 2
+        error = capsys.readouterr().err
+        expected = f"{flag}: expected a whole number, such as 100000 or 1e5, got {word!r}"
+        assert expected in error
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_description_keeps_to_the_terminal(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    text = capsys.readouterr().out.split("examples:")[0]
+    assert max(map(len, text.splitlines())) <= 80

@@ -12,7 +12,7 @@ from typing import Any
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
-from integ_gym.evidence.command_line import CommandParser, named_value, sentence
+from integ_gym.evidence.command_line import CommandParser, named_value, sentence, whole_number
 from integ_gym.train.card import told
 from integ_gym.train.ppo.config import PPOConfig
 from integ_gym.train.ppo.errors import TrainingError
@@ -143,10 +143,10 @@ def _number_or_none(word: str) -> float | None:
 _number_or_none.__name__ = "number"
 _READERS: dict[str, Callable[[str], Any]] = {
     "str": str,
-    "int": int,
+    "int": whole_number,
     "float": float,
     "float | None": _number_or_none,
-    "tuple[int, ...]": int,
+    "tuple[int, ...]": whole_number,
 }
 
 
