@@ -35,7 +35,7 @@ def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
     update, state = plant.CalcForcedDiscreteVariableUpdate, end.get_value(0)  # a view
     log = np.empty((count, size))
     velocities = log[:, size // 2 :]
-    lost = (nan,) * (size + speeds * velocities.shape[1])
+    lost = (nan,) * (size + speeds * size // 2)
 
     def run(*values: float) -> tuple[float, ...]:
         put(values[size:])
