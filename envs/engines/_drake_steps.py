@@ -28,14 +28,12 @@ _LEAST_SHARE = 1.0 / 128.0
 def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
     """Updates of a discrete plant; NaN where its solver fails.
 
-    With ``speeds``, each velocity's root mean square over the ends of the updates comes last.
+    With ``speeds``, each velocity's mean square over the ends of the updates comes last.
     """
     context, end = plant.CreateDefaultContext(), plant.AllocateDiscreteVariables()
     put, size = _force_setter(plant, context), _state_size(plant)
     update, state = plant.CalcForcedDiscreteVariableUpdate, end.get_value(0)  # a view
-    log = np.empty((count, size))
-    velocities = log[:, size // 2 :]
-    lost = (nan,) * (size + speeds * size // 2)
+    log, lost = _Log(count, size), (nan,) * (size + speeds * size // 2)
 
     def run(*values: float) -> tuple[float, ...]:
         put(values[size:])
@@ -46,27 +44,25 @@ def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
                     context.SetDiscreteState(0, state)
                 update(context, end)
                 if speeds:
-                    log[k] = state
+                    log.rows[k] = state
         except RuntimeError:
             return lost
-        told: list[float] = state.tolist()
-        if speeds:
-            told += np.sqrt(np.square(velocities).sum(0) / count).tolist()
-        return tuple(told)
+        return (*state.tolist(), *(log.mean_squares() if speeds else ()))
 
     return run
 
 
-def explicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
+def explicit_steps(plant: Any, scheme: str, dt: float, count: int, speeds: bool = False) -> Run:
     """Steps of an explicit integrator, with the report of one that solves nothing.
 
-    A state that is there is not set again.
+    A state that is there is not set again. With ``speeds``, each velocity's mean square over the
+    ends of the steps comes before the report.
     """
     simulator = _simulator(plant, scheme, dt)
-    context, take = simulator.get_mutable_context(), _taker(simulator, dt)
+    context, (take, _) = simulator.get_mutable_context(), _taker(simulator, dt)
     put, size = _force_setter(plant, context), _state_size(plant)
     end = context.get_continuous_state_vector().get_value()
-    lost = (*(nan,) * size, 0, 0.0, True)
+    log, lost = _Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, True)
     there: tuple[float, ...] = ()
 
     def run(*values: float) -> tuple[float, ...]:
@@ -75,35 +71,42 @@ def explicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
         if values[:size] != there:
             context.SetContinuousState(values[:size])
         try:
-            take(count)
+            if speeds:
+                for k in range(count):
+                    take(1)
+                    log.rows[k] = end
+            else:
+                take(count)
         except RuntimeError:
             there = ()
             return lost
         there = tuple(end.tolist())
-        return (*there, 0, 0.0, True)
+        return (*there, *(log.mean_squares() if speeds else ()), 0, 0.0, True)
 
     return run
 
 
-def implicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
+def implicit_steps(plant: Any, scheme: str, dt: float, count: int, speeds: bool = False) -> Run:
     """Steps of an implicit integrator, with the most Newton iterations of any.
 
     Each begins anew, so that no Jacobian of an earlier one has a part in its result. Where Newton's
-    method fails, Drake divides the step, fixed or not: that is told as not converged. From values
+    method fails, Drake divides the step, fixed or not: that is told as not converged, and done
+    again at a time that is always the same, on which rounding depends. From values
     that are astray there is no step, for on some of them Drake crashes. A state that is there is
-    not set again.
+    not set again. With ``speeds``, each velocity's mean square over the ends of the steps comes
+    before the report.
     """
     simulator = _simulator(plant, scheme, dt)
-    context, take = simulator.get_mutable_context(), _taker(simulator, dt)
+    context, (take, rewind) = simulator.get_mutable_context(), _taker(simulator, dt, anew=True)
     put, size = _force_setter(plant, context), _state_size(plant)
     integrator = simulator.get_mutable_integrator()
     integrator.set_target_accuracy(ACCURACY)
     integrator.set_requested_minimum_step_size(_LEAST_SHARE * dt)
-    begin_anew, statistics = integrator.Initialize, integrator.GetStatisticsSummary
+    statistics = integrator.GetStatisticsSummary
     end = context.get_continuous_state_vector().get_value()
     names = [name for name, _ in statistics()]
     iterations, divisions = names.index(_ITERATIONS), names.index(_DIVISIONS)
-    lost = (*(nan,) * size, 0, 0.0, False)
+    log, lost = _Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
     there: tuple[float, ...] = ()
 
     def run(*values: float) -> tuple[float, ...]:
@@ -113,22 +116,45 @@ def implicit_steps(plant: Any, scheme: str, dt: float, count: int) -> Run:
         put(values[size:])
         if values[:size] != there:
             context.SetContinuousState(values[:size])
-        there, most, divided = (), 0, 0
+        state, there, most, divided = values[:size], (), 0, 0
         try:
-            for _ in range(count):
-                begin_anew()
+            for k in range(count):
                 take(1)
-                state, told = tuple(end.tolist()), statistics()
+                told = statistics()
+                if told[divisions][1]:
+                    context.SetContinuousState(state)
+                    rewind()
+                    take(1)
+                    told = statistics()
+                state = tuple(end.tolist())
                 if is_astray(state):
                     return lost
+                if speeds:
+                    log.rows[k] = state
                 most = max(most, told[iterations][1])
                 divided += told[divisions][1]
         except RuntimeError:
             return lost
         there = state
-        return (*state, most, 0.0, divided == 0)
+        return (*state, *(log.mean_squares() if speeds else ()), most, 0.0, divided == 0)
 
     return run
+
+
+class _Log:
+    """States at the ends of steps.
+
+    Attributes:
+        rows: shape (steps, positions and velocities).
+    """
+
+    def __init__(self, count: int, size: int) -> None:
+        self.rows = np.empty((count, size))
+        self._velocities = self.rows.T[size // 2 :]
+
+    def mean_squares(self) -> list[float]:
+        """Of each velocity."""
+        return [float(x.dot(x)) / len(x) for x in self._velocities]
 
 
 def _state_size(plant: Any) -> int:
@@ -146,8 +172,12 @@ def _simulator(plant: Any, scheme: str, dt: float) -> Any:
     return simulator
 
 
-def _taker(simulator: Any, dt: float) -> Callable[[int], None]:
-    """What takes a number of steps of exactly ``dt``.
+def _taker(
+    simulator: Any, dt: float, anew: bool = False
+) -> tuple[Callable[[int], None], Callable[[], None]]:
+    """What takes a number of steps of exactly ``dt``, and what goes back to the earliest time.
+
+    With ``anew``, each step begins without memory.
 
     A simulator advances to a time, and a step is the difference from the last: times are taken
     between which the difference is ``dt`` to the last bit, from -2 dt to 2 dt and again.
@@ -156,6 +186,7 @@ def _taker(simulator: Any, dt: float) -> Callable[[int], None]:
     quiet = analysis.InitializeParams(suppress_initialization_events=True)
     start, advance = partial(simulator.Initialize, quiet), simulator.AdvanceTo
     context, now = simulator.get_mutable_context(), 2
+    begin_anew, most = simulator.get_mutable_integrator().Initialize, 1 if anew else 4
 
     def take(count: int) -> None:
         nonlocal now
@@ -164,13 +195,19 @@ def _taker(simulator: Any, dt: float) -> Callable[[int], None]:
                 context.SetTime(-2.0 * dt)
                 start()
                 now = -2
-            steps = min(count, 2 - now)
+            if anew:
+                begin_anew()
+            steps = min(count, most, 2 - now)
             now, aim = 2, now + steps
             advance(aim * dt)
             now = aim
             count -= steps
 
-    return take
+    def rewind() -> None:
+        nonlocal now
+        now = 2
+
+    return take, rewind
 
 
 def _force_setter(plant: Any, context: Any) -> Callable[[Components], None]:

@@ -9,13 +9,16 @@ from typing import Any
 
 from integ_gym.envs.engines._mapped import MappedEngine
 from integ_gym.envs.engines._stepped import within_bounds
-from integ_gym.envs.engines.interface import Motion, Segments
+from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Motion, Segments
 from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
 
 Run = Callable[..., tuple[Any, ...]]
 """(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""
+
+CALM_SPEED = DIVERGENCE_SPEED / 20.0
+"""Steps are taken by the stride only where no velocity is beyond this before and after them."""
 
 ASTRAY = 1e9
 """An engine is not asked to go on from values whose norm is beyond this, or not finite."""
@@ -45,9 +48,22 @@ class ForeignEngine(MappedEngine):
         segments: Segments,
         sample_at: Component | None,
     ) -> Motion:
-        """Advance through the segments of constant control, in one call each where possible."""
-        if not self.straight or sample_at is not None:
-            return super().advance(ops, q, v, segments, sample_at)
+        """Advance through the segments of constant control, in one call each where possible.
+
+        A motion that is fast at either end of a call is done again step by step, so that a step at
+        which it diverges is seen.
+        """
+        if self.straight and sample_at is None:
+            motion, hurried = self._in_strides(ops, q, v, segments)
+            if ops.usually(ops.any(hurried) == False):  # noqa: E712
+                return motion
+        return super().advance(ops, q, v, segments, sample_at)
+
+    def _in_strides(
+        self, ops: Ops, q: Components, v: Components, segments: Segments
+    ) -> tuple[Motion, Component]:
+        """One call for each segment; and whether the motion was fast at an end of one."""
+        calm = within_bounds(q, v, CALM_SPEED)
         actuated, work = self.system.plant.actuated, 0.0
         losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
         for control, count in segments:
@@ -59,8 +75,9 @@ class ForeignEngine(MappedEngine):
             work = work + control * (q[actuated] - before)
             most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
             converged = converged & solved
-        ok = within_bounds(q, v)
-        return Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, ok)
+            calm = calm & within_bounds(q, v, CALM_SPEED)
+        motion = Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, calm)
+        return motion, calm == False  # noqa: E712
 
     def stride(
         self,
@@ -79,12 +96,15 @@ class ForeignEngine(MappedEngine):
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
     ) -> tuple[Components, Components, Component, Component, Component]:
         """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
-        run = self._run(count)
         n = len(q)
-        truths = (*[False] * (2 * n), *((False, False, True) if self.reports else ()))
-        flat = ops.foreign(run, (*q, *v, *force), truths)
+        flat = self._flat(ops, self._run(count), (*q, *v, *force), 2 * n)
         report = flat[2 * n :] if self.reports else (0, 0.0, True)
         return flat[:n], flat[n : 2 * n], *report
+
+    def _flat(self, ops: Ops, run: Run, values: Components, numbers: int) -> tuple[Component, ...]:
+        """What a run returns: so many numbers, and the report of an engine that reports."""
+        truths = (*[False] * numbers, *((False, False, True) if self.reports else ()))
+        return ops.foreign(run, values, truths)
 
     def _run(self, count: int) -> Run:
         if count not in self._runs:

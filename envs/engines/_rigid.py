@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cache
 from math import nan
 from typing import ClassVar
 
@@ -46,7 +47,7 @@ class RigidBodyEngine(ForeignEngine):
     holds_resistance: ClassVar[bool] = True
     least_inertia: ClassVar[float] = 0.0
     """Moment of inertia of a body below which it takes none, kg m²."""
-    tells_speeds: bool = False
+    tells_speeds: ClassVar[bool] = False
     """Whether it has a :meth:`run_with_speeds`."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
@@ -54,7 +55,7 @@ class RigidBodyEngine(ForeignEngine):
         self.mechanism = mechanism_of(self.name, system.plant)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
-        self._runs_with_speeds: dict[int, Run] = {}
+        self._run_with_speeds = cache(self.run_with_speeds)
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
         self._check()
@@ -81,10 +82,10 @@ class RigidBodyEngine(ForeignEngine):
         system = self.system
         if system.steep or system.max_speed is not None or system.engine_stops is not None:
             return False
-        return not self._damped or (self.tells_speeds and self._map_losses_of == "end")
+        return not self._damped or (self.tells_speeds and self._map_losses_of is not None)
 
     def run_with_speeds(self, count: int) -> Run:
-        """As :meth:`run`, and then each velocity's root mean square over the ends of the steps."""
+        """As :meth:`run`, with each velocity's mean square over the ends of steps after (q, v)."""
         raise NotImplementedError
 
     def stride(
@@ -100,20 +101,26 @@ class RigidBodyEngine(ForeignEngine):
         if not self._damped:
             return super().stride(ops, q, v, losses, force, count)
         if count == 1:
-            q, v, *_ = self.travel(ops, q, v, force, 1)
-            speeds = v
+            end_q, end_v, *report = self.travel(ops, q, v, force, 1)
+            speeds = v if self._map_losses_of == "start" else end_v
         else:
-            n, run = len(q), self._run_with_speeds(count)
-            values = ops.foreign(run, (*q, *v, *force), (False,) * (3 * n))
-            q, v, speeds = values[:n], values[n : 2 * n], values[2 * n :]
+            end_q, end_v, squares, *report = self._travel_with_speeds(ops, q, v, force, count)
+            if self._map_losses_of == "start":
+                pairs = zip(squares, v, end_v, strict=True)
+                squares = tuple([x + (a * a - b * b) / count for x, a, b in pairs])
+            speeds = tuple([ops.sqrt(ops.maximum(0.0, x)) for x in squares])
         # Dampers at the joints: the mean power is that at the root mean square of each velocity.
-        power = self.system.plant.dissipation(ops, q, speeds)
-        return Step(q, v, along(losses, count * self.dt, (power,)))
+        power = self.system.plant.dissipation(ops, end_q, speeds)
+        return Step(end_q, end_v, along(losses, count * self.dt, (power,)), *report)
 
-    def _run_with_speeds(self, count: int) -> Run:
-        if count not in self._runs_with_speeds:
-            self._runs_with_speeds[count] = self.run_with_speeds(count)
-        return self._runs_with_speeds[count]
+    def _travel_with_speeds(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Components, Component, Component, Component]:
+        """As :meth:`travel`, with the mean squares of the velocities after q and v."""
+        n, run = len(q), self._run_with_speeds(count)
+        flat = self._flat(ops, run, (*q, *v, *force), 3 * n)
+        report = flat[3 * n :] if self.reports else (0, 0.0, True)
+        return flat[:n], flat[n : 2 * n], flat[2 * n : 3 * n], *report
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component

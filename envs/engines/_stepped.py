@@ -137,11 +137,11 @@ class SteppedEngine(ABC):
         return advance
 
 
-def within_bounds(q: Components, v: Components) -> Component:
-    """Whether a state is finite, representable in float32 and below the divergence speed."""
-    ok = abs(v[0]) <= DIVERGENCE_SPEED
+def within_bounds(q: Components, v: Components, speed: float = DIVERGENCE_SPEED) -> Component:
+    """Whether a state is finite, representable in float32 and nowhere faster than ``speed``."""
+    ok = abs(v[0]) <= speed
     for x in v[1:]:
-        ok = ok & (abs(x) <= DIVERGENCE_SPEED)
+        ok = ok & (abs(x) <= speed)
     for x in q:
         ok = ok & (abs(x) <= FLOAT32_MAX)
     return ok

@@ -52,13 +52,13 @@ class DrakeEngine(RigidBodyEngine):
     name: ClassVar[str] = "drake"
     package: ClassVar[str] = "drake"
     own_stops: ClassVar[bool] = True
+    tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
 
     def build(self) -> None:
         """Make the model."""
-        self.tells_speeds = self.integrator in DISCRETE
-        self.reports = not self.tells_speeds
+        self.reports = self.integrator not in DISCRETE
         if self.reports:
             self._plant = multibody_plant(self.mechanism)
         else:
@@ -88,14 +88,17 @@ class DrakeEngine(RigidBodyEngine):
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps."""
-        if self.integrator in DISCRETE:
-            return discrete_steps(self._plant, count)
-        steps = implicit_steps if self.integrator in IMPLICIT else explicit_steps
-        return steps(self._plant, self.integrator, self.dt, count)
+        return self._steps(count)
 
     def run_with_speeds(self, count: int) -> Run:
-        """Take ``count`` steps of a discrete plant."""
-        return discrete_steps(self._plant, count, speeds=True)
+        """Take ``count`` steps and note the velocities of each."""
+        return self._steps(count, speeds=True)
+
+    def _steps(self, count: int, speeds: bool = False) -> Run:
+        if self.integrator in DISCRETE:
+            return discrete_steps(self._plant, count, speeds)
+        steps = implicit_steps if self.integrator in IMPLICIT else explicit_steps
+        return steps(self._plant, self.integrator, self.dt, count, speeds)
 
     def _at_rest(self, q: Components) -> Any:
         """A context with the model at rest in ``q``."""

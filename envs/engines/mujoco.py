@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,7 +29,7 @@ class MujocoEngine(RigidBodyEngine):
     package: ClassVar[str] = "mujoco"
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA
-    tells_speeds: bool = True
+    tells_speeds: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = MAPS
 
     def build(self) -> None:
@@ -96,10 +95,9 @@ class MujocoEngine(RigidBodyEngine):
             put(values)
             step()
             last = velocity.tolist()
-            speeds = [
-                sqrt((x.dot(x) + end * end) / count) for x, end in zip(told, last, strict=True)
-            ]
-            return (*position.tolist(), *last, *speeds)
+            pairs = zip(told, last, strict=True)
+            squares = [(float(x.dot(x)) + end * end) / count for x, end in pairs]
+            return (*position.tolist(), *last, *squares)
 
         return run
 

@@ -21,6 +21,8 @@ class ExplicitEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    losses_of: ClassVar[str] = "start"
+    """End of the step whose rates of loss, times the step, are its losses."""
 
     def step(
         self,

@@ -22,6 +22,8 @@ class ImplicitEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    losses_of: ClassVar[str] = "end"
+    """End of the step whose rates of loss, times the step, are its losses."""
     solver_tolerance: ClassVar[float] = TOLERANCE
     solver_cap: ClassVar[int] = CAP
 

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import mapped, needs, one_step, setup_of, states
-from engine_checks import told_by_an_episode
+from engine_checks import new_setup, told_by_an_episode
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
@@ -87,6 +87,20 @@ def test_what_is_solved_is_reported_where_drake_tells(integrator):
         assert info["solver_status"] == "ok"
     assert (info["solver_iterations"] > 0) is (integrator in IMPLICIT)
     assert solver["solver_tolerance"] == (1e-12 if integrator in IMPLICIT else None)
+
+
+@pytest.mark.parametrize("integrator", ["radau1", "radau3"])
+def test_a_step_that_is_divided_depends_on_nothing_that_went_before(integrator):
+    """To the last bit, though its parts are rounded with the time at which they are taken."""
+    needs("drake")
+    fast, slow = (0.0, 0.1, 1.0, 150.0, 10.0, 0.0), (0.0, 0.1, 1.0, 2.0, 10.0, 0.0)
+    made = [new_setup("drake", integrator, "IntegCartPole-v0", dt=0.1).engine for _ in range(3)]
+    run = made[0].run(1)
+    divided, whole = made[1].run(1)(*fast), made[2].run(1)(*slow)
+    assert (divided[-1], whole[-1]) == (False, True)
+    for _ in range(5):
+        assert run(*fast) == divided
+        assert run(*slow) == whole
 
 
 @pytest.mark.parametrize("integrator", ["runge_kutta3", "radau3"])

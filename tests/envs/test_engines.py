@@ -141,6 +141,25 @@ def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_i
         assert told.iterations == expected.iterations
 
 
+@DAMPED
+@pytest.mark.parametrize(("engine", "integrator"), [*FIRST, ("mujoco", "implicit")])
+def test_a_divergence_within_a_control_period_is_seen_by_one_call_too(engine, integrator, damped):
+    """Fast starts, some of which go beyond the speed of divergence and come back."""
+    damping = {"damping": 1e-4, "cart_damping": 0.01} if damped else {}
+    given = {"dt": 0.02, "control_period": 0.4, **damping}
+    at_once = setup_of(engine, integrator, "IntegCartPole-v0", **given)
+    singly = setup_of(engine, integrator, "IntegCartPole-v0", sensor_period=0.02, **given)
+    rng = np.random.default_rng(0)
+    starts = [((0.0, 0.7272801804911515), (230.97361923184525, 274.3261077665781))]
+    starts += [((0.0, a), (240.0 * x, 300.0 * y)) for a, x, y in rng.uniform(-1.0, 1.0, (9, 3))]
+    for q, v in starts:
+        seen = []
+        for setup in (at_once, singly):
+            _, told = transition(SCALAR, setup, initial_state(SCALAR, setup, q, v), 1.0)
+            seen.append((told.status, told.reward, told.terminated))
+        assert seen[0] == seen[1], (q, v)
+
+
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
 def test_the_vector_environment_equals_the_single_one(engine, integrator):
     needs(engine)
