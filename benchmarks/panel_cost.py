@@ -1,12 +1,14 @@
 """What a panel's training costs: the fleet beside stable-baselines3 in one run.
 
-    python benchmarks/panel_cost.py [--only panel single policies steps share] [--json FILE]
+    python benchmarks/panel_cost.py [--only panel single policies steps acting share]
+                                    [--json FILE]
 
 panel      policies per minute with evidence, process start and compilation included, against one
            process of stable-baselines3 and against one per core, at equal settings
 single     one policy on one core, compilation excluded
 policies   growth over 1, 2, 4 … 64 policies on one core, with memory
 steps      growth over dt, dt/2 and dt/4 at a fixed control period
+acting     growth of the environments' part alone, over dt to dt/64
 share      of the measured peak of small float32 matrix products that updates reach, and what
            takes the rest of the time
 
@@ -48,6 +50,7 @@ SETTINGS: dict[str, Any] = {
 }
 GROWTH = (1, 2, 4, 8, 16, 32, 64)
 DIVISIONS = (1, 2, 4)
+FINE_DIVISIONS = (1, 2, 4, 8, 16, 32, 64)
 INTEGRATORS = ("symplectic_euler", "rk4", "implicit_midpoint")
 TOGETHER = 8
 """Policies of a chunk where their number is not what is varied."""
@@ -174,6 +177,34 @@ class Costs:
         ]
         return measured, rows
 
+    def acting(self) -> tuple[list[dict[str, Any]], Rows]:
+        """Cost of the environments alone over the integration step."""
+        measured: list[dict[str, Any]] = []
+        period = self.config.env_arguments["control_period"]
+        for integrator in INTEGRATORS:
+            for division in FINE_DIVISIONS:
+                dt = period / division
+                runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
+                seconds = self.alone(training_cost.acting_seconds, runs)
+                measured.append({"integrator": integrator, "dt": dt, "seconds": seconds})
+        decisions = TOGETHER * self.config.rollout
+        rows = []
+        for last, row in zip([measured[0], *measured], measured, strict=False):
+            steps = round(period / row["dt"]) - round(period / last["dt"])
+            more = (
+                1e6 * (row["seconds"] - last["seconds"]) / (decisions * steps)
+                if steps > 0
+                else None
+            )
+            rows.append(
+                [
+                    f"{row['integrator']} dt={row['dt']:g}",
+                    f"{1e6 * row['seconds'] / decisions:.3f}",
+                    "" if more is None else f"{more:.3f}",
+                ]
+            )
+        return measured, rows
+
     def share(self) -> tuple[dict[str, Any], Rows]:
         """Share of the peak, and what takes the rest."""
         runs = self.seeds(TOGETHER)
@@ -203,6 +234,7 @@ PARTS: Mapping[str, tuple[Callable[[Costs], tuple[Any, Rows]], Sequence[str]]] =
     "single": (Costs.single, ("single", "s per policy", "policies/min", "fleet is", "at least")),
     "policies": (Costs.growth, ("policies", "s per policy", "cost / one's", "MiB")),
     "steps": (Costs.steps, ("steps", "s per policy", "cost / dt", "MiB")),
+    "acting": (Costs.acting, ("acting", "us per decision", "us per step more")),
     "share": (Costs.share, ("share", "s per policy", "of all")),
 }
 
@@ -216,6 +248,7 @@ def count(parts: Sequence[str]) -> int:
     """Measurements of some parts; stable-baselines3's one process is measured once."""
     each = {"panel": 2, "single": 1, "policies": len(GROWTH), "share": 3}
     each["steps"] = len(INTEGRATORS) * len(DIVISIONS)
+    each["acting"] = len(INTEGRATORS) * len(FINE_DIVISIONS)
     return sum(each[name] for name in parts) + bool({"panel", "single"} & set(parts))
 
 

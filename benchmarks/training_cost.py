@@ -111,17 +111,13 @@ def relative_cost(configs: Sequence[PPOConfig], baseline: Sequence[PPOConfig]) -
 
 def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     """Processor time of the parts of one rollout of all runs, s."""
-    from integ_gym.envs.jax_ops import jax
-
     trainer = fleet._Trainer(fleet.kind_of(configs[0]), configs, None)
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
     parts: dict[str, float] = {}
 
     def part(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        compiled = jax.jit(function)
-        result = jax.block_until_ready(compiled(*arguments))
-        parts[name] = _fastest(lambda: jax.block_until_ready(compiled(*arguments)))
+        result, parts[name] = _compiled(function, *arguments)
         return result
 
     _, steps = part("acting in the environments", program._collect, learner, learner.keys, params)
@@ -135,6 +131,24 @@ def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     given = learner.stack, learner.adam, batch, orders, knobs, knobs.learning_rate
     part("updates", lambda *given: program._each(program._learn, given), *given)
     return parts
+
+
+def acting_seconds(configs: Sequence[PPOConfig]) -> float:
+    """Processor time of acting in the environments for one rollout of all runs, s."""
+    trainer = fleet._Trainer(fleet.kind_of(configs[0]), configs, None)
+    learner = trainer._begin()
+    given = learner, learner.keys, trainer._params
+    seconds: float = _compiled(trainer._program._collect, *given)[1]
+    return seconds
+
+
+def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
+    """What a compiled function gives, and the processor time that it takes, s."""
+    from integ_gym.envs.jax_ops import jax
+
+    compiled = jax.jit(function)
+    result = jax.block_until_ready(compiled(*arguments))
+    return result, _fastest(lambda: jax.block_until_ready(compiled(*arguments)))
 
 
 def small_matrix_peak() -> float:

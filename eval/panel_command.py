@@ -59,8 +59,9 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--memory-gib", type=float, metavar="GIB",
-        help="memory that the fleet's processes may take together; default: the specification's, "
-        "or else a share for each, see docs/fleet.md",
+        help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
+        "the command itself; default: the specification's, or else a share for each, see "
+        "docs/fleet.md",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",

@@ -66,11 +66,14 @@ class MappedEngine(SteppedEngine):
 
 
 def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> ValueError:
-    """The error for an integrator that is none of an engine's."""
-    return ValueError(
-        f"engine {engine!r} has no integrator {integrator!r}; give `integrator`. "
-        f"{suggestion(integrator, maps)}"
+    """The error for an integrator that is none of an engine's, or that has another name there."""
+    alike = [name for name, applied in maps.items() if applied == integrator]
+    remedy = (
+        f"what applies it is {' or '.join(map(repr, alike))}. Valid choices: {', '.join(maps)}"
+        if alike
+        else f"give `integrator`. {suggestion(integrator, maps)}"
     )
+    return ValueError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
 
 
 def refuse_arrays(engine: str, system: PlantSystem) -> None:

@@ -211,6 +211,18 @@ def test_an_integrator_that_the_engine_lacks_is_refused_with_those_it_has(engine
         gym.make("IntegPendulum-v0", engine=engine, integrator="leapfrog")
 
 
+@pytest.mark.parametrize(
+    ("engine", "asked", "names"),
+    [("drake", "symplectic_euler", "'tamsi' or 'semi_explicit_euler'"), ("mujoco", "rk4", "'RK4'")],
+)
+def test_an_integrator_is_named_as_the_engine_calls_it(engine, asked, names):
+    needs(engine)
+    with pytest.raises(
+        ValueError, match=f"has no integrator '{asked}'; what applies it is {names}"
+    ):
+        gym.make("IntegPendulum-v0", engine=engine, integrator=asked)
+
+
 @pytest.mark.parametrize("engine", [*FOREIGN, "native"])
 def test_stops_of_an_engine_that_has_none_are_refused(engine):
     needs(engine)
