@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.envs.functional import FunctionalEnv, Params
+from integ_gym.envs.functional.environment import FunctionalEnv
+from integ_gym.envs.functional.params import Params
 from integ_gym.envs.jax_ops import jax, jnp
 from integ_gym.envs.mixture import WEIGHT
 from integ_gym.envs.ops import Component, Components

@@ -17,7 +17,7 @@ from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy.interface import Policy
 from integ_gym.train.policy_stack import PolicyStack
 
 Array = npt.NDArray[Any]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from integ_gym.train.baselines.hashed_uniform import hashed_uniform
 from integ_gym.train.baselines.interface import Baseline
-from integ_gym.train.policy import FloatArray, Policy
+from integ_gym.train.policy.arrays import FloatArray
+from integ_gym.train.policy.interface import Policy
 
 BOX_BASELINES = ("random", "zero")
 """Names of the baselines that `box_baselines` makes."""

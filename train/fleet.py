@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs import functional
 from integ_gym.envs.extras import require
-from integ_gym.envs.functional import FunctionalEnv
+from integ_gym.envs.functional.environment import FunctionalEnv
 from integ_gym.envs.jax_ops import jax
 from integ_gym.envs.mixture import Mixture
 from integ_gym.evidence.layout import Layout

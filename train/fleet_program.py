@@ -14,7 +14,8 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from integ_gym.envs.functional import FunctionalEnv, Params
+from integ_gym.envs.functional.environment import FunctionalEnv
+from integ_gym.envs.functional.params import Params
 from integ_gym.envs.info import booked
 from integ_gym.envs.jax_ops import jax, jnp
 from integ_gym.envs.ops import Components

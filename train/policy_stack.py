@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.train.policy import (
-    ACTIVATIONS,
-    ActionArray,
-    BoxActions,
-    FloatArray,
-    MlpPolicy,
-    Policy,
-    network_outputs,
-)
+from integ_gym.train.policy.actions import BoxActions
+from integ_gym.train.policy.activations import ACTIVATIONS
+from integ_gym.train.policy.arrays import ActionArray, FloatArray
+from integ_gym.train.policy.feed_forward import network_outputs
+from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 
 Array = NDArray[Any]
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.envs.extras import missing
-from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
+from integ_gym.train.policy.actions import BoxActions, DiscreteActions
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_file_error import PolicyFileError
 
 try:

@@ -17,7 +17,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.safetensors_file import read_safetensors, safetensors_bytes
 from integ_gym.train.sb3_zip import read_sb3_zip

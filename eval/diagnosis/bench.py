@@ -19,7 +19,7 @@ from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy.interface import Policy
 
 _MOST_DECISIONS = 64
 """A motion of more steps at a constant control is recorded at every so many of them."""

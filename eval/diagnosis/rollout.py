@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy.interface import Policy
 
 Array = npt.NDArray[Any]
 

@@ -25,7 +25,7 @@ from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy.interface import Policy
 from integ_gym.train.sidecar import POLICY_FILE
 
 

@@ -13,7 +13,7 @@ from integ_gym.envs.mixture import DISCRETIZATION, Mixture
 from integ_gym.envs.registration import environment_mixture
 from integ_gym.eval.cells import Discretization, DiscretizationMixture, Home
 from integ_gym.train.baselines import BASELINES
-from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
 from integ_gym.train.sidecar import POLICY_FILE, SIDECAR_FILE, has_sidecar, read_trained
 

@@ -9,7 +9,7 @@ from integ_gym.envs.settings import Setup
 from integ_gym.train.baselines.handmade import controller_classes
 from integ_gym.train.baselines.random_policy import RandomPolicy
 from integ_gym.train.baselines.zero_policy import ZeroPolicy
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy.interface import Policy
 
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""

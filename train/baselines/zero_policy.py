@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Setup
 from integ_gym.train.baselines.interface import Baseline
-from integ_gym.train.policy import FloatArray
+from integ_gym.train.policy.arrays import FloatArray
 
 
 class ZeroPolicy(Baseline):

@@ -20,7 +20,7 @@ from integ_gym.envs.parameters import (
     unknown_name,
 )
 from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.policy.activations import ACTIVATIONS
 
 _GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.policy.activations import ACTIVATIONS
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.sb3_zip.data import Json, printed_class, section
 from integ_gym.train.sb3_zip.remedies import DAMAGED, RETRAIN

@@ -6,7 +6,7 @@ import math
 import os
 from pathlib import Path
 
-from integ_gym.train.policy import ObservationStatistics
+from integ_gym.train.policy.observation_statistics import ObservationStatistics
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.sb3_zip import limits
 from integ_gym.train.sb3_zip.data import Json, parse_json

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from integ_gym.train.policy import MlpPolicy, ObservationStatistics
+from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy.observation_statistics import ObservationStatistics
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.sb3_zip.architecture import (
     activation_name,

@@ -7,7 +7,8 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integ_gym.train.policy import BoxActions, DiscreteActions, FloatArray
+from integ_gym.train.policy.actions import BoxActions, DiscreteActions
+from integ_gym.train.policy.arrays import FloatArray
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.sb3_zip.data import Json, printed_class
 

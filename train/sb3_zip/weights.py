@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.extras import missing
-from integ_gym.train.policy import Layer
+from integ_gym.train.policy.feed_forward import Layer
 from integ_gym.train.policy_file_error import PolicyFileError
 from integ_gym.train.sb3_zip import limits
 from integ_gym.train.sb3_zip.remedies import DAMAGED, RETRAIN

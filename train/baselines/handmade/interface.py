@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Setup
 from integ_gym.train.baselines.interface import Baseline
-from integ_gym.train.policy import ActionArray
+from integ_gym.train.policy.arrays import ActionArray
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -1,132 +1,33 @@
-"""The environments as pure functions of JAX arrays: for ``jit``, ``vmap`` and ``scan``.
-
-    import jax
-    from integ_gym.envs import functional
-
-    env = functional.make("IntegPendulum-v0", integrator="rk4", dt=0.05)
-    state = env.initial(jax.random.key(0), lanes=(1024,))
-    state = jax.jit(env.transition)(state, actions, key)
-
-The physics is that of the single and the vector environment. Plant and task parameters, steps,
-horizon and start range are values, not structure: one compiled function serves all of them.
-"""
+"""An environment as pure functions of JAX arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Hashable, Sequence
 from fractions import Fraction
-from functools import cached_property
-from itertools import repeat
-from types import NoneType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
 from integ_gym.envs.environment import action_space, observation_space
+from integ_gym.envs.functional.checking import checked_setup
+from integ_gym.envs.functional.params import Params, params_of
+from integ_gym.envs.functional.sensor_noise import renewed, standard_noise, with_noise
+from integ_gym.envs.functional.state import FuncState, TimeStep
+from integ_gym.envs.functional.structure import structure_of
+from integ_gym.envs.functional.traced_setup import traced_setup
 from integ_gym.envs.info import booked
 from integ_gym.envs.jax_ops import JaxOps, jax, jnp
 from integ_gym.envs.ops import Component, Components
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.starts import GivenNumbers
-from integ_gym.envs.system import PlantSystem
-from integ_gym.envs.timing import Timing
 from integ_gym.envs.transition import EnvState, Outcome, initial_state, transition
 
 DTYPES = ("float32", "float64")
 
 
-class Params(NamedTuple):
-    """What may differ between environments that share one program.
-
-    Every entry is a number, or an array that broadcasts against the lanes. Where ``substeps`` is an
-    array, lanes with fewer wait for those with more. Given to a compiled function as an argument,
-    it can take any value; the loop over sub-steps then also keeps XLA from computing a motion anew
-    for everything that depends on it.
-    """
-
-    dt: Component
-    """Integration step, s."""
-    control_period: Component
-    """Time between two decisions, s."""
-    substeps: Component
-    """Integration steps per decision, int32."""
-    horizon: Component
-    """Decisions until truncation, int32."""
-    sensor: Component | None
-    """Integration steps between two samples, int32; None: one sample per decision."""
-    max_speed: Component | None
-    """Clip on every velocity, rad/s or m/s; None: no clip."""
-    observation_noise: Component
-    """Standard deviation of each sensed state component, SI."""
-    start_low: Components
-    """Lower end of the start distribution, in state order, SI."""
-    start_high: Components
-    plant: dict[str, Component]
-    """Numeric plant parameters, SI."""
-    task: dict[str, Component]
-
-
-class FuncState(NamedTuple):
-    """State of one environment, or of a batch of them."""
-
-    env: EnvState
-    outcome: Outcome
-    """What the last transition brought; zeros after a reset."""
-    noise: Components
-    """Noise of the last sample on each state component, SI; empty without sensor noise."""
-    member: Components = ()
-    """In a mixture: the member that each lane has drawn, int32; else empty."""
-
-
-class TimeStep(NamedTuple):
-    """What one step with automatic reset gives."""
-
-    observation: Any
-    """Of the next episode's start where an episode has ended, float32, shape (*lanes, obs)."""
-    reward: Any
-    terminated: Any
-    truncated: Any
-    final_observation: Any
-    """Before the reset, float32, shape (*lanes, obs)."""
-    info: dict[str, Any]
-    """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
-
-
-@dataclass(frozen=True)
-class Structure:
-    """What decides the program: environments with equal structure can share a compiled one.
-
-    Attributes:
-        env_id: environment.
-        dtype: float type of the physics.
-        choices: arguments that are no numbers, and the presence of those that may be None.
-        delay: action latency as (whole decisions, sub-steps beyond them).
-    """
-
-    env_id: str
-    dtype: str
-    choices: tuple[tuple[str, Any], ...]
-    delay: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _TracedTiming(Timing):
-    """Rates whose delay is known while those in seconds and sub-steps may be traced."""
-
-    known_delay: tuple[int, int] = (0, 0)
-
-    @property
-    def delay(self) -> tuple[int, int]:
-        """Latency as (whole decisions, sub-steps beyond them)."""
-        return self.known_delay
-
-
 class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
-    """An environment as pure functions; see :func:`make`.
+    """An environment as pure functions; see :func:`integ_gym.envs.functional.make`.
 
     All functions take a single environment or a batch: components of shape ``lanes``, actions of
     shape (*lanes, 1) for a `Box` and ``lanes`` for a `Discrete` space. A `Discrete` action that is
@@ -159,11 +60,11 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self._arguments = arguments
         self._dtype = dtype
         self._ops = JaxOps(dtype)
-        self.setup = _checked_setup(env_id, arguments)
+        self.setup = checked_setup(env_id, arguments)
         self.setups: tuple[Setup, ...] = (self.setup,)
         self.shares: tuple[Fraction, ...] = (Fraction(1),)
         self.start_size = 2 * len(self.setup.plant.coordinates)
-        self.structure: Hashable = self._structure_of(env_id, self.setup)
+        self.structure: Hashable = structure_of(env_id, self.setup, dtype)
         self.observation_space = observation_space(self.setup)
         self.action_space = action_space(self.setup)
         super().__init__()
@@ -182,9 +83,9 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             TypeError: for an unknown argument.
             ValueError: for an impossible value, or one that needs another program.
         """
-        setup = _checked_setup(self.env_id, {**self._arguments, **arguments})
-        self._check_structure(self._structure_of(self.env_id, setup))
-        return self._params_of(setup)
+        setup = checked_setup(self.env_id, {**self._arguments, **arguments})
+        self._check_structure(structure_of(self.env_id, setup, self._dtype))
+        return params_of(setup, self._dtype)
 
     def columns(self, params: Sequence[Any]) -> Any:
         """Values of several environments, each with so many sub-steps, as columns.
@@ -251,24 +152,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
 
     def setup_of(self, params: Params) -> Setup:
         """Plant, task, timing and engine with these values."""
-        setup = self.setup
-        plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
-        task = replace(setup.task, **params.task)  # type: ignore[type-var]
-        vars(plant).update({part: None for part in _OPTIONAL if _lacks(setup.plant, part)})
-        _fill_caches(plant)
-        _fill_caches(task)
-        system = PlantSystem(plant, params.max_speed)
-        timing = _TracedTiming(
-            dt=params.dt,
-            control_period=params.control_period,
-            substeps=params.substeps,
-            latency=setup.timing.latency,
-            sensor=params.sensor,
-            horizon=params.horizon,
-            known_delay=setup.timing.delay,
-        )
-        engine = setup.engine.at(system, params.dt)
-        return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
+        return traced_setup(self.setup, params)
 
     def start(self, drawn: Components, params: Params) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
@@ -303,11 +187,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             noise: standard noise of the sample, one component per state component, or empty.
             params: scale of the noise.
         """
-        q, v = env.sensed_q, env.sensed_v
-        if noise:
-            by_q, by_v = split_state(noise)
-            q = tuple(a + params.observation_noise * b for a, b in zip(q, by_q, strict=True))
-            v = tuple(a + params.observation_noise * b for a, b in zip(v, by_v, strict=True))
+        q, v = with_noise(env, noise, params.observation_noise)
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:
@@ -323,10 +203,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         env, outcome = self.advance(state.env, self._control(action), own)
         noise = state.noise
         if noise:
-            fresh = self._drawn_noise(rng, jnp.shape(outcome.sampled))
-            noise = tuple(
-                jnp.where(outcome.sampled, a, b) for a, b in zip(fresh, noise, strict=True)
-            )
+            fresh = standard_noise(self.setup, rng, jnp.shape(outcome.sampled), self._dtype)
+            noise = renewed(noise, fresh, outcome.sampled)
         return FuncState(env, outcome, noise, state.member)
 
     def observation(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
@@ -408,44 +286,6 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
     def _default(self, params: Params | None) -> Params:
         return self.default_params if params is None else params  # type: ignore[return-value]
 
-    def _structure_of(self, env_id: str, setup: Setup) -> Structure:
-        arguments = setup.arguments()
-        choices = {
-            name: arguments[name]
-            for name in arguments
-            if isinstance(arguments[name], (str, bool)) and name != "start"
-        }
-        present = {
-            "sensor_period": setup.timing.sensor is not None,
-            "max_speed": setup.settings.max_speed is not None,
-            "observation_noise": setup.settings.observation_noise > 0.0,
-            **{part: not _lacks(setup.plant, part) for part in _OPTIONAL},
-        }
-        return Structure(
-            env_id,
-            self._dtype,
-            tuple({**choices, **present}.items()),
-            setup.timing.delay,
-        )
-
-    def _params_of(self, setup: Setup) -> Params:
-        settings, timing = setup.settings, setup.timing
-        number = np.dtype(self._dtype).type
-        low, high = start_range(setup)
-        return Params(
-            dt=number(timing.dt),
-            control_period=number(timing.control_period),
-            substeps=np.int32(timing.substeps),
-            horizon=np.int32(timing.horizon),
-            sensor=None if timing.sensor is None else np.int32(timing.sensor),
-            max_speed=None if settings.max_speed is None else number(settings.max_speed),
-            observation_noise=number(settings.observation_noise),
-            start_low=tuple(number(x) for x in low),
-            start_high=tuple(number(x) for x in high),
-            plant={name: number(x) for name, x in _numbers(setup.plant).items()},
-            task={name: number(x) for name, x in _numbers(setup.task).items()},
-        )
-
     def _check_structure(self, structure: Hashable) -> None:
         if structure != self.structure:
             raise ValueError(
@@ -458,7 +298,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         own = self.lane_params(params, member)
         _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
-        return FuncState(env, nothing, self._drawn_noise(rng, jnp.shape(env.q[0])), member)
+        noise = standard_noise(self.setup, rng, jnp.shape(env.q[0]), self._dtype)
+        return FuncState(env, nothing, noise, member)
 
     def _control(self, action: Any) -> Component:
         values = jnp.asarray(action, self._dtype)
@@ -473,93 +314,3 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             return array if kind == "b" else array.astype("int32" if kind in "iu" else self._dtype)
 
         return jax.tree.map(typed, tree)
-
-    def _drawn_noise(self, rng: Any, shape: tuple[int, ...]) -> Components:
-        """Standard normal noise, one component per state component."""
-        if not self.setup.settings.observation_noise:
-            return ()
-        size = 2 * len(self.setup.plant.coordinates)
-        return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
-
-
-def make(
-    env_id: str,
-    *,
-    dtype: str = "float32",
-    mixture: Sequence[Mapping[str, Any]] | None = None,
-    **arguments: Any,
-) -> FunctionalEnv:
-    """The functional form of an environment.
-
-    Args:
-        env_id: a registered id.
-        dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
-        mixture: as for ``gym.make_vec``; see
-            :class:`integ_gym.envs.functional_mixture.FunctionalMixture` for what is drawn when.
-        arguments: those of ``gym.make``, but for ``render_mode``.
-
-    Raises:
-        TypeError: for an unknown argument.
-        ValueError: for an impossible value, an engine outside JAX or its own stops, or float64
-            outside JAX's 64-bit mode.
-        ModuleNotFoundError: without JAX, with the command that installs it.
-    """
-    if mixture is None:
-        return FunctionalEnv(env_id, dtype=dtype, **arguments)
-    from integ_gym.envs.functional_mixture import FunctionalMixture
-
-    return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
-
-
-def start_range(setup: Setup) -> tuple[Components, Components]:
-    """Lowest and highest start, in state order, SI units.
-
-    Starts are drawn uniformly in a box, so its corners are what the task makes of the ends of all
-    its draws.
-    """
-    task, start = setup.task, setup.settings.start
-    corners = (task.draw_start(GivenNumbers(repeat(x)), start, {}) for x in (0.0, 1.0))
-    low, high = corners
-    return low, high
-
-
-def _checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
-    """The setup, if JAX can advance it.
-
-    Raises:
-        TypeError, ValueError: see :func:`make`.
-    """
-    if arguments.get("contact") == "engine":
-        raise ValueError(
-            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
-            "in every engine, or gym.make or gym.make_vec"
-        )
-    setup = environment_setup(env_id, arguments)
-    if not setup.engine.batched:
-        raise ValueError(
-            "the functional environment needs an engine made of JAX's operations, 'native' or "
-            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
-        )
-    return setup
-
-
-_OPTIONAL = ("stops", "dry_friction")
-"""Parts of a plant that it may lack, which decides the program."""
-
-
-def _fill_caches(part: Any) -> None:
-    """Compute cached properties now, so that none is first computed, and kept, inside a loop."""
-    for owner in type(part).__mro__:
-        for name, value in vars(owner).items():
-            if isinstance(value, cached_property):
-                getattr(part, name)
-
-
-def _numbers(part: Any) -> dict[str, Component]:
-    """Numeric fields of a plant or task."""
-    values = {f.name: getattr(part, f.name) for f in fields(part)}
-    return {k: x for k, x in values.items() if not isinstance(x, (str, bool, NoneType))}
-
-
-def _lacks(plant: Plant, part: str) -> bool:
-    return getattr(plant, part, None) is None

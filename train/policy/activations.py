@@ -1,0 +1,58 @@
+"""Activations of a policy's network, as torch computes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from integ_gym.train.policy.arrays import FloatArray
+
+
+def _sigmoid(x: FloatArray) -> FloatArray:
+    decay: FloatArray = np.exp(-np.abs(x))
+    numerator: FloatArray = np.where(x >= 0, np.float32(1.0), decay)
+    return numerator / (1.0 + decay)
+
+
+def _elu(x: FloatArray) -> FloatArray:
+    return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
+
+
+def _selu(x: FloatArray) -> FloatArray:
+    alpha, scale = 1.6732632423543772, 1.0507009873554805
+    unscaled: FloatArray = np.where(x > 0, x, alpha * np.expm1(np.minimum(x, 0.0)))
+    return scale * unscaled
+
+
+def _softplus(x: FloatArray) -> FloatArray:
+    return np.logaddexp(np.float32(0.0), x)
+
+
+def _softsign(x: FloatArray) -> FloatArray:
+    size: FloatArray = np.abs(x)
+    return x / (1.0 + size)
+
+
+def _gelu(x: FloatArray) -> FloatArray:
+    erf = np.vectorize(math.erf, otypes=[np.float32])
+    half_cdf: FloatArray = 0.5 * (1.0 + erf(x * math.sqrt(0.5)))
+    return x * half_cdf
+
+
+#: Activations by the name of their torch class, each with that class's default parameters.
+ACTIVATIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "Tanh": np.tanh,
+    "ReLU": lambda x: np.maximum(x, 0.0),
+    "ReLU6": lambda x: np.clip(x, 0.0, 6.0),
+    "LeakyReLU": lambda x: np.where(x > 0, x, 0.01 * x),
+    "ELU": _elu,
+    "SELU": _selu,
+    "SiLU": lambda x: x * _sigmoid(x),
+    "GELU": _gelu,
+    "Mish": lambda x: x * np.tanh(_softplus(x)),
+    "Sigmoid": _sigmoid,
+    "Softplus": _softplus,
+    "Softsign": _softsign,
+}
