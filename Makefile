@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test lint bench clean
+.PHONY: panel test lint bench published census clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -24,6 +24,12 @@ bench: $(READY)
 	for name in env_throughput evidence_cost reference_cost engines panel_cost trainer_equivalence; do \
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
+
+published: $(READY)
+	@$(PIP) --group census
+
+census: published
+	@$(BIN)/integ-gym census --out runs/census
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.extras import missing_modules
-from integ_gym.eval.census.published import PUBLISHED
+from integ_gym.eval.census.published import PUBLISHED, installed
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -27,9 +26,7 @@ def pytest_configure() -> None:
 def pytest_report_header() -> str:
     """What is not tested here."""
     absent = [name for name in ENGINES.names() if missing_modules(name)]
-    for name in PUBLISHED.names():
-        if not all(map(find_spec, PUBLISHED.load(name).modules)):
-            absent.append(name)
+    absent += [name for name in PUBLISHED.names() if not installed(name)]
     return f"not installed, and so not tested: {', '.join(absent) or 'nothing'}"
 
 

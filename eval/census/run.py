@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
-from importlib.util import find_spec
 from typing import Any
 
 from integ_gym.envs.extras import missing_modules
@@ -15,7 +14,7 @@ from integ_gym.envs.versions import installed_versions
 from integ_gym.eval.census.engines import engine_subjects
 from integ_gym.eval.census.identify import TRUTH
 from integ_gym.eval.census.measure import Line, measure
-from integ_gym.eval.census.published import PUBLISHED
+from integ_gym.eval.census.published import PUBLISHED, installed
 from integ_gym.eval.census.subject import COAST, Subject
 from integ_gym.eval.engines_command import integrators_of
 
@@ -71,7 +70,7 @@ def take_census(
     census = Census()
     for name in libraries:
         library = PUBLISHED.load(name)()
-        if any(find_spec(module) is None for module in library.modules):
+        if not installed(name):
             census.missing[library.title] = library.install
         else:
             tell(library.title)
