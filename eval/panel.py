@@ -119,18 +119,14 @@ def _run_units(
     shared = Progress()
     with shared.pool(workers) as pool, _bar(spec, units, progress) as bar:
         work = _Work(pool, shared, bar)
-        try:
-            if not spec.fleet:
-                trained = [unit for unit in units if unit.home is not None]
-                work.do("training", _train_unit, {u.policy: (spec, directory, u) for u in trained})
-            subjects = [subject_of(spec, directory, unit) for unit in units]
-            waiting = not_evaluated(spec, directory, subjects)
-            work.skip(_evaluation_seconds(spec, subjects) - _evaluation_seconds(spec, waiting))
-            batches = batches_of(spec, waiting, workers)
-            work.do("evaluating", _evaluate, {_named(b): (spec, directory, b) for b in batches})
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        if not spec.fleet:
+            trained = [unit for unit in units if unit.home is not None]
+            work.do("training", _train_unit, {u.policy: (spec, directory, u) for u in trained})
+        subjects = [subject_of(spec, directory, unit) for unit in units]
+        waiting = not_evaluated(spec, directory, subjects)
+        work.skip(_evaluation_seconds(spec, subjects) - _evaluation_seconds(spec, waiting))
+        batches = batches_of(spec, waiting, workers)
+        work.do("evaluating", _evaluate, {_named(b): (spec, directory, b) for b in batches})
 
 
 def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:

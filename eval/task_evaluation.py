@@ -79,15 +79,9 @@ def _run(
     if not waiting:
         return
     with Progress().pool(_workers(spec)) as pool:
-        try:
-            for subject in waiting:
-                run = partial(_evaluate, spec, pool)
-                evaluate_batch(
-                    spec, directory, (subject,), lambda _, policies: on_cell(policies), run
-                )
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for subject in waiting:
+            run = partial(_evaluate, spec, pool)
+            evaluate_batch(spec, directory, (subject,), lambda _, policies: on_cell(policies), run)
 
 
 def _workers(spec: TaskPanel) -> int:

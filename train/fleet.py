@@ -114,22 +114,18 @@ def train_fleet(
         shared.pool(min(processes.count, len(chunks)), prepare) as pool,
         _bar(sum(c.decisions for c in chunks), len(configs), progress) as bar,
     ):
-        try:
-            running = {pool.submit(_run, configs, evidence, chunk): chunk for chunk in chunks}
-            while running:
-                ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-                bar.update(min(bar.total, shared.total()) - bar.n)
-                for future in ended:
-                    chunk = running.pop(future)
-                    outcomes = _result(future, len(trained))
-                    for place, outcome in zip(chunk.places, outcomes, strict=True):
-                        trained[place] = write_outcome(configs[place], outcome, folders[place])
-                    for place in chunk.places:
-                        on_trained(place, trained[place])
-                    bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        running = {pool.submit(_run, configs, evidence, chunk): chunk for chunk in chunks}
+        while running:
+            ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            bar.update(min(bar.total, shared.total()) - bar.n)
+            for future in ended:
+                chunk = running.pop(future)
+                outcomes = _result(future, len(trained))
+                for place, outcome in zip(chunk.places, outcomes, strict=True):
+                    trained[place] = write_outcome(configs[place], outcome, folders[place])
+                for place in chunk.places:
+                    on_trained(place, trained[place])
+                bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
     return [trained[place] for place in range(len(configs))]
 
 

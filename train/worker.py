@@ -5,10 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 _report: Callable[[float], None] | None = None
@@ -23,6 +23,7 @@ class Progress:
     def __init__(self) -> None:
         self._context = multiprocessing.get_context("spawn")
         self._done = self._context.Value("d", 0.0)
+        self._stopped = self._context.Event()
 
     def total(self) -> float:
         """Work reported so far."""
@@ -33,16 +34,38 @@ class Progress:
     ) -> ProcessPoolExecutor:
         """A pool of fresh processes that report here.
 
+        An error that leaves its ``with`` block cancels what waits; an interruption ends what runs.
+
         Args:
             workers: how many.
             prepare: called once in each process, with its number from 0; importable from a module.
         """
-        return ProcessPoolExecutor(
+        watched = os.getpid(), self._stopped
+        return _Pool(
+            self._stopped,
             max_workers=workers,
             mp_context=self._context,
             initializer=_start_worker,
-            initargs=(os.getpid(), self._done, self._context.Value("i", 0), prepare),
+            initargs=(watched, self._done, self._context.Value("i", 0), prepare),
         )
+
+
+class _Pool(ProcessPoolExecutor):
+    def __init__(self, stopped: Any, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._stopped = stopped
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool | None:
+        if kind is not None:
+            self.shutdown(wait=False, cancel_futures=True)
+            if not issubclass(kind, Exception):
+                self._stopped.set()
+        return super().__exit__(kind, error, trace)
 
 
 def report_work(amount: float) -> None:
@@ -70,7 +93,7 @@ def cores() -> int:
 
 
 def _start_worker(
-    parent: int, done: Any, started: Any, prepare: Callable[[int], None] | None
+    watched: tuple[int, Any], done: Any, started: Any, prepare: Callable[[int], None] | None
 ) -> None:
     global _report
 
@@ -79,7 +102,7 @@ def _start_worker(
             done.value += amount
 
     _report = add
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_with, args=watched, daemon=True).start()
     _limit_threads()
     if prepare is not None:
         with started.get_lock():
@@ -88,10 +111,10 @@ def _start_worker(
         prepare(number)
 
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent is gone."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
+def _end_with(parent: int, stopped: Any) -> None:
+    """End this process when its parent is gone or has been interrupted."""
+    while os.getppid() == parent and not stopped.wait(0.5):
+        pass
     os._exit(1)
 
 

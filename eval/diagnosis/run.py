@@ -202,13 +202,9 @@ def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[D
         order = sorted(range(len(jobs)), key=lambda i: jobs[i].section not in _LONGEST)
         running = {pool.submit(jobs[i].run): i for i in order}
         found = {}
-        try:
-            for future in as_completed(running):
-                found[running[future]] = future.result()
-                on_job()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        for future in as_completed(running):
+            found[running[future]] = future.result()
+            on_job()
     return [found[i] for i in range(len(jobs))]
 
 

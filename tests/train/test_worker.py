@@ -1,0 +1,50 @@
+"""Worker processes end with what started them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+SCRIPT = """
+import time
+from multiprocessing import active_children
+from integ_gym.train.worker import Progress
+
+if __name__ == "__main__":
+    with Progress().pool(2) as pool:
+        tasks = [pool.submit(time.sleep, 600.0) for _ in range(6)]
+        while not tasks[1].running():
+            time.sleep(0.01)
+        print(*[process.pid for process in active_children()], flush=True)
+        tasks[0].result()
+"""
+
+
+def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):
+    """As a supervisor interrupts, which unlike a terminal does not interrupt the workers."""
+    script = tmp_path / "waits.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    workers = [int(word) for word in process.stdout.readline().split()]
+    assert len(workers) == 2
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60.0)
+    assert "KeyboardInterrupt" in error
+    deadline = time.monotonic() + 30.0
+    while any(map(_alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(_alive, workers))
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
