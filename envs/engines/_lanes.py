@@ -16,12 +16,16 @@ class LanesEngine(RigidBodyEngine):
 
     @abstractmethod
     def run_lanes(self, starts: Array, count: int) -> Array:
-        """Take ``count`` steps: (lanes, 3 dof) of q, v and force, finite, to (lanes, 2 dof)."""
+        """Take ``count`` steps: (lanes, 3 dof) of q, v and force, finite, to (lanes, 2 dof).
+
+        Of an engine that reports, to three columns more: iterations, residual and convergence.
+        """
 
     def _run(self, count: int) -> Run:
         if count not in self._runs:
             lost = (np.nan,) * (2 * len(self.system.plant.coordinates))
-            self._runs[count] = guarded(self.run(count), lost)
+            report = (0, 0.0, False) if self.reports else ()
+            self._runs[count] = guarded(self.run(count), (*lost, *report))
         return self._runs[count]
 
     def travel(
@@ -37,6 +41,10 @@ class LanesEngine(RigidBodyEngine):
         lost = ~(np.linalg.norm(starts, axis=1) < ASTRAY)
         starts[lost] = 0.0
         ends = self.run_lanes(starts, count)
-        ends[lost] = np.nan
+        ends[lost, : 2 * dof] = np.nan
         columns = tuple(np.ascontiguousarray(ends.T))
-        return columns[:dof], columns[dof:], 0, 0.0, True
+        q, v, report = columns[:dof], columns[dof : 2 * dof], columns[2 * dof :]
+        if not self.reports:
+            return q, v, 0, 0.0, True
+        iterations, residual, converged = report
+        return q, v, iterations, residual, (converged != 0.0) & ~lost

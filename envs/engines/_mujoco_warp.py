@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.engines._rigid import Array
+from integ_gym.envs.engines._warp import ConstraintSolver
 
 ROWS = 2
 """Constraints to make room for in a world: one side of a limited joint at a time, and no fewer than
@@ -19,3 +20,11 @@ def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
     packed.M[:] = data.M.numpy()[0]
     mujoco.mj_fullM(model, packed, full)
     return full
+
+
+def constraint_solver(mjw: Any, model: Any, data: Any) -> ConstraintSolver:
+    """Of MuJoCo Warp's model and data; from now on it reaches its cap without printing it."""
+    option = model.opt
+    option.warn_overflow &= ~mjw.OverflowType.ITERATIONS
+    tolerance = float(option.tolerance.numpy()[0])
+    return ConstraintSolver(data.solver_niter.numpy(), tolerance, int(option.iterations))

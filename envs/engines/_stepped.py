@@ -6,6 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Motion, Segments
 from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops import FLOAT32_MAX, Component, Components, Ops
@@ -26,7 +27,7 @@ class SteppedEngine(ABC):
         dt: integration step, s.
 
     Raises:
-        ValueError: if the stops are left to an engine that has none.
+        ValueError: if the stops are left to an engine that has none, with those that have.
     """
 
     name: ClassVar[str]
@@ -40,8 +41,9 @@ class SteppedEngine(ABC):
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
             raise ValueError(
-                f"engine {self.name!r} has no joint stops of its own; use `contact`='compliant', "
-                "the same law in every engine"
+                f"engine {self.name!r} has no joint stops of its own; use one that has "
+                f"({', '.join(engines_with_stops())}), or `contact`='compliant', the same law in "
+                "every engine"
             )
         self.system = system
         self.dt = dt
@@ -135,6 +137,13 @@ class SteppedEngine(ABC):
             )
 
         return advance
+
+
+def engines_with_stops() -> tuple[str, ...]:
+    """Names of the registered engines that have joint stops of their own."""
+    return tuple(
+        name for name in ENGINES.names() if getattr(ENGINES.load(name), "own_stops", False)
+    )
 
 
 def within_bounds(q: Components, v: Components, speed: float = DIVERGENCE_SPEED) -> Component:

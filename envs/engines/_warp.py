@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,16 @@ FEWEST = 16
 """Worlds are made in this number or the next power of two above it, whatever lanes are moved."""
 
 Floats = npt.NDArray[np.float32]
+Counts = npt.NDArray[np.int32]
+
+
+class ConstraintSolver(NamedTuple):
+    """What a simulator tells of the solver of its constraints."""
+
+    iterations: Counts
+    """Of the last step in each world: the simulator's own memory, (worlds,)."""
+    tolerance: float
+    cap: int
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,7 @@ class Worlds:
         force: likewise.
         step: advances them by one step.
         simulation: what the simulator keeps.
+        solver: of its constraints; None where it has none.
     """
 
     q: Floats
@@ -42,6 +53,7 @@ class Worlds:
     force: Floats
     step: Callable[[], None]
     simulation: Any
+    solver: ConstraintSolver | None = None
 
 
 class WarpEngine(LanesEngine):
@@ -54,11 +66,17 @@ class WarpEngine(LanesEngine):
     width: ClassVar[int] = 32
     extra: ClassVar[str]
 
+    @property
+    def solves(self) -> bool:
+        """Whether its stops are constraints, with a solver that tells of itself."""
+        return True
+
     def build(self) -> None:
         """Load the simulator."""
         with quiet():
             self._warp = load("warp", self.extra)
             self.open()
+        self.reports = self.system.engine_stops is not None and self.solves
         self._made: dict[tuple[int, Stops | None], tuple[Worlds, Any]] = {}
 
     @abstractmethod
@@ -69,17 +87,23 @@ class WarpEngine(LanesEngine):
     def worlds(self, count: int, stops: Stops | None) -> Worlds:
         """Make ``count`` worlds, with the simulator's own stops or without."""
 
+    def solver(self) -> dict[str, Any]:
+        """Tolerance and iteration cap of the constraint solver, where there are constraints."""
+        solver = self._recorded(1, None)[0].solver
+        if solver is None or not self.reports:
+            return super().solver()
+        return {"solver_tolerance": solver.tolerance, "solver_cap": solver.cap}
+
     def run(self, count: int) -> Run:
         """Take ``count`` steps of one world."""
         worlds, graph = self._recorded(1, self.system.engine_stops)
         (q,), (v,), (force,) = worlds.q, worlds.v, worlds.force
-        n, replay = len(q), self._warp.capture_launch
+        n, take = len(q), self._replayed(worlds, graph, count)
 
         def run(*start: float) -> tuple[float, ...]:
             q[:], v[:], force[:] = start[:n], start[n : 2 * n], start[2 * n :]
-            for _ in range(count):
-                replay(graph)
-            return (*q.tolist(), *v.tolist())
+            report = [column.item(0) for column in take()]
+            return (*q.tolist(), *v.tolist(), *report)
 
         return run
 
@@ -91,9 +115,9 @@ class WarpEngine(LanesEngine):
         memory = worlds.q, worlds.v, worlds.force
         for array, values in zip(memory, np.split(starts, 3, axis=1), strict=True):
             array[:lanes], array[lanes:] = values, 0.0
-        for _ in range(count):
-            self._warp.capture_launch(graph)
-        return np.concatenate([worlds.q[:lanes], worlds.v[:lanes]], axis=1, dtype=np.float64)
+        report = self._replayed(worlds, graph, count)()
+        columns = (worlds.q, worlds.v, *[column[:, None] for column in report])
+        return np.concatenate([x[:lanes] for x in columns], axis=1, dtype=np.float64)
 
     def started(self, q: Components) -> Worlds:
         """A world without stops after a step from rest in ``q``."""
@@ -101,6 +125,32 @@ class WarpEngine(LanesEngine):
         worlds.q[:], worlds.v[:], worlds.force[:] = q, 0.0, 0.0
         self._warp.capture_launch(graph)
         return worlds
+
+    def _replayed(
+        self, worlds: Worlds, graph: Any, count: int
+    ) -> Callable[[], tuple[npt.NDArray[Any], ...]]:
+        """What takes ``count`` steps and tells, if the engine reports, what the solver did.
+
+        That is most iterations of any step, 0 and convergence, (worlds,) each.
+        """
+        replay, solver = self._warp.capture_launch, worlds.solver
+
+        def silently() -> tuple[npt.NDArray[Any], ...]:
+            for _ in range(count):
+                replay(graph)
+            return ()
+
+        if solver is None or not self.reports:
+            return silently
+
+        def reporting() -> tuple[npt.NDArray[Any], ...]:
+            most = np.zeros_like(solver.iterations)
+            for _ in range(count):
+                replay(graph)
+                np.maximum(most, solver.iterations, out=most)
+            return most, np.zeros(len(most)), most < solver.cap
+
+        return reporting
 
     @contextmanager
     def here(self) -> Iterator[None]:

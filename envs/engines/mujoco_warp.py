@@ -9,7 +9,7 @@ import numpy as np
 
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS, mjcf
-from integ_gym.envs.engines._mujoco_warp import ROWS, mass_matrix
+from integ_gym.envs.engines._mujoco_warp import ROWS, constraint_solver, mass_matrix
 from integ_gym.envs.engines._rigid import Array
 from integ_gym.envs.engines._warp import WarpEngine, Worlds
 from integ_gym.envs.extras import load
@@ -19,7 +19,8 @@ from integ_gym.envs.ops import Components
 class MujocoWarpEngine(WarpEngine):
     """`mujoco_warp.step`, in float32, on the CPU; all lanes of a vector environment at once.
 
-    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.MujocoEngine`.
+    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.MujocoEngine`. With its
+    own stops it reports as MuJoCo does; a step without a constraint takes its solver one iteration.
     """
 
     name: ClassVar[str] = "mujoco_warp"
@@ -45,7 +46,8 @@ class MujocoWarpEngine(WarpEngine):
             self._mjw.step(model, data)
 
         q, v, force = (x.numpy() for x in (data.qpos, data.qvel, data.qfrc_applied))
-        return Worlds(q, v, force, step, (made, model, data))
+        solver = constraint_solver(self._mjw, model, data)
+        return Worlds(q, v, force, step, (made, model, data), solver)
 
     def stop_parameters(self) -> dict[str, Any]:
         """`solref` and `solimp` of the limited joint."""

@@ -11,9 +11,9 @@ import numpy as np
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS
 from integ_gym.envs.engines._moments import moment
-from integ_gym.envs.engines._mujoco_warp import ROWS, mass_matrix
+from integ_gym.envs.engines._mujoco_warp import ROWS, constraint_solver, mass_matrix
 from integ_gym.envs.engines._rigid import Array
-from integ_gym.envs.engines._warp import WarpEngine, Worlds
+from integ_gym.envs.engines._warp import ConstraintSolver, WarpEngine, Worlds
 from integ_gym.envs.extras import load
 from integ_gym.envs.mechanism import Link
 from integ_gym.envs.ops import Components
@@ -27,7 +27,8 @@ class NewtonEngine(WarpEngine):
     """Newton's solvers, in float32, on the CPU; all lanes of a vector environment at once.
 
     `featherstone` is `SolverFeatherstone`, symplectic Euler; `mujoco_euler`, `mujoco_implicitfast`,
-    `mujoco_implicit`, `mujoco_discrete` and `mujoco_rk4` are `SolverMuJoCo` with MuJoCo Warp.
+    `mujoco_implicit`, `mujoco_discrete` and `mujoco_rk4` are `SolverMuJoCo` with MuJoCo Warp, and
+    report its constraint solver. Featherstone's stops are springs, without a solver to report on.
     """
 
     name: ClassVar[str] = "newton"
@@ -42,6 +43,11 @@ class NewtonEngine(WarpEngine):
         "newton._src.solvers.mujoco.kernels",
     )
     """Modules whose kernels come with derivatives, which take most of the time to compile."""
+
+    @property
+    def solves(self) -> bool:
+        """Whether its stops are constraints, with a solver that tells of itself."""
+        return self.integrator in _MUJOCO
 
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""
@@ -63,7 +69,8 @@ class NewtonEngine(WarpEngine):
 
         memory = (now.joint_q, now.joint_qd, control.joint_f)
         q, v, force = (x.numpy().reshape(count, -1) for x in memory)
-        return Worlds(q, v, force, step, (model, solver, now, then, control))
+        simulation = (model, solver, now, then, control)
+        return Worlds(q, v, force, step, simulation, self._constraint_solver(solver))
 
     def stop_parameters(self) -> dict[str, Any]:
         """`limit_ke` and `limit_kd` of the limited joint."""
@@ -96,6 +103,11 @@ class NewtonEngine(WarpEngine):
             disable_contacts=True,
             kinematic_switchable_roots=False,
         )
+
+    def _constraint_solver(self, solver: Any) -> ConstraintSolver | None:
+        if not self.solves:
+            return None
+        return constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
 
     def _model(self, count: int, stops: Stops | None) -> Any:
         """As many equal worlds; inertias are kept as they are given."""

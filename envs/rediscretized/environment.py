@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium as gym
@@ -38,7 +40,8 @@ def rediscretize(
 ) -> RediscretizedEnv:
     """Change integrator and timestep of a Gymnasium MuJoCo environment.
 
-    The control period stays, so that decisions, rewards and the time limit mean the same.
+    The control period stays, so that decisions and the time limit mean the same; so do rewards, for
+    which the task reads the timestep it was made with.
 
     Args:
         env: one that ``gym.make`` made of Gymnasium's MuJoCo environments; it is changed.
@@ -92,6 +95,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         choice = Choice(integrator, dt, success_return)
         self._success_return = success_return
         self._model, self._data = self._inner.model, self._inner.data
+        self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
         self.setup = self._discretized(choice)
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
@@ -128,9 +132,10 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         asked = np.asarray(action, dtype=np.float64)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
-        observation, reward, terminated, truncated, info = self.env.step(
-            command.astype(self._inner.action_space.dtype)
-        )
+        with self._timed(*self._stock):
+            observation, reward, terminated, truncated, info = self.env.step(
+                command.astype(self._inner.action_space.dtype)
+            )
         self._steps += 1
         before = self._energy
         if self._diverged:
@@ -146,8 +151,38 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         told = self._info(residual, self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
 
+    @contextmanager
+    def _timed(self, timestep: float, frame_skip: int) -> Iterator[None]:
+        """Another timestep, s, and number of them in a control period, for as long as it lasts.
+
+        A task reads its own: `HumanoidStandup` divides its reward by the timestep.
+        """
+        option, inner = self._model.opt, self._inner
+        kept = option.timestep, inner.frame_skip
+        option.timestep, inner.frame_skip = timestep, frame_skip
+        try:
+            yield
+        finally:
+            option.timestep, inner.frame_skip = kept
+
     def _simulate(self, control: Any, count: int) -> None:
-        """What the task calls to advance its model; stands in for Gymnasium's ``do_simulation``."""
+        """What the task calls to advance its model; stands in for Gymnasium's ``do_simulation``.
+
+        Args:
+            control: one number for each actuator.
+            count: the task's own ``frame_skip``: one control period.
+        """
+        timing = self.setup.timing
+        if count != self._stock[1]:
+            raise ValueError(
+                f"a task must be advanced by one control period at once, {self._stock[1]} of its "
+                f"own timesteps, got {count}"
+            )
+        with self._timed(timing.dt, timing.substeps):
+            self._advance(control, timing.substeps)
+
+    def _advance(self, control: Any, count: int) -> None:
+        """Take ``count`` steps under a control."""
         control = np.asarray(control, dtype=np.float64)
         if control.shape != (self._model.nu,):
             raise ValueError(f"an action must have shape ({self._model.nu},), got {control.shape}")

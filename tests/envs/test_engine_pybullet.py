@@ -55,13 +55,6 @@ def test_a_motor_of_its_own_would_freeze_the_joint(bullet, monkeypatch):
     assert one_step(_setup(), (1.0,), (0.01,), 0.0)[1] > 0.01
 
 
-def test_a_step_against_the_stop_depends_on_nothing_that_went_before(bullet):
-    setup = _setup(**STOPPED)
-    cases = [((x, 0.3), (1.0, 0.0), 0.0) for x in (2.41, 0.0, 2.5, -2.45, 2.4)]
-    alone = [one_step(_setup(**STOPPED), *case).tolist() for case in cases]
-    assert [one_step(setup, *case).tolist() for case in cases] == alone
-
-
 def test_the_stop_is_bullets_own_law(bullet):
     """It pushes a penetration out at the rate of its error reduction parameter."""
     setup = _setup(**STOPPED, gravity=0.0)

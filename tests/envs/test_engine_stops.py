@@ -19,9 +19,11 @@ from engine_cases import (
     setup_of,
     solved,
 )
+from engine_checks import new_setup
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines._rigid import HeldForce
+from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.registration import environment_setup
@@ -66,6 +68,83 @@ def test_stops_of_the_engines_own_leave_the_ledger_open(engine, integrator):
     assert all(abs(info["energy_residual"]) < 1e-2 for info in free)
     assert env.unwrapped.state[0] < 2.4 + 0.02
     assert env.unwrapped.setup.engine.describe()["stops"]
+
+
+def _told(motion):
+    """All that a step tells, as numbers."""
+    reported = (motion.iterations, motion.residual, motion.converged, motion.contact_force)
+    return [float(x) for x in (*motion.q, *motion.v, *motion.losses, *reported)]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, integrator):
+    """To the last bit, in any order, and after motions that diverge."""
+    needs(engine)
+    given = {"dt": 0.001, "contact": "engine"}
+    cases = [((x, 0.3), (1.0, 5.0), 2.0) for x in (2.41, 0.0, 2.5, -2.45, 2.4)]
+    violent = ((2.6, 0.3), (1e5, -1e5), 0.0)
+
+    def told(setup, case):
+        q, v, control = case
+        return _told(setup.engine.advance(SCALAR, q, v, ((control, 1),), None))
+
+    first = new_setup(engine, integrator, SWING_UP, **given)
+    expected = [told(first, case) for case in cases]
+    other = new_setup(engine, integrator, SWING_UP, **given)
+    for k in np.random.default_rng(2).integers(0, len(cases), 20):
+        told(other, violent)
+        np.testing.assert_array_equal(told(other, cases[k]), expected[k])
+
+
+SOLVERS = {
+    "mujoco": (1e-8, 100),
+    "mujoco_warp": (1e-6, 100),
+    "newton": (1e-6, 100),
+    "pybullet": (1e-7, 50),
+}
+"""Tolerance and cap of the constraint solvers that tell of themselves."""
+
+
+def _solver_of(engine, integrator):
+    return None if integrator == FEATHERSTONE else SOLVERS.get(engine)
+
+
+@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+def test_what_the_constraint_solver_does_is_reported_where_it_is_told(engine, integrator):
+    """In single and in vector environments; a cart starts 5 mm before its stop."""
+    needs(engine)
+    given = {
+        "id": SWING_UP, "engine": engine, "integrator": integrator, "dt": 0.001,
+        "control_period": 0.02, "contact": "engine",
+    }  # fmt: skip
+    start = (2.395, 2.0, np.pi, 0.0)
+    single, many = gym.make(**given), gym.make_vec(**given, num_envs=2)
+    single.reset(seed=0, options={"state": start})
+    many.reset(seed=0, options={"state": np.array([start] * 2)})
+    told = [single.step(np.zeros(1, np.float32))[4] for _ in range(3)]
+    side_by_side = [many.step(np.zeros((2, 1), np.float32))[4] for _ in range(3)]
+    names = ("solver_iterations", "solver_residual", "solver_status")
+    for one, both in zip(told, side_by_side, strict=True):
+        assert all((both[name] == one[name]).all() for name in names)
+    tolerance, cap = _solver_of(engine, integrator) or (None, None)
+    known = single.unwrapped.setup.engine.solver()
+    assert any(info["contact_force"] for info in told)
+    if cap is None:
+        assert {info["solver_status"] for info in told} == {"not_reported"}
+        assert not any(info["solver_iterations"] for info in told)
+        assert known["solver_cap"] is None
+    else:
+        assert {info["solver_status"] for info in told} == {"ok"}
+        assert all(0 < i["solver_iterations"] < cap for i in told if i["contact_force"])
+        assert known == {"solver_tolerance": pytest.approx(tolerance), "solver_cap": cap}
+
+
+@pytest.mark.parametrize("engine", [*SOLVERS, "mjx", "dart", "sapien"])
+def test_without_stops_of_its_own_an_engine_has_no_constraint_to_report_on(engine):
+    integrator = next(of for name, of in STOPPED if name == engine)
+    free = setup_of(engine, integrator, "IntegCartPole-v0").engine
+    assert not free.reports
+    assert free.solver() == {"solver_tolerance": None, "solver_cap": None}
 
 
 def _held(setup, name, q, v, control):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
+from functools import partial
+
 import numpy as np
 import pytest
 from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_step, setup_of, states
 from engine_checks import defect, new_setup, told_by_an_episode
 
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.engines import ENGINES, mujoco_warp
 from integ_gym.envs.engines.newton import FEATHERSTONE, NewtonEngine
+from integ_gym.envs.ops import SCALAR
 
 CASES = [
     (engine, integrator)
@@ -59,13 +64,54 @@ def test_all_lanes_are_moved_by_one_replay(engine, integrator, monkeypatch):
     assert len(calls) == 3
 
 
-@each
-def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, integrator):
+def _stopped_at_one(engine, monkeypatch):
+    """Let the engine's constraint solver take one iteration at most."""
+    if engine == "mujoco_warp":
+        ours = mujoco_warp.mjcf
+        cut = '<option iterations="1" '
+        monkeypatch.setattr(
+            mujoco_warp, "mjcf", lambda *given: ours(*given).replace("<option ", cut)
+        )
+    else:
+        import newton
+
+        theirs = newton.solvers.SolverMuJoCo
+        monkeypatch.setattr(newton.solvers, "SolverMuJoCo", partial(theirs, iterations=1))
+
+
+@pytest.mark.parametrize(("engine", "integrator"), [c for c in CASES if c[1] != FEATHERSTONE])
+def test_a_solver_that_is_stopped_at_its_cap_has_not_converged(
+    engine, integrator, monkeypatch, capfd
+):
+    """And prints nothing, also where it would have gone on."""
     needs(engine)
-    setup = new_setup(engine, integrator, **STOPPED)
-    cases = [((x, 0.3), (1.0, 0.0), 0.0) for x in (2.41, 0.0, 2.5, -2.45, 2.4)]
-    onwards = [one_step(setup, *case).tolist() for case in cases]
-    assert [one_step(setup, *case).tolist() for case in cases[::-1]] == onwards[::-1]
+    _stopped_at_one(engine, monkeypatch)
+    cut = new_setup(engine, integrator, **STOPPED).engine
+    assert cut.solver()["solver_cap"] == 1
+    q, v, control = (2.41, 0.3), (1.0, 5.0), ((0.0, 1),)
+    motion = cut.advance(SCALAR, q, v, control, None)
+    assert (motion.iterations, motion.converged) == (1, False)
+    lanes = [np.array([x, x, np.nan]) for x in (*q, *v)]
+    many = cut.advance(ARRAY, tuple(lanes[:2]), tuple(lanes[2:]), control, None)
+    assert many.iterations[:2].tolist() == [1.0, 1.0]
+    assert not many.converged.any()
+    fast = cut.advance(SCALAR, (2.6, 0.3), (500.0, -800.0), ((1e5, 1),), None)
+    assert (fast.iterations, fast.converged) == (1, False)
+    ctypes.CDLL(None).fflush(None)
+    assert capfd.readouterr() == ("", "")
+
+
+@each
+def test_several_steps_against_the_stop_are_single_steps(engine, integrator):
+    needs(engine)
+    engine = new_setup(engine, integrator, **STOPPED).engine
+    state, reports = (2.41, 0.3, 1.0, 5.0), []
+    at_once = engine.run(5)(*state, 2.0, 0.0)
+    for _ in range(5):
+        (*state,) = engine.run(1)(*state, 2.0, 0.0)
+        reports.append(state[4:])
+        state = state[:4]
+    assert at_once == (*state, *([max(r[0] for r in reports), 0.0, True] if reports[0] else ()))
 
 
 @pytest.mark.parametrize(("engine", "integrator"), OF_MUJOCO)

@@ -232,11 +232,13 @@ def test_stops_of_an_engine_that_has_none_are_refused(engine):
         with pytest.raises(ValueError, match="needs stops"):
             gym.make("IntegPendulum-v0", engine=engine, integrator=integrator, contact="engine")
         return
-    with pytest.raises(ValueError, match="no joint stops of its own"):
+    with pytest.raises(ValueError, match="no joint stops of its own") as told:
         gym.make(
             "IntegPendulum-v0", engine=engine, integrator=integrator, contact="engine",
             joint_limit=1.0,
         )  # fmt: skip
+    listed = str(told.value).partition("use one that has (")[2].partition(")")[0]
+    assert listed.split(", ") == [name for name in FOREIGN if ENGINES.load(name).own_stops]
 
 
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)

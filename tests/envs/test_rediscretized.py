@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -54,6 +55,59 @@ def test_the_control_period_and_the_rewards_scale_stay(task, integrator):
     expected, got = stock.step(action), ours.step(action)
     assert got[1] == pytest.approx(expected[1], abs=0.02 + 0.02 * abs(expected[1]))
     assert got[4]["time"] == pytest.approx(stock.unwrapped.dt)
+
+
+TOO_OLD = ("Pusher-v4",)
+"""Tasks that Gymnasium still registers and refuses to make under MuJoCo 3 or later."""
+
+
+def _registered():
+    """Ids of Gymnasium's MuJoCo tasks, without those that need the retired mujoco-py."""
+    ours = [
+        name
+        for name, spec in gym.registry.items()
+        if str(spec.entry_point).startswith("gymnasium.envs.mujoco.")
+    ]
+    return sorted(set(ours).difference(TOO_OLD))
+
+
+def _made(task):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*out of date.*")
+        return gym.make(task)
+
+
+def _idle_period(env):
+    """Reward and info of one control period without an action, from a fixed start."""
+    env.reset(seed=0)
+    _, reward, *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
+    return reward, info
+
+
+@pytest.mark.parametrize("task", _registered())
+def test_no_reward_scales_with_the_timestep(task):
+    stock = _made(task)
+    step = stock.unwrapped.model.opt.timestep
+    reward, told = _idle_period(stock)
+    terms = {name: value for name, value in told.items() if name.startswith("reward")}
+    for parts in (2, 4):
+        got, info = _idle_period(integ_gym.rediscretize(_made(task), dt=step / parts))
+        assert got == pytest.approx(reward, rel=0.03, abs=0.03)
+        assert {name: info[name] for name in terms} == pytest.approx(terms, rel=0.05, abs=0.03)
+
+
+def test_a_task_reads_its_own_timestep_and_others_the_chosen_one():
+    env = integ_gym.rediscretize(gym.make("HumanoidStandup-v5"), dt=0.001)
+    model = env.unwrapped.model
+    env.reset(seed=0)
+    info = env.step(np.zeros(17, np.float32))[4]
+    height = env.unwrapped.data.qpos[2]
+    assert info["reward_linup"] == pytest.approx(height / 0.003, rel=1e-12)
+    assert (model.opt.timestep, env.unwrapped.frame_skip) == (0.001, 15)
+    assert env.unwrapped.data.time == pytest.approx(0.015)
+    with pytest.raises(ValueError, match="an action must have shape"):
+        env.step(np.zeros(3, np.float32))
+    assert (model.opt.timestep, env.unwrapped.frame_skip) == (0.001, 15)
 
 
 @pytest.mark.parametrize(
