@@ -62,14 +62,21 @@ WANTED = {
 }
 """Engine and engine steps per control to the ratio wanted at most."""
 
-DAMPING = {
-    "IntegPendulum-v0": {"damping": 0.1},
-    "IntegCartPole-v0": {"damping": 0.01, "cart_damping": 0.1},
+PLAIN, DAMPED, SAMPLED, LIMITED = "", "damped", "sampled", "limited"
+VARIANTS: dict[str, dict[str, dict[str, float]]] = {
+    PLAIN: {name: {} for name in STARTS},
+    DAMPED: {
+        "IntegPendulum-v0": {"damping": 0.1},
+        "IntegCartPole-v0": {"damping": 0.01, "cart_damping": 0.1},
+    },
+    SAMPLED: {name: {"sensor_period": DT} for name in STARTS},
+    LIMITED: {name: {"max_speed": 100.0} for name in STARTS},
 }
-"""With damping, which the ledger books at every engine step."""
+"""With damping, which the ledger books at every engine step; with a sensor that samples at every
+engine step; with a speed limit, which is never reached. In the last two each step is a call."""
 
-DAMPED = (("mujoco", "implicitfast"), ("drake", "sap"), ("drake", "runge_kutta3"))
-"""Engines and integrators that are measured with damping, too."""
+VARIED = ("mujoco", "drake")
+"""Engines that are measured in all of these."""
 
 PURE_LOOPS = {("drake", integrator): partial(drake, anew=True) for integrator in IMPLICIT}
 """Loops that also forget all but the state between steps, as each of our steps does."""
@@ -103,7 +110,7 @@ class Row:
         engine: its name.
         integrator: as the engine calls it.
         environment: id.
-        damped: whether with damping.
+        variant: one of `VARIANTS`.
         pure: whether the bare loop forgets all but the state between steps.
         count: engine steps per control.
         seconds: median time of a control period, by contender.
@@ -115,7 +122,7 @@ class Row:
     engine: str
     integrator: str
     environment: str
-    damped: bool
+    variant: str
     pure: bool
     count: int
     seconds: dict[str, float]
@@ -134,7 +141,7 @@ def measured(
     engine: str,
     integrator: str,
     environment: str,
-    damped: bool,
+    variant: str,
     count: int,
     seconds: float,
 ) -> Row:
@@ -145,9 +152,10 @@ def measured(
     """
     chosen: dict[str, Any] = {
         "engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT,
-        **(DAMPING[environment] if damped else {}),
+        **VARIANTS[variant][environment],
     }  # fmt: skip
     bare = loop(environment_setup(environment, chosen))
+    wanted = loop is LOOPS[engine] and variant in (PLAIN, DAMPED)
     made, other = (gym.make(environment, **chosen) for _ in range(2))
     ours: Any = other.unwrapped
 
@@ -174,13 +182,13 @@ def measured(
         engine,
         integrator,
         environment,
-        damped,
+        variant,
         loop is PURE_LOOPS.get((engine, integrator)),
         count,
         {name: float(np.median(values)) for name, values in times.items()},
         {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
         _quartiles(times[MADE] / times[BARE]),
-        WANTED.get((engine, count)) if loop is LOOPS[engine] else None,
+        WANTED.get((engine, count)) if wanted else None,
     )
 
 
@@ -213,9 +221,11 @@ def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
     """All rows of some engines."""
     for engine in engines:
         for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
-            plain_and_damped = (False, True) if (engine, integrator) in DAMPED else (False,)
-            loops = [LOOPS[engine], PURE_LOOPS.get((engine, integrator))]
-            for loop, *case in product(filter(None, loops), STARTS, plain_and_damped, COUNTS):
+            variants = tuple(VARIANTS) if engine in VARIED else (PLAIN,)
+            cases = list(product([LOOPS[engine]], STARTS, variants, COUNTS))
+            if (engine, integrator) in PURE_LOOPS:
+                cases += product([PURE_LOOPS[engine, integrator]], STARTS, (PLAIN,), COUNTS)
+            for loop, *case in cases:
                 print(engine, integrator, *case, file=sys.stderr)
                 yield measured(loop, engine, integrator, *case, seconds)
 
@@ -226,7 +236,7 @@ def cells(row: Row) -> list[str]:
     wanted = "" if row.at_most is None else f"{row.at_most:g} " + ("met" if row.met else "MISSED")
     return [
         row.engine, row.integrator, row.environment,
-        "damped" if row.damped else "anew" if row.pure else "",
+        "anew" if row.pure else row.variant,
         str(row.count),
         *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
         f"{middle:.2f}", f"{low:.2f}-{high:.2f}", wanted, f"{row.made_ratio[1]:.2f}",

@@ -8,7 +8,8 @@ fleet trainer, and evaluates every policy from the same starts. It prints the in
 returns with its interval, the success rate, learning curves, and equivalence tests over seeds (two
 one-sided tests each): interquartile means over seeds of the return, and of the return while
 learning, within ±5 % of stable-baselines3's (Yuen's test), plain means of the return within the
-same (Welch's test); success rates within ±0.1.
+same (Welch's test); success rates within ±0.1. Interquartile means leave failed seeds out, so these
+are counted beside them.
 
 pendulum      the defaults of `integ-gym train`, 100 000 decisions
 cart-pole     the same in its environment
@@ -70,6 +71,8 @@ RETURN_MARGIN = 0.05
 TRIM = 0.25
 SUCCESS_MARGIN = 0.1
 EPISODES = 50
+FAILED = 0.95
+"""Success rate below which a seed counts as failed."""
 PARTS = 10
 """Points of a learning curve."""
 PACKAGES = ("integ-gym", "jax", "stable-baselines3", "torch")
@@ -180,17 +183,35 @@ def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
     for name, p_value in p_values.items():
         within = f"±{SUCCESS_MARGIN}" if name == "success" else f"±{RETURN_MARGIN:.0%}"
         outcome = "equivalent" if p_value < LEVEL else "not shown to be equivalent"
-        print(f"  {name} within {within}: p = {p_value:.2g}; {outcome}")
+        told = f"p = {p_value:.2g}" if p_value else "all alike"
+        print(f"  {name} within {within}: {told}; {outcome}")
     groups = {"sb3": sb3, "fleet": fleet}
+    failed = {name: int((g.successes.mean(1) < FAILED).sum()) for name, g in groups.items()}
+    p_values["failed seeds alike"] = difference(failed["sb3"], failed["fleet"], len(sb3.returns))
+    counts = " and ".join(f"{count} ({name})" for name, count in failed.items())
+    print(
+        f"  seeds with success below {FAILED}: {counts}; {_unlike(p_values['failed seeds alike'])}"
+    )
     return {
         "case": case,
         "seeds": len(sb3.returns),
         "returns": {name: group.returns.mean(1).tolist() for name, group in groups.items()},
+        "failed": failed,
         "successes": {name: group.successes.mean(1).tolist() for name, group in groups.items()},
         "curves": {name: group.curves.tolist() for name, group in groups.items()},
         "seconds": {name: group.seconds for name, group in groups.items()},
         "p_values": p_values,
     }
+
+
+def difference(one: int, other: int, of: int) -> float:
+    """P-value of two counts being of one rate, by Fisher's exact test."""
+    return float(stats.fisher_exact([[one, of - one], [other, of - other]]).pvalue)
+
+
+def _unlike(p_value: float) -> str:
+    outcome = "they differ" if p_value < LEVEL else "no difference shown"
+    return f"p = {p_value:.2g} (Fisher's exact test); {outcome}"
 
 
 def equivalence(sb3: np.ndarray, fleet: np.ndarray, trim: float) -> float:
