@@ -111,7 +111,7 @@ class ForeignEngine(MappedEngine):
             made = self.run(count)
             lost = (nan,) * (2 * len(self.system.plant.coordinates))
             report = (0, 0.0, False) if self.reports else ()
-            self._runs[count] = made if self.straight else guarded(made, (*lost, *report))
+            self._runs[count] = made if count > 1 else guarded(made, (*lost, *report))
         return self._runs[count]
 
 

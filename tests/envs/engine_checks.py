@@ -35,7 +35,8 @@ before = dict(os.environ)
 import gymnasium, integ_gym, numpy, warnings
 warnings.simplefilter("error")
 env = gymnasium.make(
-    "IntegPendulum-v0", engine={engine!r}, integrator={integrator!r}, max_torque=1e6, length=0.01
+    "IntegPendulum-v0", engine={engine!r}, integrator={integrator!r}, max_torque=1e6, length=0.01,
+    dt=0.05, control_period={steps} * 0.05
 )
 env.reset(seed=0)
 for _ in range(60):
@@ -45,12 +46,15 @@ assert before == dict(os.environ)
 """
 
 
-def told_by_an_episode(engine: str, integrator: str, folder: Path) -> tuple[int, str]:
+def told_by_an_episode(
+    engine: str, integrator: str, folder: Path, steps: int = 1
+) -> tuple[int, str]:
     """Exit code and all that a process prints in which an episode runs until it diverges.
 
-    Environment variables stay as they were and no file is left in ``folder``, the current one.
+    A control period has so many ``steps``. Environment variables stay as they were and no file is
+    left in ``folder``, the current one.
     """
-    script = _EPISODE.format(engine=engine, integrator=integrator)
+    script = _EPISODE.format(engine=engine, integrator=integrator, steps=steps)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=folder
     )

@@ -177,10 +177,11 @@ def test_stops_are_recorded_with_what_they_are_made_of(integrator):
     assert told["discrete_contact_solver"] == ("kTamsi" if integrator == "tamsi" else "kSap")
 
 
+@pytest.mark.parametrize("steps", [1, 20])
 @pytest.mark.parametrize("integrator", ["lagged", "runge_kutta3", "radau3"])
-def test_an_episode_leaves_the_process_as_it_was(integrator, tmp_path):
+def test_an_episode_leaves_the_process_as_it_was(integrator, steps, tmp_path):
     needs("drake")
-    assert told_by_an_episode("drake", integrator, tmp_path) == (0, "")
+    assert told_by_an_episode("drake", integrator, tmp_path, steps) == (0, "")
 
 
 @pytest.mark.parametrize("integrator", ["radau1", "implicit_euler"])

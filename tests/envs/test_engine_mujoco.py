@@ -87,9 +87,10 @@ def test_no_speed_is_clipped_below_divergence(integrator, env_id, speed):
     assert defect(setup, fast) < 1e-9
 
 
+@pytest.mark.parametrize("steps", [1, 20])
 @pytest.mark.parametrize("integrator", ALL)
-def test_nothing_is_printed_and_nothing_written(integrator, tmp_path):
-    assert told_by_an_episode("mujoco", integrator, tmp_path) == (0, "")
+def test_nothing_is_printed_and_nothing_written(integrator, steps, tmp_path):
+    assert told_by_an_episode("mujoco", integrator, tmp_path, steps) == (0, "")
 
 
 @pytest.mark.parametrize("integrator", [name for name in ALL if name != "RK4"])
