@@ -9,11 +9,13 @@ import sys
 import time
 
 SCRIPT = """
+import signal
 import time
 from multiprocessing import active_children
 from integ_gym.train.worker import Progress
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with Progress().pool(2) as pool:
         tasks = [pool.submit(time.sleep, 600.0) for _ in range(6)]
         while not tasks[1].running():
@@ -24,7 +26,10 @@ if __name__ == "__main__":
 
 
 def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):
-    """As a supervisor interrupts, which unlike a terminal does not interrupt the workers."""
+    """As a supervisor interrupts, which unlike a terminal does not interrupt the workers.
+
+    A process that is started in the background may have been told to ignore interruptions.
+    """
     script = tmp_path / "waits.py"
     script.write_text(SCRIPT, encoding="utf-8")
     process = subprocess.Popen(
