@@ -97,14 +97,16 @@ class ForeignEngine(MappedEngine):
     ) -> tuple[Components, Components, Component, Component, Component]:
         """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
         n = len(q)
-        flat = self._flat(ops, self._run(count), (*q, *v, *force), 2 * n)
-        report = flat[2 * n :] if self.reports else (0, 0.0, True)
-        return flat[:n], flat[n : 2 * n], *report
+        flat, report = self._called_with(ops, self._run(count), (*q, *v, *force), 2 * n)
+        return flat[:n], flat[n:], *report
 
-    def _flat(self, ops: Ops, run: Run, values: Components, numbers: int) -> tuple[Component, ...]:
-        """What a run returns: so many numbers, and the report of an engine that reports."""
+    def _called_with(
+        self, ops: Ops, run: Run, values: Components, numbers: int
+    ) -> tuple[Components, Components]:
+        """What a run gives: so many numbers, and the solver's report or that nothing went wrong."""
         truths = (*[False] * numbers, *((False, False, True) if self.reports else ()))
-        return ops.foreign(run, values, truths)
+        flat = ops.foreign(run, values, truths)
+        return flat[:numbers], flat[numbers:] or (0, 0.0, True)
 
     def _run(self, count: int) -> Run:
         if count not in self._runs:

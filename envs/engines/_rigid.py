@@ -118,9 +118,8 @@ class RigidBodyEngine(ForeignEngine):
     ) -> tuple[Components, Components, Components, Component, Component, Component]:
         """As :meth:`travel`, with the mean squares of the velocities after q and v."""
         n, run = len(q), self._run_with_speeds(count)
-        flat = self._flat(ops, run, (*q, *v, *force), 3 * n)
-        report = flat[3 * n :] if self.reports else (0, 0.0, True)
-        return flat[:n], flat[n : 2 * n], flat[2 * n : 3 * n], *report
+        flat, report = self._called_with(ops, run, (*q, *v, *force), 3 * n)
+        return flat[:n], flat[n : 2 * n], flat[2 * n :], *report
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
