@@ -54,12 +54,8 @@ def mujoco(setup: Setup) -> Bare:
     return Bare(start, drive, only_step)
 
 
-def drake(setup: Setup, anew: bool = False) -> Bare:
-    """A `Simulator` that advances by the step, of a continuous or a discrete plant.
-
-    With ``anew``, each step of an implicit integrator is begun anew, so that it depends on nothing
-    but the state: no Jacobian of an earlier one has a part in its result.
-    """
+def drake(setup: Setup) -> Bare:
+    """A `Simulator` that advances by the step, of a continuous or a discrete plant."""
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
     from integ_gym.envs.engines.drake import ACCURACY, DISCRETE, IMPLICIT
@@ -97,8 +93,6 @@ def drake(setup: Setup, anew: bool = False) -> Bare:
 
     def by_difference(periods: int) -> None:
         for _ in range(periods * count):
-            if anew:
-                integrator.Initialize()
             simulator.AdvanceTo(context.get_time() + dt)
 
     def by_number(periods: int) -> None:

@@ -9,7 +9,6 @@ median over rounds of turns, with its quartiles.
 The ratio that is wanted is that of `gym.make(...).unwrapped`: what Gymnasium's own wrappers add
 (column `gym.make`) they add to every environment, and `env_throughput.py` has both with them.
 `steps only` is the engine's step without setting or reading anything: no loop can do without those.
-Rows marked `anew` are beside a loop of Drake whose implicit steps begin anew, as ours do.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -27,16 +25,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import results
-from bare import LOOPS, Bare, drake
+from bare import LOOPS, Bare
 from rates import Advance, turns
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.engines.drake import IMPLICIT
 from integ_gym.envs.extras import missing, missing_modules
 from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registration import environment_setup
-from integ_gym.envs.settings import Setup
 
 EXAMPLES = """\
 examples:
@@ -78,9 +74,6 @@ engine step; with a speed limit, which is never reached. In the last two each st
 VARIED = ("mujoco", "drake")
 """Engines that are measured in all of these."""
 
-PURE_LOOPS = {("drake", integrator): partial(drake, anew=True) for integrator in IMPLICIT}
-"""Loops that also forget all but the state between steps, as each of our steps does."""
-
 LOOPED = {"pinocchio": ("symplectic_euler",), "casadi": ("rk",)}
 """Integrators of which there is a bare loop, where that is not all."""
 
@@ -111,7 +104,6 @@ class Row:
         integrator: as the engine calls it.
         environment: id.
         variant: one of `VARIANTS`.
-        pure: whether the bare loop forgets all but the state between steps.
         count: engine steps per control.
         seconds: median time of a control period, by contender.
         ratios: of `env.step` to another contender: quartiles, the median in the middle.
@@ -123,7 +115,6 @@ class Row:
     integrator: str
     environment: str
     variant: str
-    pure: bool
     count: int
     seconds: dict[str, float]
     ratios: dict[str, tuple[float, ...]]
@@ -137,7 +128,6 @@ class Row:
 
 
 def measured(
-    loop: Callable[[Setup], Bare],
     engine: str,
     integrator: str,
     environment: str,
@@ -145,7 +135,7 @@ def measured(
     count: int,
     seconds: float,
 ) -> Row:
-    """Measure one row, beside the bare ``loop``.
+    """Measure one row.
 
     Raises:
         RuntimeError: if the bare loop does not go where the environment goes.
@@ -154,8 +144,8 @@ def measured(
         "engine": engine, "integrator": integrator, "dt": DT, "control_period": count * DT,
         **VARIANTS[variant][environment],
     }  # fmt: skip
-    bare = loop(environment_setup(environment, chosen))
-    wanted = loop is LOOPS[engine] and variant in (PLAIN, DAMPED)
+    bare = LOOPS[engine](environment_setup(environment, chosen))
+    wanted = variant in (PLAIN, DAMPED)
     made, other = (gym.make(environment, **chosen) for _ in range(2))
     ours: Any = other.unwrapped
 
@@ -183,7 +173,6 @@ def measured(
         integrator,
         environment,
         variant,
-        loop is PURE_LOOPS.get((engine, integrator)),
         count,
         {name: float(np.median(values)) for name, values in times.items()},
         {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
@@ -222,12 +211,9 @@ def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
     for engine in engines:
         for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
             variants = tuple(VARIANTS) if engine in VARIED else (PLAIN,)
-            cases = list(product([LOOPS[engine]], STARTS, variants, COUNTS))
-            if (engine, integrator) in PURE_LOOPS:
-                cases += product([PURE_LOOPS[engine, integrator]], STARTS, (PLAIN,), COUNTS)
-            for loop, *case in cases:
+            for case in product(STARTS, variants, COUNTS):
                 print(engine, integrator, *case, file=sys.stderr)
-                yield measured(loop, engine, integrator, *case, seconds)
+                yield measured(engine, integrator, *case, seconds)
 
 
 def cells(row: Row) -> list[str]:
@@ -235,9 +221,7 @@ def cells(row: Row) -> list[str]:
     low, middle, high = row.ratios[BARE]
     wanted = "" if row.at_most is None else f"{row.at_most:g} " + ("met" if row.met else "MISSED")
     return [
-        row.engine, row.integrator, row.environment,
-        "anew" if row.pure else row.variant,
-        str(row.count),
+        row.engine, row.integrator, row.environment, row.variant, str(row.count),
         *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
         f"{middle:.2f}", f"{low:.2f}-{high:.2f}", wanted, f"{row.made_ratio[1]:.2f}",
         f"{row.ratios[ONLY][1]:.2f}",

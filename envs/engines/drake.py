@@ -8,12 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.envs.engines._drake import multibody_plant
-from integ_gym.envs.engines._drake_steps import (
-    ACCURACY,
-    discrete_steps,
-    explicit_steps,
-    implicit_steps,
-)
+from integ_gym.envs.engines._drake_implicit import ACCURACY, implicit_steps
+from integ_gym.envs.engines._drake_steps import discrete_steps, explicit_steps
 from integ_gym.envs.engines._foreign import Run
 from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
 from integ_gym.envs.ops import Components

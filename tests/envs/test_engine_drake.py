@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from engine_cases import mapped, needs, one_step, setup_of, states
 from engine_checks import new_setup, told_by_an_episode
 
 import integ_gym  # noqa: F401
+from integ_gym.envs.engines._drake_implicit import Stepper, rest_serves
+from integ_gym.envs.engines._drake_simulator import SPAN, Clock
 from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
 from integ_gym.envs.extras import load
 from integ_gym.envs.maps import one_step_map
@@ -23,18 +27,24 @@ def _setup(integrator: str, env_id: str = "IntegCartPole-v0", **arguments):
     return setup_of("drake", integrator, env_id, **arguments)
 
 
+@pytest.mark.parametrize(
+    ("env_id", "dt"),
+    [("IntegCartPole-v0", 0.02), ("IntegPendulum-v0", 0.002), ("IntegPendulum-v0", 0.05)],
+)
 @pytest.mark.parametrize("integrator", ALL)
-def test_a_step_depends_on_nothing_that_went_before(integrator):
-    """To the last bit, in any order, and after a state in which Drake gives up."""
-    setup = _setup(integrator)
-    cases = states(setup, 6)
+def test_a_step_depends_on_nothing_that_went_before(integrator, env_id, dt):
+    """To the last bit, in any order, and after a state in which Drake gives up or struggles."""
+    setup = _setup(integrator, env_id, dt=dt)
+    cases, n = states(setup, 6), len(setup.plant.coordinates)
     alone = [one_step(setup, *case) for case in cases]
     run = setup.engine.run(1)
-    assert not np.isfinite(run(np.nan, 0.0, 0.0, np.nan, 0.0, 0.0)[:4]).all()
+    assert not np.isfinite(run(*[np.nan] * 3 * n)[: 2 * n]).all()
     for case, expected in reversed(list(zip(cases, alone, strict=True))):
         assert (one_step(setup, *case) == expected).all()
         q, v, control = case
-        assert run(*q, *v, control, 0.0)[:4] == tuple(expected)
+        run(*q, *(90.0 * x for x in v), control, *[0.0] * (n - 1))
+        for _ in range(2):
+            assert run(*q, *v, control, *[0.0] * (n - 1))[: 2 * n] == tuple(expected)
 
 
 @pytest.mark.parametrize("integrator", ALL)
@@ -45,7 +55,44 @@ def test_every_step_is_of_the_same_size(integrator):
     state = (3.0, 0.5)
     for _ in range(1000):
         state = single(*state, 0.2)[:2]
-    np.testing.assert_allclose(run(3.0, 0.5, 0.2)[:2], state, rtol=0, atol=1e-12)
+    assert run(3.0, 0.5, 0.2)[:2] == state
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05, 1.0 / 3.0, 1e-4])
+def test_the_size_of_a_step_is_dt_to_the_rounding_of_the_state(dt):
+    needs("drake")
+    plant = _setup("explicit_euler", "IntegPendulum-v0").engine._plant
+    clock = Clock(plant, "explicit_euler", dt)
+    clock.set_back()
+    times = [clock.simulator.get_context().get_time()]
+    while clock.now < SPAN:
+        clock.take(1)
+        times.append(clock.simulator.get_context().get_time())
+    (size,) = {later - earlier for earlier, later in pairwise(times)}
+    assert size == pytest.approx(dt, rel=2.0**-46, abs=0.0)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+@pytest.mark.parametrize(
+    ("env_id", "dt", "expected"),
+    [("IntegCartPole-v0", 0.002, True), ("IntegPendulum-v0", 0.05, False)],
+)
+def test_steps_begin_with_the_matrices_that_take_fewer_evaluations(
+    integrator, env_id, dt, expected
+):
+    """And end where those with the others end, at the accuracy that both aim at."""
+    setup = _setup(integrator, env_id, dt=dt)
+    plant, rest = setup.engine._plant, (0.0,) * len(setup.plant.coordinates)
+    assert rest_serves(plant, integrator, dt) is expected
+    steppers = {chosen: Stepper(plant, integrator, dt, chosen) for chosen in (True, False)}
+    evaluations = {True: 0, False: 0}
+    for q, v, _ in states(setup):
+        ends = []
+        for chosen, stepper in steppers.items():
+            ends.append(stepper.step((*q, *v), rest)[0])
+            evaluations[chosen] += stepper.evaluations
+        np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-9)
+    assert evaluations[expected] <= evaluations[not expected]
 
 
 def test_advancing_to_multiples_of_the_step_takes_more_steps():
