@@ -33,14 +33,17 @@ _DIVISIONS = "integrator_num_step_shrinkages_from_substep_failures"
 _FACTORIZATIONS = "integrator_num_iteration_matrix_factorizations"
 
 
-def implicit_steps(plant: Any, scheme: str, dt: float, count: int, speeds: bool = False) -> Run:
+def implicit_steps(
+    plant: Any, scheme: str, dt: float, count: int, from_rest: bool, speeds: bool = False
+) -> Run:
     """Steps of an implicit integrator, with the most Newton iterations of any.
 
     A step that Drake divides is told as not converged. From values that are astray there is no
-    step, for on some of them Drake crashes. With ``speeds``, each velocity's mean square over the
-    ends of the steps comes before the report.
+    step, for on some of them Drake crashes. Steps begin with the matrices at rest where
+    ``from_rest`` says so. With ``speeds``, each velocity's mean square over the ends of the steps
+    comes before the report.
     """
-    stepper, size = Stepper(plant, scheme, dt, rest_serves(plant, scheme, dt)), state_size(plant)
+    stepper, size = Stepper(plant, scheme, dt, from_rest), state_size(plant)
     log, lost = Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
 
     def run(*values: float) -> tuple[float, ...]:
@@ -81,7 +84,7 @@ def rest_serves(plant: Any, scheme: str, dt: float) -> bool:
 
 
 class Stepper:
-    """Takes single steps, without memory.
+    """Takes single steps, each of which depends on its beginning alone.
 
     Args:
         plant: continuous.
@@ -94,15 +97,14 @@ class Stepper:
     """
 
     def __init__(self, plant: Any, scheme: str, dt: float, from_rest: bool) -> None:
-        self._clock, self._from_rest = Clock(plant, scheme, dt), from_rest
+        self._clock = Clock(plant, scheme, dt, _LEAST_SHARE)
         self._context = self._clock.simulator.get_mutable_context()
         self._put = force_setter(plant, self._context)
         self._end = self._context.get_continuous_state_vector().get_value()
-        integrator = self._clock.simulator.get_mutable_integrator()
-        integrator.set_target_accuracy(ACCURACY)
-        integrator.set_requested_minimum_step_size(_LEAST_SHARE * dt)
-        self._forget = integrator.ResetStatistics if from_rest else integrator.Initialize
-        self._integrator, self._statistics = integrator, integrator.GetStatisticsSummary
+        self._integrator, self._from_rest = self._clock.integrator, from_rest
+        self._integrator.set_target_accuracy(ACCURACY)
+        self._prepare = self._integrator.ResetStatistics if from_rest else self._clock.forget
+        self._statistics = self._integrator.GetStatisticsSummary
         names = [name for name, _ in self._statistics()]
         told = (_ITERATIONS, _DIVISIONS, _FACTORIZATIONS)
         self._iterations, self._divisions, self._factorizations = map(names.index, told)
@@ -120,13 +122,17 @@ class Stepper:
         """The state after a step, Newton's iterations, and how often Drake divided the step.
 
         Parts of a step are rounded with the time at which they are taken: a step that Drake divides
-        is done again at a time that is always the same.
+        or gives up is done again at a time that is always the same.
 
         Raises:
             RuntimeError: where Drake gives up.
         """
-        told = self._attempted(state, force)
-        if told[self._divisions][1]:
+        try:
+            told = self._attempted(state, force)
+            whole = not told[self._divisions][1]
+        except RuntimeError:
+            whole = False
+        if not whole:
             self._clock.now = SPAN
             told = self._attempted(state, force)
         return self._state, told[self._iterations][1], told[self._divisions][1]
@@ -135,14 +141,15 @@ class Stepper:
         """Take a step; what the integrator tells of it."""
         if self._clock.now == SPAN or (self.spoiled and self._from_rest):
             self._begin()
-        self._forget()
+        self._prepare()
+        self.spoiled = True
         self._take(state, force)
         told = self._statistics()
         self.spoiled = told[self._factorizations][1] > 0
         return told
 
     def _begin(self) -> None:
-        """Set the clock back, which takes the matrices with it; make those at rest."""
+        """Set the clock back, without matrices; make those at rest."""
         self._clock.set_back()
         if self._from_rest:
             self._take(*self._at_rest)

@@ -25,33 +25,52 @@ class Clock:
     to 47 bits, and times are multiples of it from -64 to 64 and again: all of them and their
     differences are exact, so that no step depends on the time at which it is taken.
 
+    Args:
+        plant: continuous.
+        scheme: Drake's name of an integrator.
+        dt: s.
+        least_share: of a step, into which Drake may divide it before it gives up.
+
     Attributes:
+        size: of a step, s.
         simulator: Drake's.
+        integrator: Drake's.
         now: number of the last step; at :data:`SPAN` the clock has to be set back.
     """
 
-    def __init__(self, plant: Any, scheme: str, dt: float) -> None:
+    def __init__(self, plant: Any, scheme: str, dt: float, least_share: float = 0.0) -> None:
         analysis = load("pydrake.systems.analysis", "drake")
         mantissa, exponent = frexp(dt)
-        self._size = ldexp(round(ldexp(mantissa, _BITS)), exponent - _BITS)
-        self._quiet = analysis.InitializeParams(suppress_initialization_events=True)
+        self.size = ldexp(round(ldexp(mantissa, _BITS)), exponent - _BITS)
         self.simulator = analysis.Simulator(plant)
-        integrator = analysis.ResetIntegratorFromFlags(self.simulator, scheme, self._size)
-        integrator.set_fixed_step_mode(True)
-        integrator.set_maximum_step_size(self._size)
-        self._advance, self.now = self.simulator.AdvanceTo, SPAN
+        self.integrator = analysis.ResetIntegratorFromFlags(self.simulator, scheme, self.size)
+        self._quiet = analysis.InitializeParams(suppress_initialization_events=True)
+        self._advance, self._least, self.now = self.simulator.AdvanceTo, least_share, SPAN
+        self._reset()
+
+    def forget(self) -> None:
+        """Let nothing of earlier steps have a part in the next: no matrix outlives a reset."""
+        self._reset()
+        self.integrator.Initialize()
 
     def set_back(self) -> None:
-        """To the earliest time."""
-        self.simulator.get_mutable_context().SetTime(-SPAN * self._size)
+        """To the earliest time, and forget."""
+        self._reset()
+        self.simulator.get_mutable_context().SetTime(-SPAN * self.size)
         self.simulator.Initialize(self._quiet)
         self.now = -SPAN
 
     def take(self, count: int) -> None:
         """Take steps, to :data:`SPAN` at most; one that fails leaves a clock to be set back."""
         self.now, aim = SPAN, self.now + count
-        self._advance(aim * self._size)
+        self._advance(aim * self.size)
         self.now = aim
+
+    def _reset(self) -> None:
+        self.integrator.Reset()
+        self.integrator.set_fixed_step_mode(True)
+        self.integrator.set_maximum_step_size(self.size)
+        self.integrator.set_requested_minimum_step_size(self._least * self.size)
 
 
 class Log:

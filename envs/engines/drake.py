@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from integ_gym.envs.engines._drake import multibody_plant
-from integ_gym.envs.engines._drake_implicit import ACCURACY, implicit_steps
+from integ_gym.envs.engines._drake_implicit import ACCURACY, implicit_steps, rest_serves
 from integ_gym.envs.engines._drake_steps import discrete_steps, explicit_steps
 from integ_gym.envs.engines._foreign import Run
 from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
@@ -93,8 +94,14 @@ class DrakeEngine(RigidBodyEngine):
     def _steps(self, count: int, speeds: bool = False) -> Run:
         if self.integrator in DISCRETE:
             return discrete_steps(self._plant, count, speeds)
-        steps = implicit_steps if self.integrator in IMPLICIT else explicit_steps
-        return steps(self._plant, self.integrator, self.dt, count, speeds)
+        chosen = self._plant, self.integrator, self.dt, count
+        if self.integrator in IMPLICIT:
+            return implicit_steps(*chosen, self._from_rest, speeds)
+        return explicit_steps(*chosen, speeds)
+
+    @cached_property
+    def _from_rest(self) -> bool:
+        return rest_serves(self._plant, self.integrator, self.dt)
 
     def _at_rest(self, q: Components) -> Any:
         """A context with the model at rest in ``q``."""

@@ -8,10 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import mapped, needs, one_step, setup_of, states
-from engine_checks import new_setup, told_by_an_episode
+from engine_checks import told_by_an_episode
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.engines._drake_implicit import Stepper, rest_serves
+from integ_gym.envs.engines._drake_implicit import Stepper, implicit_steps, rest_serves
 from integ_gym.envs.engines._drake_simulator import SPAN, Clock
 from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
 from integ_gym.envs.extras import load
@@ -136,18 +136,43 @@ def test_what_is_solved_is_reported_where_drake_tells(integrator):
     assert solver["solver_tolerance"] == (1e-12 if integrator in IMPLICIT else None)
 
 
-@pytest.mark.parametrize("integrator", ["radau1", "radau3"])
-def test_a_step_that_is_divided_depends_on_nothing_that_went_before(integrator):
-    """To the last bit, though its parts are rounded with the time at which they are taken."""
-    needs("drake")
-    fast, slow = (0.0, 0.1, 1.0, 150.0, 10.0, 0.0), (0.0, 0.1, 1.0, 2.0, 10.0, 0.0)
-    made = [new_setup("drake", integrator, "IntegCartPole-v0", dt=0.1).engine for _ in range(3)]
-    run = made[0].run(1)
-    divided, whole = made[1].run(1)(*fast), made[2].run(1)(*slow)
-    assert (divided[-1], whole[-1]) == (False, True)
-    for _ in range(5):
-        assert run(*fast) == divided
-        assert run(*slow) == whole
+@pytest.mark.parametrize("dt", [0.02, 0.1])
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_no_step_leaves_a_trace(integrator, dt):
+    """To the last bit: not whole ones, nor those that Drake divides, nor those that it gives up."""
+    engine, rng = _setup(integrator, dt=dt).engine, np.random.default_rng(11)
+    chosen = engine._plant, integrator, dt, 1, rest_serves(engine._plant, integrator, dt)
+    cases = [
+        (*rng.uniform(-3.0, 3.0, 2), *rng.uniform(-speed, speed, 2), rng.choice([-2.0, 0.0]), 0.0)
+        for speed in np.repeat([1.0, 25.0, 150.0, 3e3, 3e5], 12)
+    ]
+    alone = [implicit_steps(*chosen)(*case) for case in cases]
+    lost = [not np.isfinite(end[0]) for end in alone]
+    divided = [np.isfinite(end[0]) and not end[-1] for end in alone]
+    assert min(sum(lost), sum(divided), len(cases) - sum(lost) - sum(divided)) >= 5
+    run = implicit_steps(*chosen)
+    for place in rng.permutation(3 * len(cases)) % len(cases):
+        np.testing.assert_array_equal(run(*cases[place]), alone[place])
+
+
+def test_a_step_is_not_given_up_for_the_time_at_which_it_is_taken():
+    """Its smallest parts are rounded with the time; of this step, up to failure at some times."""
+    run = _setup("velocity_implicit_euler", dt=0.002).engine.run(1)
+    state = (0.754159830379713, 1.3105641374741142, 11039.685763272246, -45894.363593736736)
+    ends = set()
+    for calm in range(60):
+        for _ in range(calm):
+            run(0.0, 0.1, 0.2, 0.3, 0.0, 0.0)
+        ends.add(run(*state, 1.0, 0.0))
+    (end,) = ends
+    assert np.isfinite(end[0])
+
+
+def test_a_step_is_divided_by_128_at_most():
+    """By the step's own size, be it a little less than dt, as here, or more."""
+    state = (-1.4427065631673313, -2.0862302229071163, 3768.298236907265, 2082.4159625158104)
+    run = _setup("velocity_implicit_euler", dt=0.05).engine.run(1)
+    assert np.isfinite(run(*state, 0.0, 0.0)[0])
 
 
 @pytest.mark.parametrize("integrator", ["runge_kutta3", "radau3"])
