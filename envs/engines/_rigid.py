@@ -18,7 +18,7 @@ from integ_gym.envs.engines._agreement import (
     check_weight,
 )
 from integ_gym.envs.engines._foreign import ForeignEngine, Run
-from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.integrators.interface import State, Step, along
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.mechanism import Mechanism
 from integ_gym.envs.ops import Component, Components, Ops
@@ -26,9 +26,6 @@ from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
-
-State = tuple[Components, Components]
-"""(q, v)"""
 
 
 class RigidBodyEngine(ForeignEngine):
@@ -55,6 +52,7 @@ class RigidBodyEngine(ForeignEngine):
         self.mechanism = mechanism_of(self.name, system.plant)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
+        self._map_losses_between = getattr(self._map, "losses_between", None)
         self._run_with_speeds = cache(self.run_with_speeds)
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
@@ -143,11 +141,13 @@ class RigidBodyEngine(ForeignEngine):
     ) -> Component:
         """``loss`` with what joint damping takes in a step: as the map books it."""
         plant = self.system.plant
-        if self._map_losses_of is None:
-            held = HeldForce(plant, force)
-            return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
-        state = start if self._map_losses_of == "start" else end
-        return along((loss,), self.dt, (plant.dissipation(ops, *state),))[0]
+        if self._map_losses_of is not None:
+            state = start if self._map_losses_of == "start" else end
+            return along((loss,), self.dt, (plant.dissipation(ops, *state),))[0]
+        held = HeldForce(plant, force)
+        if self._map_losses_between is not None:
+            return self._map_losses_between(ops, held, start, end, (loss,), 0.0, self.dt)[0]
+        return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
 
     def _push(
         self, ops: Ops, q: Components, v: Components, end: Components, force: Components

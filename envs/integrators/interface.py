@@ -6,6 +6,9 @@ from typing import NamedTuple, Protocol
 
 from integ_gym.envs.ops import Component, Components, Ops
 
+State = tuple[Components, Components]
+"""Configuration and velocity."""
+
 
 class System(Protocol):
     """The continuous-time system as an integrator sees it, at a constant control."""

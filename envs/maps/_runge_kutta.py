@@ -41,16 +41,16 @@ class ExplicitRungeKutta:
         accelerations: list[Components] = []
         powers: list[Components] = []
         for row in self.tableau.stages:
-            speed = _along(v, dt, row, accelerations)
-            acceleration, power = system.rates(ops, _along(q, dt, row, speeds), speed, control)
+            speed = along_row(v, dt, row, accelerations)
+            acceleration, power = system.rates(ops, along_row(q, dt, row, speeds), speed, control)
             speeds.append(speed)
             accelerations.append(acceleration)
             powers.append(power)
         weights = self.tableau.weights
         return Step(
-            _along(q, dt, weights, speeds),
-            _along(v, dt, weights, accelerations),
-            _along(losses, dt, weights, powers),
+            along_row(q, dt, weights, speeds),
+            along_row(v, dt, weights, accelerations),
+            along_row(losses, dt, weights, powers),
         )
 
 
@@ -79,11 +79,11 @@ class ImplicitRungeKutta:
         equation = _StageEquation(ops, system, q, v, control, dt, rows)
         end = solve(ops, equation, v * len(rows), system.steep)
         accelerations, powers = zip(*equation.rates(end.v), strict=True)
-        speeds = [_along(v, dt, row, accelerations) for row in rows]
+        speeds = [along_row(v, dt, row, accelerations) for row in rows]
         return Step(
-            _along(q, dt, weights, speeds),
-            _along(v, dt, weights, accelerations),
-            _along(losses, dt, weights, powers),
+            along_row(q, dt, weights, speeds),
+            along_row(v, dt, weights, accelerations),
+            along_row(losses, dt, weights, powers),
             end.iterations,
             end.residual,
             end.converged,
@@ -109,7 +109,7 @@ class _StageEquation(NamedTuple):
     def points(self, velocity: Components) -> list[tuple[Components, Components]]:
         """(Q, V) of each stage."""
         speeds = self.speeds(velocity)
-        positions = [_along(self.q, self.h, row, speeds) for row in self.rows]
+        positions = [along_row(self.q, self.h, row, speeds) for row in self.rows]
         return list(zip(positions, speeds, strict=True))
 
     def rates(self, velocity: Components) -> list[tuple[Components, Components]]:
@@ -123,7 +123,7 @@ class _StageEquation(NamedTuple):
         accelerations = [acceleration for acceleration, _ in self.rates(velocity)]
         target: Components = ()
         for row in self.rows:
-            target = (*target, *_along(self.v, self.h, row, accelerations))
+            target = (*target, *along_row(self.v, self.h, row, accelerations))
         return tuple([x - y for x, y in zip(velocity, target, strict=True)])
 
     def derivative(self, velocity: Components, f: Components) -> tuple[Components, ...]:
@@ -145,7 +145,7 @@ class _StageEquation(NamedTuple):
         return (1.0 if (i, x) == (k, y) else 0.0) - h * (by_speed + h * by_position)
 
 
-def _along(x: Components, h: Component, row: Row, slopes: Sequence[Components]) -> Components:
+def along_row(x: Components, h: Component, row: Row, slopes: Sequence[Components]) -> Components:
     """``x + h Σ weight · slope``."""
     used = [(weight, slope) for weight, slope in zip(row, slopes, strict=False) if weight]
     if not used:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from integ_gym.envs.integrators.implicit_euler import ImplicitEuler
-from integ_gym.envs.integrators.interface import Step, System
+from integ_gym.envs.integrators.interface import State, Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
 
@@ -42,3 +42,20 @@ class ImplicitEulerHalfSteps:
             residual=ops.maximum(first.residual, second.residual),
             converged=first.converged & second.converged,
         )
+
+    def losses_between(
+        self,
+        ops: Ops,
+        system: System,
+        start: State,
+        end: State,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Components:
+        """``losses`` after a step of which both ends are known: the middle is a half step back."""
+        half, (end_q, end_v) = 0.5 * dt, end
+        slopes, powers = system.rates(ops, end_q, end_v, control)
+        middle_q, middle_v = along(end_q, -half, end_v), along(end_v, -half, slopes)
+        _, middle_powers = system.rates(ops, middle_q, middle_v, control)
+        return along(along(losses, half, middle_powers), half, powers)

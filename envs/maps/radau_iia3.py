@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.maps._runge_kutta import ImplicitRungeKutta, Tableau
+from integ_gym.envs.integrators.interface import State, System
+from integ_gym.envs.maps._runge_kutta import ImplicitRungeKutta, Tableau, along_row
+from integ_gym.envs.ops import Component, Components, Ops
 
 
 class RadauIIA3(ImplicitRungeKutta):
@@ -19,3 +21,26 @@ class RadauIIA3(ImplicitRungeKutta):
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(((5 / 12, -1 / 12), (3 / 4, 1 / 4)), (3 / 4, 1 / 4))
+
+    def losses_between(
+        self,
+        ops: Ops,
+        system: System,
+        start: State,
+        end: State,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Components:
+        """``losses`` after a step of which both ends are known: the end is its second stage, and
+        from the two the slope of the first follows.
+        """
+        (q, v), (end_q, end_v) = start, end
+        row, weights = self.tableau.stages
+        last, last_powers = system.rates(ops, end_q, end_v, control)
+        changes = [(b - a) / dt for a, b in zip(v, end_v, strict=True)]
+        pairs = zip(changes, last, strict=True)
+        first = tuple([(mean - weights[1] * a) / weights[0] for mean, a in pairs])
+        speeds = along_row(v, dt, row, (first, last))
+        _, powers = system.rates(ops, along_row(q, dt, row, (speeds, end_v)), speeds, control)
+        return along_row(losses, dt, weights, (powers, last_powers))
