@@ -142,7 +142,6 @@ class Stepper:
         if self._clock.now == SPAN or (self.spoiled and self._from_rest):
             self._begin()
         self._prepare()
-        self.spoiled = True
         self._take(state, force)
         told = self._statistics()
         self.spoiled = told[self._factorizations][1] > 0

@@ -109,7 +109,8 @@ class RigidBodyEngine(ForeignEngine):
             speeds = tuple([ops.sqrt(ops.maximum(0.0, x)) for x in squares])
         # Dampers at the joints: the mean power is that at the root mean square of each velocity.
         power = self.system.plant.dissipation(ops, end_q, speeds)
-        return Step(end_q, end_v, along(losses, count * self.dt, (power,)), *report)
+        lost = along(losses, count * self.dt, (power,))
+        return Step(end_q, end_v, self._of_whole_steps(ops, lost, report[-1]), *report)
 
     def _travel_with_speeds(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
@@ -130,6 +131,7 @@ class RigidBodyEngine(ForeignEngine):
         losses = along(losses, self.dt, rates)
         if self._damped:
             losses = (self._damping(ops, (q, v), (end_q, end_v), force, losses[0]), *losses[1:])
+            losses = self._of_whole_steps(ops, losses, converged)
         if self.system.engine_stops is None:
             return Step(end_q, end_v, losses, iterations, residual, converged)
         push = self._push(ops, q, v, end_v, force)
@@ -148,6 +150,12 @@ class RigidBodyEngine(ForeignEngine):
         if self._map_losses_between is not None:
             return self._map_losses_between(ops, held, start, end, (loss,), 0.0, self.dt)[0]
         return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
+
+    def _of_whole_steps(self, ops: Ops, losses: Components, converged: Component) -> Components:
+        """``losses``; that of damping is not known where the engine divided a step of its map."""
+        if not self.reports or self.system.engine_stops is not None:
+            return losses
+        return (ops.where(converged, losses[0], nan), *losses[1:])
 
     def _push(
         self, ops: Ops, q: Components, v: Components, end: Components, force: Components

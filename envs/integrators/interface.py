@@ -56,6 +56,8 @@ class Integrator(Protocol):
 
     A class of your own needs this method and nothing else; the attributes ``order``,
     ``symplectic``, ``reversible``, ``solver_tolerance`` and ``solver_cap`` are read where present.
+    Of a map that another engine applies, ``losses_of`` and ``losses_between`` are, too: what it
+    loses when its end is known.
     """
 
     def step(

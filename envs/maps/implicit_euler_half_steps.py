@@ -53,7 +53,10 @@ class ImplicitEulerHalfSteps:
         control: Component,
         dt: Component,
     ) -> Components:
-        """``losses`` after a step of which both ends are known: the middle is a half step back."""
+        """``losses`` after a step of this map of which both ends are known.
+
+        Its middle is a half step of explicit Euler back from the end.
+        """
         half, (end_q, end_v) = 0.5 * dt, end
         slopes, powers = system.rates(ops, end_q, end_v, control)
         middle_q, middle_v = along(end_q, -half, end_v), along(end_v, -half, slopes)

@@ -32,8 +32,9 @@ class RadauIIA3(ImplicitRungeKutta):
         control: Component,
         dt: Component,
     ) -> Components:
-        """``losses`` after a step of which both ends are known: the end is its second stage, and
-        from the two the slope of the first follows.
+        """``losses`` after a step of this map of which both ends are known.
+
+        The end is its second stage, and from the two the slope of the first follows.
         """
         (q, v), (end_q, end_v) = start, end
         row, weights = self.tableau.stages

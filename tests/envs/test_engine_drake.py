@@ -7,7 +7,7 @@ from itertools import pairwise
 import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import mapped, needs, one_step, setup_of, states
+from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
 from engine_checks import told_by_an_episode
 
 import integ_gym  # noqa: F401
@@ -153,6 +153,37 @@ def test_no_step_leaves_a_trace(integrator, dt):
     run = implicit_steps(*chosen)
     for place in rng.permutation(3 * len(cases)) % len(cases):
         np.testing.assert_array_equal(run(*cases[place]), alone[place])
+
+
+@pytest.mark.parametrize("integrator", CONTINUOUS)
+def test_damping_takes_what_it_takes_in_the_map(integrator):
+    """Of every step that Drake does not divide; what a divided one loses is not known."""
+    setup = _setup(integrator, **DAMPING["IntegCartPole-v0"])
+    known, fast = one_step_map(setup.engine.map), ((0.1, 1.0), (150.0, 300.0), 2.0)
+    kinds = set()
+    for q, v, control in (*states(setup), fast):
+        step = setup.engine.move(SCALAR, q, v, (0.3,), control)
+        expected = known.step(SCALAR, setup.system, q, v, (0.3,), control, setup.engine.dt)
+        kinds.add(step.converged)
+        if step.converged:
+            np.testing.assert_allclose(step.losses, expected.losses, rtol=1e-9, atol=0.0)
+        else:
+            assert np.isnan(step.losses[0])
+    assert kinds == ({True, False} if integrator in IMPLICIT else {True})
+
+
+def test_a_divided_step_leaves_the_ledger_open_with_damping():
+    needs("drake")
+    for steps in (1, 3):
+        env = gym.make(
+            "IntegCartPole-v0", engine="drake", integrator="radau1", dt=0.1,
+            control_period=0.1 * steps, **DAMPING["IntegCartPole-v0"],
+        )  # fmt: skip
+        for state, is_open in (((0.0, 1.0, 0.1, 2.0), False), ((0.0, 1.0, 0.1, 40.0), True)):
+            env.reset(options={"state": state})
+            *_, info = env.step(1)
+            assert info["solver_status"] == ("not_converged" if is_open else "ok")
+            assert np.isnan([info["dissipated"], info["energy_residual"]]).all() == is_open
 
 
 def test_a_step_is_not_given_up_for_the_time_at_which_it_is_taken():
