@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
-from engine_checks import told_by_an_episode
+from engine_checks import new_setup, told_by_an_episode
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines._drake_implicit import Stepper, implicit_steps, rest_serves
@@ -38,7 +38,8 @@ def test_a_step_depends_on_nothing_that_went_before(integrator, env_id, dt):
     cases, n = states(setup, 6), len(setup.plant.coordinates)
     alone = [one_step(setup, *case) for case in cases]
     run = setup.engine.run(1)
-    assert not np.isfinite(run(*[np.nan] * 3 * n)[: 2 * n]).all()
+    for astray in ([np.nan] * 6, (np.nan, 0.0, 0.0, np.nan, 0.0, 0.0)):
+        assert not np.isfinite(run(*astray[: 3 * n])[: 2 * n]).all()
     for case, expected in reversed(list(zip(cases, alone, strict=True))):
         assert (one_step(setup, *case) == expected).all()
         q, v, control = case
@@ -153,6 +154,20 @@ def test_no_step_leaves_a_trace(integrator, dt):
     run = implicit_steps(*chosen)
     for place in rng.permutation(3 * len(cases)) % len(cases):
         np.testing.assert_array_equal(run(*cases[place]), alone[place])
+
+
+@pytest.mark.parametrize("integrator", ["radau1", "radau3"])
+def test_a_step_that_is_divided_depends_on_nothing_that_went_before(integrator):
+    """To the last bit, though its parts are rounded with the time at which they are taken."""
+    needs("drake")
+    fast, slow = (0.0, 0.1, 1.0, 150.0, 10.0, 0.0), (0.0, 0.1, 1.0, 2.0, 10.0, 0.0)
+    made = [new_setup("drake", integrator, "IntegCartPole-v0", dt=0.1).engine for _ in range(3)]
+    run = made[0].run(1)
+    divided, whole = made[1].run(1)(*fast), made[2].run(1)(*slow)
+    assert (divided[-1], whole[-1]) == (False, True)
+    for _ in range(5):
+        assert run(*fast) == divided
+        assert run(*slow) == whole
 
 
 @pytest.mark.parametrize("integrator", CONTINUOUS)
