@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.vector import IntegVectorEnv
+
+ENV_ID: Final = "IntegCartPoleSwingUp-v0"
+"""Read by the registration, which does not import this module."""
 
 
 class IntegCartPoleSwingUpEnv(IntegEnv):
