@@ -29,8 +29,8 @@ from bare import LOOPS, Bare
 from rates import Advance, turns
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import missing, missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
+from integ_gym.envs.extras import missing
 from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registration import environment_setup
 

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterable
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from typing import Any
 
 EXTRAS = {
-    "casadi": ("casadi",),
-    "dart": ("dartpy",),
-    "drake": ("pydrake",),
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
-    "mjx": ("mujoco.mjx", "jax"),
-    "mujoco": ("mujoco",),
-    "mujoco_warp": ("mujoco", "mujoco_warp", "warp"),
-    "newton": ("mujoco", "mujoco_warp", "newton", "warp"),
-    "pinocchio": ("pinocchio",),
-    "pybullet": ("pybullet",),
     "render": ("pygame",),
     "report": ("jinja2", "matplotlib", "tqdm"),
-    "sapien": ("sapien",),
     "train": (
         "stable_baselines3",
         "torch",
@@ -32,7 +23,7 @@ EXTRAS = {
         "safetensors",
     ),
 }
-"""Extra to the modules that its users need."""
+"""Extra to the modules that its users need; those of an engine stand in its class."""
 
 
 def load(module: str, extra: str) -> Any:
@@ -68,9 +59,9 @@ def missing(package: str, *extras: str) -> ModuleNotFoundError:
     )
 
 
-def missing_modules(extra: str) -> list[str]:
-    """Modules of an extra that are not installed; none of an extra that needs nothing."""
-    return [module for module in EXTRAS.get(extra, ()) if not _installed(module)]
+def absent(modules: Iterable[str]) -> list[str]:
+    """Those of some modules that are not installed."""
+    return [module for module in modules if not _installed(module)]
 
 
 def _installed(module: str) -> bool:
@@ -88,6 +79,6 @@ def require(*extras: str) -> None:
     Raises:
         ModuleNotFoundError: in one line, with the command that installs what is missing.
     """
-    lacking = {name: m for name in extras for m in missing_modules(name)}
+    lacking = {name: m for name in extras for m in absent(EXTRAS[name])}
     if lacking:
         raise missing(", ".join(sorted(set(lacking.values()))), *sorted(lacking))

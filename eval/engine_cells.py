@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.versions import package_version

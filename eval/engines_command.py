@@ -10,9 +10,8 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any, TextIO
 
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.engines._stepped import CONSTRAINT_VIOLATION
-from integ_gym.envs.extras import missing_modules
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.fingerprint import Fingerprint, fingerprint
 from integ_gym.envs.parameters import unknown_name

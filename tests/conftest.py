@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval.census.published import PUBLISHED, installed
 
 

@@ -1,5 +1,11 @@
 """Engines: one module each, found by name."""
 
 from integ_gym.envs.discovery import Registry
+from integ_gym.envs.extras import absent
 
 ENGINES = Registry(__name__, "engine", "advance")
+
+
+def missing_modules(engine: str) -> list[str]:
+    """Modules that an engine needs and that are not installed; its extra brings them."""
+    return absent(getattr(ENGINES.load(engine), "modules", ()))

@@ -29,6 +29,8 @@ class MappedEngine(SteppedEngine):
     batched: ClassVar[bool] = False
     package: ClassVar[str]
     """Distribution whose version is recorded."""
+    modules: ClassVar[tuple[str, ...]]
+    """Modules that it imports from other packages."""
     maps: ClassVar[Mapping[str, str]]
     """Integrator, as the engine calls it, to the one-step map that it applies."""
     reports: bool = False

@@ -31,6 +31,7 @@ class CasadiEngine(MappedEngine):
 
     name: ClassVar[str] = "casadi"
     package: ClassVar[str] = "casadi"
+    modules: ClassVar[tuple[str, ...]] = ("casadi",)
     reports: bool = True
     maps: ClassVar[Mapping[str, str]] = {
         "rk": "rk4",

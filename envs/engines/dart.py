@@ -27,6 +27,7 @@ class DartEngine(RigidBodyEngine):
 
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
+    modules: ClassVar[tuple[str, ...]] = ("dartpy",)
     own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {
         "semi_implicit_euler": "symplectic_euler_implicit_damping",

@@ -48,6 +48,7 @@ class DrakeEngine(RigidBodyEngine):
 
     name: ClassVar[str] = "drake"
     package: ClassVar[str] = "drake"
+    modules: ClassVar[tuple[str, ...]] = ("pydrake",)
     own_stops: ClassVar[bool] = True
     tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})

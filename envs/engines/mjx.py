@@ -26,6 +26,7 @@ class MjxEngine(LanesEngine):
 
     name: ClassVar[str] = "mjx"
     package: ClassVar[str] = "mujoco-mjx"
+    modules: ClassVar[tuple[str, ...]] = ("mujoco.mjx", "jax")
     batched: ClassVar[bool] = True
     own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}

@@ -27,6 +27,7 @@ class MujocoEngine(RigidBodyEngine):
 
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
+    modules: ClassVar[tuple[str, ...]] = ("mujoco",)
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA
     tells_speeds: ClassVar[bool] = True

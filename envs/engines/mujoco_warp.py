@@ -25,6 +25,7 @@ class MujocoWarpEngine(WarpEngine):
 
     name: ClassVar[str] = "mujoco_warp"
     package: ClassVar[str] = "mujoco-warp"
+    modules: ClassVar[tuple[str, ...]] = ("mujoco", "mujoco_warp", "warp")
     extra: ClassVar[str] = "mujoco_warp"
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA

@@ -33,6 +33,7 @@ class NewtonEngine(WarpEngine):
 
     name: ClassVar[str] = "newton"
     package: ClassVar[str] = "newton"
+    modules: ClassVar[tuple[str, ...]] = ("mujoco", "mujoco_warp", "newton", "warp")
     extra: ClassVar[str] = "newton"
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA

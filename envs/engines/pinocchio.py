@@ -32,6 +32,7 @@ class PinocchioEngine(NativeEngine):
 
     name: ClassVar[str] = "pinocchio"
     package: ClassVar[str] = "pin"
+    modules: ClassVar[tuple[str, ...]] = ("pinocchio",)
     batched: ClassVar[bool] = False
     maps: ClassVar[Mapping[str, str]] = {name: name for name in ("rk4", *INTEGRATORS.names())}
     """Integrator to the one-step map that it applies: itself. The environments' default first."""

@@ -37,6 +37,7 @@ class PybulletEngine(RigidBodyEngine):
 
     name: ClassVar[str] = "pybullet"
     package: ClassVar[str] = "pybullet"
+    modules: ClassVar[tuple[str, ...]] = ("pybullet",)
     own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {"semi_implicit_euler": "symplectic_euler"}
 

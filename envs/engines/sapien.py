@@ -34,6 +34,7 @@ class SapienEngine(RigidBodyEngine):
 
     name: ClassVar[str] = "sapien"
     package: ClassVar[str] = "sapien"
+    modules: ClassVar[tuple[str, ...]] = ("sapien",)
     width: ClassVar[int] = 32
     own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from integ_gym.envs.integrators._theory import LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -21,6 +22,7 @@ class ExplicitEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    theory: ClassVar[LinearTheory] = LinearTheory("(hω)²", 0.0, 2.0, lambda z: 1.0 + z * z)
     losses_of: ClassVar[str] = "start"
     """End of the step whose rates of loss, times the step, are its losses."""
 

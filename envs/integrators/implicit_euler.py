@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from integ_gym.envs.integrators._newton import CAP, TOLERANCE, solve_velocity
+from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -22,6 +23,13 @@ class ImplicitEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    theory: ClassVar[LinearTheory] = LinearTheory(
+        "1 / (1 + (hω)²) − 1",
+        UNLIMITED,
+        UNLIMITED,
+        lambda z: 1.0 / (1.0 + z * z),
+        passive=True,
+    )
     losses_of: ClassVar[str] = "end"
     """End of the step whose rates of loss, times the step, are its losses."""
     solver_tolerance: ClassVar[float] = TOLERANCE

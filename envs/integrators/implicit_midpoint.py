@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from integ_gym.envs.integrators._newton import CAP, TOLERANCE, solve_velocity
+from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -24,6 +25,7 @@ class ImplicitMidpoint:
     order: ClassVar[int] = 2
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = True
+    theory: ClassVar[LinearTheory] = LinearTheory("conserves the energy", UNLIMITED, UNLIMITED)
     solver_tolerance: ClassVar[float] = TOLERANCE
     solver_cap: ClassVar[int] = CAP
 

@@ -55,7 +55,8 @@ class Integrator(Protocol):
     """A one-step map of a second-order system over ``dt`` seconds.
 
     A class of your own needs this method and nothing else; the attributes ``order``,
-    ``symplectic``, ``reversible``, ``solver_tolerance`` and ``solver_cap`` are read where present.
+    ``symplectic``, ``reversible``, ``solver_tolerance`` and ``solver_cap`` are read where present,
+    and ``theory``, a :class:`integ_gym.envs.integrators._theory.LinearTheory`, of the class itself.
     Of a map that another engine applies, ``losses_of`` and ``losses_between`` are, too: what it
     loses when its end is known.
     """

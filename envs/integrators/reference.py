@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from integ_gym.envs.integrators._dop853 import trial_step
 from integ_gym.envs.integrators._kink import time_of_kink
+from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
 from integ_gym.envs.integrators.interface import Step, System
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -29,6 +30,7 @@ class Reference:
     order: ClassVar[int] = 8
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    theory: ClassVar[LinearTheory] = LinearTheory("the exact motion", UNLIMITED, UNLIMITED)
     solver_tolerance: ClassVar[float] = 3e-13
     solver_cap: ClassVar[int] = 5000
 

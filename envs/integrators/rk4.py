@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from integ_gym.envs.integrators._theory import LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -20,6 +21,12 @@ class RK4:
     order: ClassVar[int] = 4
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
+    theory: ClassVar[LinearTheory] = LinearTheory(
+        "−(hω)⁶/72 + (hω)⁸/576",
+        2.0 * 2.0**0.5,
+        2.785293563405282,  # real root of R(-z) = 1
+        lambda z: 1.0 - z**6 / 72.0 + z**8 / 576.0,
+    )
 
     def step(
         self,

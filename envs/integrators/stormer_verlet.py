@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from integ_gym.envs.integrators._newton import CAP, TOLERANCE, solve_velocity
+from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -27,6 +28,7 @@ class StormerVerlet:
     order: ClassVar[int] = 2
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = True
+    theory: ClassVar[LinearTheory] = LinearTheory("conserves a shadow energy", 2.0, UNLIMITED)
     solver_tolerance: ClassVar[float] = TOLERANCE
     solver_cap: ClassVar[int] = CAP
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from integ_gym.envs.integrators._theory import LinearTheory
 from integ_gym.envs.integrators.interface import Step, System, along
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -24,6 +25,7 @@ class SymplecticEuler:
     order: ClassVar[int] = 1
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = False
+    theory: ClassVar[LinearTheory] = LinearTheory("conserves a shadow energy", 2.0, 2.0)
     losses_of: ClassVar[str] = "start"
     """End of the step whose rates of loss, times the step, are its losses."""
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import missing_modules
 from integ_gym.envs.maps import map_names, one_step_map
 from integ_gym.envs.versions import installed_versions
 from integ_gym.eval.census.engines import engine_subjects

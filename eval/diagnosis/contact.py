@@ -13,7 +13,7 @@ from integ_gym.eval.diagnosis.ledger import ledger_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import NO_CONTROL, TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.solver import solver_line
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "contact"
 
@@ -172,7 +172,7 @@ def passive(integrator: str, limit: float) -> Expectation:
     it got. Damping and the way out move where that begins. No theory says how far: twice the limit,
     and 1 where there is none, are bounds that all built-in methods were seen to keep.
     """
-    theory = THEORY.get(integrator)
+    theory = theory_of(integrator)
     if theory is None:
         return undeclared()
     if theory.passive:

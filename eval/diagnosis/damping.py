@@ -15,7 +15,7 @@ from integ_gym.eval.diagnosis.ledger import booked_line, ledger_line
 from integ_gym.eval.diagnosis.rollout import Array
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.stiffness import LARGEST, largest_stable, radii
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "damping"
 
@@ -81,7 +81,7 @@ def _limit(diagnosis: Diagnosis, integrator: str, names: tuple[str, ...], unit_r
     step = _SMALL / subject.frequency
     plant = subject.varied(**dict.fromkeys(names, grid / (step * unit_rate)))
     limit = largest_stable(grid, radii(plant, subject.rest, integrator, np.full(_LANES, step)))
-    theory = THEORY.get(integrator)
+    theory = theory_of(integrator)
     expectation = undeclared() if theory is None else near(theory.decay_limit, _TOLERANCE, (limit,))
     quantity = "one step, linearized at rest: stable up to h × decay rate of"
     diagnosis.add(integrator, quantity, (limit,), "", expectation)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from integ_gym.eval.diagnosis.drawing import Curve, Grid, Panels, Schemes, named, numbers
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 from integ_gym.eval.figure_style import COOL, INK, PAPER, SOFT, WARM, Entry, axes_at
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def _draw_map(axes: Axes, curve: Curve, quantity: _Map) -> Any:
         across, up, np.clip(values, low, high), cmap=colours, vmin=low, vmax=high
     )
     _boundary(axes, np.array(curve["gains"], dtype=bool), across, up)
-    theory = THEORY.get(curve["integrator"])
+    theory = theory_of(curve["integrator"])
     if theory is not None and 0.0 < theory.oscillation_limit < math.inf:
         limit = theory.oscillation_limit / numbers(curve["rates"])
         axes.plot(stiffness, limit, color=INK, linewidth=1.0, linestyle=(0, (3, 2)))

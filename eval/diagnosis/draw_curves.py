@@ -21,7 +21,7 @@ from integ_gym.eval.diagnosis.drawing import (
     scheme_style,
 )
 from integ_gym.eval.diagnosis.section import TRUTH
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 from integ_gym.eval.figure_style import INK, SOFT, Entry
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _growth(axes: Axes, curve: Curve, schemes: Schemes) -> None:
 
 def _limits(axes: Axes, names: Sequence[str]) -> None:
     """What theory says of where growth begins."""
-    for limit in {THEORY[name].oscillation_limit for name in names if name in THEORY}:
+    for limit in {t.oscillation_limit for name in names if (t := theory_of(name)) is not None}:
         if not 0.0 < limit < math.inf:
             continue
         axes.axvline(limit, color=SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5)

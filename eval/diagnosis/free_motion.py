@@ -15,7 +15,7 @@ from integ_gym.eval.diagnosis.order import EXACT, order_line
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
 from integ_gym.eval.diagnosis.solver import solver_line
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "free motion"
 
@@ -99,7 +99,7 @@ def _long_run(diagnosis: Diagnosis, integrator: str, rollouts: dict[float, Rollo
 
 def _promise(diagnosis: Diagnosis, integrator: str, changes: dict[float, Array]) -> Expectation:
     """What theory says of the long run, and whether it holds."""
-    subject, theory = diagnosis.subject, THEORY.get(integrator)
+    subject, theory = diagnosis.subject, theory_of(integrator)
     if integrator == TRUTH:
         return below(100.0 * EXACT, [100.0 * change[-1] for change in changes.values()], "%")
     if declared(integrator).symplectic:

@@ -14,7 +14,7 @@ from integ_gym.eval.diagnosis.ledger import booked_line, ledger_line
 from integ_gym.eval.diagnosis.rollout import Rollout
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.subject import RELEASE
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "friction"
 
@@ -86,7 +86,7 @@ def _creeping(
 
 def _stiff(diagnosis: Diagnosis, integrator: str, rate: float) -> str:
     """How stiff the friction is at the coarsest step, if that is too stiff."""
-    theory, stiff = THEORY.get(integrator), diagnosis.subject.control_period * rate
+    theory, stiff = theory_of(integrator), diagnosis.subject.control_period * rate
     if theory is None or stiff <= theory.decay_limit:
         return ""
     return f"; h × rate = {stiff:.2g} is above {theory.decay_limit:.2g}"

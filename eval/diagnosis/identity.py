@@ -20,7 +20,7 @@ from integ_gym.eval.diagnosis.expectation import (
     undeclared,
 )
 from integ_gym.eval.diagnosis.section import TRUTH, Diagnosis
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "integrator"
 
@@ -125,7 +125,7 @@ def _reversible(diagnosis: Diagnosis, integrator: str, found: Identity, claim: D
 
 def _linear(diagnosis: Diagnosis, integrator: str, limit: float) -> None:
     """Once per integrator: what it does to a harmonic oscillator."""
-    theory, claim = THEORY.get(integrator), declared(integrator)
+    theory, claim = theory_of(integrator), declared(integrator)
     gain = (linear_map(integrator, Z).spectral_radius ** 2 - 1.0,)
     factor, bound = undeclared(), undeclared()
     if theory is not None:

@@ -14,7 +14,7 @@ from integ_gym.eval.diagnosis.expectation import Expectation, near, said, undecl
 from integ_gym.eval.diagnosis.rollout import Array, Rollout
 from integ_gym.eval.diagnosis.section import Diagnosis
 from integ_gym.eval.diagnosis.solver import solver_line
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 
 SECTION = "stiffness"
 
@@ -69,7 +69,7 @@ def largest_stable(grid: Array, radius: Array) -> float:
 
 
 def _limit(diagnosis: Diagnosis, integrator: str, limit: float) -> None:
-    rate, theory = diagnosis.subject.frequency, THEORY.get(integrator)
+    rate, theory = diagnosis.subject.frequency, theory_of(integrator)
     expectation = undeclared()
     if theory is not None:
         wanted = theory.oscillation_limit

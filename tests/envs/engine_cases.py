@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.maps import MAPS
 from integ_gym.envs.ops import SCALAR

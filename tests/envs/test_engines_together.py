@@ -8,13 +8,13 @@ import sys
 import pytest
 from engine_cases import FOREIGN, IDS
 
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import missing_modules
 
 SCRIPT = """
 import math, warnings
 import gymnasium as gym
 import integ_gym
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines import ENGINES, missing_modules
 
 warnings.simplefilter("error")
 engines, ids = {engines!r}, {ids!r}

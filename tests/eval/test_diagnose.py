@@ -30,7 +30,7 @@ from integ_gym.eval.diagnosis.rest import rest_state
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
-from integ_gym.eval.diagnosis.theory import THEORY
+from integ_gym.eval.diagnosis.theory import theory_of
 from integ_gym.evidence.store import EvidenceStore
 
 BUILT_IN = "symplectic_euler"
@@ -285,8 +285,9 @@ def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkey
     assert f"cannot write to {out}: No space left on device" in capsys.readouterr().err
 
 
-def test_theory_covers_the_built_in_integrators():
-    assert set(THEORY) == set(INTEGRATORS.names())
+def test_theory_is_what_the_class_itself_declares():
+    assert all(theory_of(name) is not None for name in INTEGRATORS.names())
+    assert theory_of("planted:Boaster") is theory_of("no_such_module:Class") is None
 
 
 def test_records_of_different_plants_are_different(tmp_path):

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import mutants
 import numpy as np
+import planted
 import pytest
 from examining import examine, lines, verdicts
 from plant_checks import damped
 
 from integ_gym.envs.contact import Stops
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.timing import Timing
 from integ_gym.eval.diagnosis import handmade, latency, open_loop
@@ -129,17 +131,11 @@ def test_energy_that_grows_under_a_symplectic_name(tmp_path):
 
 def test_a_method_that_pumps_where_it_should_drain(tmp_path, monkeypatch):
     """Explicit Euler in the place of RK4, whose energy decays."""
-    monkeypatch.setitem(_theory(), "planted:Silent", _theory()["rk4"])
+    monkeypatch.setattr(planted.Silent, "theory", RK4.theory, raising=False)
     findings = examine("free motion", "pendulum", "planted:Silent", store=tmp_path)
     assert verdicts(findings, "energy change after") == {False}
     findings = examine("stiffness", "pendulum", "planted:Silent", store=tmp_path / "other")
     assert verdicts(findings, "one step, linearized") == {False}
-
-
-def _theory():
-    from integ_gym.eval.diagnosis.theory import THEORY
-
-    return THEORY
 
 
 def test_a_solver_that_does_not_solve(tmp_path):
@@ -257,7 +253,8 @@ def test_stops_that_are_wrong(impacts, changed, rebound, penetration, ledger):
 
 def test_an_impact_that_an_explicit_method_should_not_survive(tmp_path, monkeypatch):
     """Implicit Euler in the place of RK4: nothing is gained where something should be."""
-    monkeypatch.setitem(_theory(), "planted:Heun", replace(_theory()["rk4"], passive=True))
+    passive = replace(RK4.theory, passive=True)
+    monkeypatch.setattr(planted.Heun, "theory", passive, raising=False)
     findings = examine("contact", "pendulum", "planted:Heun", store=tmp_path)
     assert verdicts(findings, "gains energy") == {False}
 

@@ -13,8 +13,7 @@ from small_panel import small_data
 
 from integ_gym.cli import main
 from integ_gym.envs import extras
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import EXTRAS, missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval import engine_cells
 from integ_gym.eval.engine_cells import installed_engines, integrator_applying, map_of
 from integ_gym.eval.panel import check_spec
@@ -67,7 +66,7 @@ def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
 
 def _hide(engine, monkeypatch):
     """As if the modules of an engine's extra were not there."""
-    hidden = EXTRAS[engine]
+    hidden = ENGINES.load(engine).modules
 
     def find(module, *arguments):
         if module.partition(".")[0] in hidden:

@@ -10,9 +10,7 @@ import pytest
 from engine_cases import FIRST, needs
 
 from integ_gym.cli import main
-from integ_gym.envs import extras
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.extras import missing_modules
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.numerics.fingerprint import fingerprint
 
 
@@ -92,7 +90,7 @@ def test_the_document_has_everything_measured(capsys):
 
 
 def test_what_is_missing_is_named_with_its_remedy(capsys, monkeypatch):
-    monkeypatch.setitem(extras.EXTRAS, "mujoco", ("no_such_module",))
+    monkeypatch.setattr(ENGINES.load("mujoco"), "modules", ("no_such_module",))
     assert main(["engines", "--engine", "native", "mujoco"]) == 0
     out = capsys.readouterr().out
     assert 'no_such_module); run: pip install "integ-gym[mujoco]"' in out
