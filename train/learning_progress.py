@@ -1,4 +1,4 @@
-"""The bar over a training run, and the episodes that it tells of."""
+"""What stable-baselines3 (SB3) tells while it learns: a bar, and the last episodes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.train.card import episode_summary, told
+from integ_gym.train.side_by_side import training_bar
 
 
-class Progress:
-    """A bar over the decisions taken, with return and success of the last episodes.
+class LearningProgress:
+    """SB3's callback: a bar over the decisions taken, with return and success of the last episodes.
 
     Args:
         total: decisions of the whole run.
@@ -17,17 +18,13 @@ class Progress:
         on_steps: told the decisions of each advance.
     """
 
-    def __init__(
-        self, total: int, shown: bool, on_steps: Callable[[int], None] | None = None
-    ) -> None:
-        from tqdm import tqdm
-
+    def __init__(self, total: int, shown: bool, on_steps: Callable[[int], None]) -> None:
         self._on_steps = on_steps
         self._done = 0
-        self._bar = tqdm(total=total, desc="PPO", unit=" steps", unit_scale=True, disable=not shown)
+        self._bar = training_bar(total, 1, shown)
         self._episode_ended = False
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> LearningProgress:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -41,8 +38,7 @@ class Progress:
         advanced = model.num_timesteps - self._done
         self._done = model.num_timesteps
         self._bar.update(advanced)
-        if self._on_steps is not None:
-            self._on_steps(advanced)
+        self._on_steps(advanced)
         self._episode_ended = bool(variables["dones"].any())
         return True
 
