@@ -14,7 +14,7 @@ from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 from integ_gym.evidence.command_line import CommandParser, named_value, sentence, whole_number
 from integ_gym.train.card import told
-from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.ppo import PPOConfig, make_training_envs, train_ppo
 from integ_gym.train.training_error import TrainingError
 
 _EXAMPLES = """\
@@ -41,6 +41,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "integ-gym train") -> in
     options = {name: given.pop(name) for name in ("progress", "force")}
     try:
         config = _config(given)
+        make_training_envs(config).close()  # what is wrong with them is told before there is a bar
         folder = out or _default_folder(config)
         if fleet:
             from integ_gym.train.fleet import train_fleet

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -44,9 +44,8 @@ from integ_gym.train.config_checks import (
     layer_sizes,
     whole,
 )
-from integ_gym.train.learning_progress import LearningProgress, last_episodes
 from integ_gym.train.policy.activations import ACTIVATIONS
-from integ_gym.train.sb3_model import logger, reproducible, saved
+from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
 from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each
 from integ_gym.train.sidecar import TrainedPolicy, write_policy
@@ -193,11 +192,10 @@ def train_run(
     folder: Path,
     evidence: TrainingEvidence | None = None,
     *,
-    progress: bool = False,
-    on_steps: Callable[[int], None] = lambda steps: None,
+    tell: Tell = lambda steps, words: None,
     tensorboard: bool = False,
 ) -> TrainedPolicy:
-    """Train one policy in this process; ``on_steps`` is told the decisions of each advance.
+    """Train one policy in this process.
 
     Nothing outside the run changes: torch's thread count and the global random states are put back.
     """
@@ -220,11 +218,8 @@ def train_run(
             episodes.seed(first_lane_seed(config.seed))
             model.set_logger(logger(folder / "tensorboard" if tensorboard else None))
             start = time.perf_counter()
-            with (
-                LearningProgress(config.rounded_steps, progress, on_steps) as callback,
-                explained(config, mixture),
-            ):
-                model.learn(config.total_steps, callback=callback)
+            with explained(config, mixture):
+                model.learn(config.total_steps, callback=telling(tell))
             seconds = time.perf_counter() - start
             model.logger.close()
             zip_bytes = saved(model)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
+
+from integ_gym.train.card import episode_summary, told
 
 
 def zip_of_weights(
@@ -48,6 +50,32 @@ def saved(model: Any) -> bytes:
     buffer = io.BytesIO()
     model.save(buffer, exclude=["tensorboard_log"])
     return buffer.getvalue()
+
+
+Tell: TypeAlias = Callable[[int, str], object]
+"""Told, as training goes on, how many decisions were taken and how the last episodes went."""
+
+
+def telling(tell: Tell) -> Callable[[dict[str, Any], dict[str, Any]], bool]:
+    """A callback for SB3, which calls it after every step of the environments."""
+    done, words, ended = 0, "", False
+
+    def callback(variables: dict[str, Any], _: dict[str, Any]) -> bool:
+        nonlocal done, words, ended
+        model = variables["self"]
+        if ended:  # SB3 counts the episodes of a step after this call
+            words = told(last_episodes(model))
+        tell(model.num_timesteps - done, words)
+        done, ended = model.num_timesteps, variables["dones"].any()
+        return True
+
+    return callback
+
+
+def last_episodes(model: Any) -> dict[str, Any]:
+    """The last (up to 100) episodes of training."""
+    returns = [float(episode["r"]) for episode in model.ep_info_buffer]
+    return episode_summary(returns, [float(success) for success in model.ep_success_buffer])
 
 
 def logger(folder: Path | None) -> Any:

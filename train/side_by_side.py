@@ -60,20 +60,26 @@ def train_each(
 ) -> list[TrainedPolicy]:
     """Train policies one by one, in this process if one worker is enough; see `train_ppo`."""
     processes = min(workers or cores(), len(runs))
+    bar = training_bar(sum(run[0].rounded_steps for run in runs), len(runs), progress)
     if processes > 1:
-        bar = training_bar(sum(run[0].rounded_steps for run in runs), len(runs), progress)
         jobs: Jobs = {(place,): (train_run, *run) for place, run in enumerate(runs)}
-        return train_in_processes(_reported, jobs, processes, bar, on_trained)
+        return train_in_processes(_train_and_report, jobs, processes, bar, on_trained)
+
+    def tell(steps: int, words: str) -> None:
+        bar.set_postfix_str(words, refresh=False)
+        bar.update(steps)
+
     trained = []
-    for place, run in enumerate(runs):
-        trained.append(train_run(*run, progress=progress))
-        on_trained(place, trained[-1])
+    with bar:
+        for place, run in enumerate(runs):
+            trained.append(train_run(*run, tell=tell))
+            on_trained(place, trained[-1])
     return trained
 
 
-def _reported(train_run: Callable[..., TrainedPolicy], *run: Any) -> list[TrainedPolicy]:
+def _train_and_report(train_run: Callable[..., TrainedPolicy], *run: Any) -> list[TrainedPolicy]:
     """One run, in a worker process."""
-    return [train_run(*run, on_steps=report_work)]
+    return [train_run(*run, tell=lambda steps, words: report_work(steps))]
 
 
 def train_in_processes(
