@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.settings import Setup
@@ -15,7 +16,7 @@ from integ_gym.envs.versions import installed_versions
 from integ_gym.train.seeds import first_lane_seed
 
 if TYPE_CHECKING:
-    from integ_gym.train.ppo.config import PPOConfig
+    from integ_gym.train.ppo import PPOConfig
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
@@ -28,6 +29,12 @@ _DRAWN = {
 
 LAST_EPISODES = 100
 """Episodes at the end of training that the card tells about."""
+
+
+def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:
+    """What training environments run on; environments side by side are alike."""
+    env: Any = vector_env.unwrapped
+    return env.mixture if hasattr(env, "mixture") else Mixture((env.get_attr("setup")[0],))
 
 
 def make_card(

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL
 
-from integ_gym.train.ppo import PPOConfig, command
-from integ_gym.train.ppo.command import main
+from integ_gym.train import command
+from integ_gym.train.command import main
+from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sidecar import TrainedPolicy, read_trained
 
 torch = pytest.importorskip("torch")
