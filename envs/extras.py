@@ -12,7 +12,7 @@ EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
     "render": ("pygame",),
-    "report": ("jinja2", "matplotlib", "tqdm"),
+    "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
     "train": (
         "stable_baselines3",
         "torch",

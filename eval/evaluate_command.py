@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -18,6 +17,7 @@ from integ_gym.eval.existing.evaluate import evaluate_existing
 from integ_gym.eval.existing.plan import Grid, plan, work
 from integ_gym.eval.existing.policy import read_existing
 from integ_gym.eval.mujoco_task import plan_task, read_for_task
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.task_evaluation import evaluate_task
 from integ_gym.evidence.command_line import CommandParser, named_value, whole_number
 from integ_gym.evidence.text_table import say
@@ -94,13 +94,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         total=total, unit=" cells", desc="evaluate", disable=given.no_progress, delay=0.5
     ) as bar:
         panel = evaluate(given.out, command, bar.update, _warn)
-    say(panel["question"], sys.stdout)
-    say(panel["answer"], sys.stdout)
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0
 
 
-def _planned(given: argparse.Namespace) -> tuple[int, Callable[..., dict[str, Any]]]:
+def _planned(given: argparse.Namespace) -> tuple[int, Callable[..., Panel]]:
     """Cells to run in one of our environments, and what runs them."""
     if given.success_return is not None:
         raise ValueError(
@@ -114,7 +114,7 @@ def _planned(given: argparse.Namespace) -> tuple[int, Callable[..., dict[str, An
     return work(spec, existing.home), partial(evaluate_existing, existing, spec)
 
 
-def _planned_task(given: argparse.Namespace) -> tuple[int, Callable[..., dict[str, Any]]]:
+def _planned_task(given: argparse.Namespace) -> tuple[int, Callable[..., Panel]]:
     """Cells to run in a MuJoCo task, and what runs them."""
     existing = read_for_task(given.policy, given.env, dict(given.env_arg), given.obs_stats)
     spec = plan_task(existing, given.env, _grid(given), given.success_return)

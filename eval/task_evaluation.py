@@ -14,11 +14,12 @@ from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import Conditions, OnCell, Subject, context_of, inference_latency
 from integ_gym.eval.evaluation_units import evaluate_batch
 from integ_gym.eval.existing.doubts import doubts_of
-from integ_gym.eval.existing.evaluate import begin, directory_of, facts_of, outcome
+from integ_gym.eval.existing.evaluate import begin, directory_of, evaluation_facts, outcome
 from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.mujoco_task import TaskPanel, home_cell
 from integ_gym.eval.panel_artefact import write_outputs
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.evidence.labels import Replays
 from integ_gym.evidence.recorder import RecordEvidence
@@ -36,7 +37,7 @@ def evaluate_task(
     command: str,
     on_cell: Callable[[int], None] = lambda policies: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
-) -> dict[str, Any]:
+) -> Panel:
     """Evaluate a policy and the baselines, and write the usual directory.
 
     Args:
@@ -48,7 +49,7 @@ def evaluate_task(
         on_doubt: called at the end, with each sentence that casts doubt on the result.
 
     Returns:
-        The content of ``panel.json``; ``warnings`` lists the doubts.
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
@@ -59,13 +60,19 @@ def evaluate_task(
     with directory.opened():
         _run(spec, directory, begin(existing, spec, directory, baselines, on_cell), on_cell)
         layout, matrix = outcome(existing, spec, directory)
-        facts = facts_of(existing, spec, directory, command, _workers(spec))
-        panel = build_artefact(layout, matrix, facts)
-        panel["answer"] += f" {_returns(existing, spec, matrix)}"
-        panel["warnings"] = _doubts(existing, spec, directory, matrix)
-        for doubt in panel["warnings"]:
+        facts = evaluation_facts(
+            existing,
+            spec,
+            directory,
+            command,
+            _workers(spec),
+            remark=_returns(existing, spec, matrix),
+            warnings=_doubts(existing, spec, directory, matrix),
+        )
+        for doubt in facts.warnings:
             on_doubt(doubt)
-        write_outputs(panel, layout, directory)
+        panel = build_artefact(layout, matrix, facts)
+        write_outputs(panel, directory)
     return panel
 
 

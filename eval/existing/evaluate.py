@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.artefact import Facts, build_artefact
 from integ_gym.eval.evaluation import Subject
 from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
 from integ_gym.eval.existing.doubts import doubts
@@ -14,13 +14,15 @@ from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.panel_artefact import (
-    cost_of,
     evaluation_records,
+    facts_of,
     make_layout,
     shares_of,
     write_outputs,
 )
 from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.panel_model import Panel
+from integ_gym.eval.panel_model import Policy as PanelPolicy
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.atomic import replace_file
@@ -36,7 +38,7 @@ def evaluate_existing(
     command: str,
     on_cell: Callable[[int], None] = lambda policies: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
-) -> dict[str, Any]:
+) -> Panel:
     """Evaluate a policy and the baselines, and write the usual directory.
 
     Args:
@@ -48,7 +50,7 @@ def evaluate_existing(
         on_doubt: called first, with each sentence that casts doubt on the result.
 
     Returns:
-        The content of ``panel.json``; ``warnings`` lists the doubts.
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
@@ -62,9 +64,9 @@ def evaluate_existing(
         for batch in batches_of(spec, begin(existing, spec, directory, baselines, on_cell), 1):
             evaluate_batch(spec, directory, batch, lambda _, policies: on_cell(policies))
         layout, matrix = outcome(existing, spec, directory)
-        panel = build_artefact(layout, matrix, facts_of(existing, spec, directory, command))
-        panel["warnings"] = warnings
-        write_outputs(panel, layout, directory)
+        facts = evaluation_facts(existing, spec, directory, command, warnings=warnings)
+        panel = build_artefact(layout, matrix, facts)
+        write_outputs(panel, directory)
     return panel
 
 
@@ -118,30 +120,22 @@ def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
     )
 
 
-def facts_of(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, workers: int = 1
-) -> dict[str, Any]:
-    """What the artefact says of the evaluation beside its outcome."""
+def evaluation_facts(
+    existing: Existing,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    command: str,
+    workers: int = 1,
+    **more: Any,
+) -> Facts:
+    """What the panel says of the evaluation beside its outcome; ``more`` as of `facts_of`."""
     row = existing.policy.policy_id
-    return {
-        "name": spec.name,
-        "question": spec.question,
-        "spec": {**spec.to_json(), "home": existing.origin},
-        "protocol_gaps": spec.gaps(),
-        "command": command,
-        "directory": str(directory.path),
-        "training_steps": None,
-        "policies": {
-            row: {
-                "id": row,
-                "seed": existing.seed,
-                "hash": existing.policy.content_hash,
-                "file": f"policies/{row}/{POLICY_FILE}",
-            },
-            **{
-                name: {"id": name, "seed": None, "hash": None, "file": None}
-                for name in spec.baselines
-            },
-        },
-        "cost": cost_of(directory, [], workers),
-    }
+    own = PanelPolicy(
+        id=row,
+        seed=existing.seed,
+        hash=existing.policy.content_hash,
+        file=f"policies/{row}/{POLICY_FILE}",
+    )
+    others = {n: PanelPolicy(id=n, seed=None, hash=None, file=None) for n in spec.baselines}
+    stated = {**spec.to_json(), "home": existing.origin}
+    return facts_of(spec, directory, command, workers, {row: own, **others}, spec=stated, **more)

@@ -16,8 +16,8 @@ from integ_gym.eval.figure_style import (
 )
 from integ_gym.eval.figures.rate_axes import rate_axes
 from integ_gym.eval.formatting import NONE, fixed
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.report_data.checks import Check, checks_of
-from integ_gym.eval.report_data.panel import Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,8 +64,8 @@ def _check_line(
                 value.estimate, y + shift, "o", color=colour, markerfacecolor=face, markersize=5.5
             )
     down, left, width = place
-    cell = check.before.cell if check.before is not None else check.after.cell
-    name = f"{plain(check.after.row.name, 29)} → {plain(cell.name, 29)}"
+    cell = check.after.cell if check.before is None else check.before.cell
+    name = f"{plain(check.after.row, 29)} → {plain(cell, 29)}"
     canvas.text(left - 0.15, down, name, size=8.5, color=INK, ha="right", va="center")
     numbers = " → ".join(fixed(v.estimate) if v is not None else NONE for v in (before, after))
     canvas.text(left + width + 0.15, down, numbers, size=8.5, color=INK, va="center")

@@ -9,8 +9,8 @@ from integ_gym.eval.figure_style import COOL, INK, SOFT, SUNK, WARM
 from integ_gym.eval.figures.cell import box, cell_text, home_frame, ramp, small
 from integ_gym.eval.figures.matrix import draw_matrix
 from integ_gym.eval.formatting import compact
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry
+from integ_gym.eval.panel_model import Entry, Panel
+from integ_gym.eval.report.matrices import largest_residual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 def draw_energy(panel: Panel) -> Figure | None:
     """Energy residual of every row in every discretization."""
-    largest = panel.largest_residual
+    largest = largest_residual(panel)
     if largest is None:
         return None
     floor = largest * ENERGY_FLOOR
 
-    def draw(axes: Axes, x: float, y: float, entry: Entry) -> None:
-        _draw_cell(axes, x, y, entry, floor, largest)
+    def draw(axes: Axes, x: float, y: float, entry: Entry, home: bool) -> None:
+        _draw_cell(axes, x, y, entry, home, floor, largest)
 
     def legend(axes: Axes, x: float, y: float) -> None:
         _legend(axes, x, y, floor, largest)
@@ -39,7 +39,9 @@ def draw_energy(panel: Panel) -> Figure | None:
     )
 
 
-def _draw_cell(axes: Axes, x: float, y: float, entry: Entry, floor: float, largest: float) -> None:
+def _draw_cell(
+    axes: Axes, x: float, y: float, entry: Entry, home: bool, floor: float, largest: float
+) -> None:
     residual = entry.energy_residual
     value = None if residual is None else residual.estimate
     if value is None:
@@ -47,7 +49,7 @@ def _draw_cell(axes: Axes, x: float, y: float, entry: Entry, floor: float, large
     else:
         share = symlog(abs(value), floor, largest)
         box(axes, x, y, _tint(WARM if value > 0.0 else COOL, share))
-    if entry.home:
+    if home:
         home_frame(axes, x, y)
     text = compact(value, 2, True)
     cell_text(axes, x, y, text, SOFT if value is None else INK, size=6.8 if len(text) > 7 else 8)

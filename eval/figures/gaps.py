@@ -18,10 +18,9 @@ from integ_gym.eval.figure_style import (
 )
 from integ_gym.eval.figures.cell import small
 from integ_gym.eval.formatting import fixed
+from integ_gym.eval.panel_model import Estimate, Panel
 from integ_gym.eval.report.axes import difference_axis
-from integ_gym.eval.report_data.estimate import Estimate
 from integ_gym.eval.report_data.gaps import Gap, declared_gaps, exploratory_gaps
-from integ_gym.eval.report_data.panel import Panel
 from integ_gym.eval.verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 
 if TYPE_CHECKING:
@@ -92,12 +91,12 @@ def _gap_frame(axes: Axes, values: Sequence[Estimate]) -> None:
 def _gap_line(
     axes: Axes, canvas: Axes, gap: Gap, y: float, place: tuple[float, float, float]
 ) -> None:
-    colour = VERDICT_COLOURS.get(str(gap.verdict), SOFT) if gap.declared else SOFT
+    colour = VERDICT_COLOURS.get(str(gap.verdict), SOFT) if gap.verdict else SOFT
     low, high = gap.value.ends
     axes.plot([low, high], [y, y], color=colour, linewidth=1.6, solid_capstyle="butt")
     for end in (low, high):
         axes.plot([end, end], [y - 0.05, y + 0.05], color=colour, linewidth=1.2)
-    face = colour if gap.declared else PAPER
+    face = colour if gap.verdict else PAPER
     axes.plot(gap.value.estimate, y, "o", color=colour, markerfacecolor=face, markersize=6)
     down, left, right = place
     star = "*" if gap.quantity == "home_drop" else ""

@@ -22,9 +22,8 @@ from integ_gym.eval.figure_style import (
     scheme_legend,
 )
 from integ_gym.eval.formatting import step
-from integ_gym.eval.report_data.estimate import Estimate
+from integ_gym.eval.panel_model import Estimate, Panel
 from integ_gym.eval.report_data.ladders import Ladder, Rung, ladders_of
-from integ_gym.eval.report_data.panel import Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,7 +107,7 @@ def _ladder_line(axes: Axes, line: Sequence[Rung], place: int, count: int, coars
     aside = (place - (count - 1) / 2.0) * 0.028
     rates = [rung.entry.success for rung in line]
     xs = [math.log2(coarsest / rung.dt) + aside for rung in line]
-    known = [(x, rate) for x, rate in zip(xs, rates, strict=True) if rate is not None]
+    known = list(zip(xs, rates, strict=True))
     for x, rate in known:
         axes.plot([x, x], rate.ends, color=colour, linewidth=1.1, alpha=0.45)
     axes.plot(

@@ -17,8 +17,8 @@ from integ_gym.eval.figure_style import (
 )
 from integ_gym.eval.figures.cell import HEIGHT, WIDTH, box, cell_text
 from integ_gym.eval.formatting import NONE, step
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import KIND_WORDS, Cell, Entry, Row
+from integ_gym.eval.panel_model import Cell, Entry, Panel, Row
+from integ_gym.eval.report_data.words import KIND_WORDS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ def draw_matrix(
     panel: Panel,
     title: str,
     about: str,
-    draw: Callable[[Axes, float, float, Entry], None],
+    draw: Callable[[Axes, float, float, Entry, bool], None],
     legend: Callable[[Axes, float, float], None],
 ) -> Figure:
     """Rows by kind, columns by integrator, the reference set apart."""
@@ -54,12 +54,12 @@ def draw_matrix(
             color=INK, ha="right", va="center", weight="bold",
         )  # fmt: skip
         for cell, x in columns:
-            entry = panel.entry(row, cell)
+            entry = panel.entry(row.name, cell.name)
             if entry is None:
                 box(axes, x, y, SUNK)
                 cell_text(axes, x, y, NONE, SOFT)
             else:
-                draw(axes, x, y, entry)
+                draw(axes, x, y, entry, cell.name in row.shares)
     legend(axes, left, bottom + 0.3)
     return figure
 
@@ -82,11 +82,11 @@ def _row_places(panel: Panel, top: float) -> tuple[list[tuple[Row, float, str]],
     places: list[tuple[Row, float, str]] = []
     y, last = top, ""
     for row in panel.ordered_rows:
-        heading = "" if row.block == last else KIND_WORDS[row.block]
+        heading = "" if row.kind == last else KIND_WORDS[row.kind]
         if heading and last:
             y += _BLOCK_GAP - 0.06
         places.append((row, y, heading))
-        y, last = y + HEIGHT, row.block
+        y, last = y + HEIGHT, row.kind
     return places, y
 
 

@@ -17,8 +17,8 @@ from integ_gym.eval.figure_style import (
 from integ_gym.eval.figures.gaps import VERDICT_COLOURS
 from integ_gym.eval.figures.rate_axes import rate_axes
 from integ_gym.eval.formatting import fixed
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.remedy import Line, Remedy, remedies_of, success_of
+from integ_gym.eval.panel_model import Panel
+from integ_gym.eval.report_data.remedy import Line, Remedy, remedies_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,11 +60,11 @@ def _draw_block(axes: Axes, canvas: Axes, remedy: Remedy, y: float) -> None:
     for place, line in enumerate(remedy.harmful):
         middle = y + _PITCH * (place + 0.5)
         _draw_line(axes, line, middle)
-        name = plain(line.entry.cell.name, 34) + (" (trained there)" if line.member else "")
+        name = plain(line.entry.cell, 34) + (" (trained there)" if line.member else "")
         down = _TOP + middle
         canvas.text(_LEFT - 0.15, down, name, size=8.5, color=INK, ha="right", va="center")
         others = f"others {fixed(line.lowest)} to {fixed(line.highest)}"
-        numbers = f"{fixed(success_of(line.entry))}, {others}"
+        numbers = f"{fixed(line.entry.success.estimate)}, {others}"
         canvas.text(_LEFT + _WIDTH + 0.15, down, numbers, size=8, color=INK, va="center")
 
 
@@ -72,9 +72,8 @@ def _draw_line(axes: Axes, line: Line, y: float) -> None:
     for rival in line.rivals:
         colour = LOST if rival.lost else SOFT
         axes.plot(
-            success_of(rival.entry), y - 0.05, "o", color=colour, markerfacecolor=PAPER,
+            rival.entry.success.estimate, y - 0.05, "o", color=colour, markerfacecolor=PAPER,
             markersize=5.5,
         )  # fmt: skip
-    if line.entry.success is not None:
-        axes.plot(line.entry.success.ends, [y + 0.05] * 2, color=ACCENT, linewidth=1.5)
-        axes.plot(line.entry.success.estimate, y + 0.05, "o", color=ACCENT, markersize=6)
+    axes.plot(line.entry.success.ends, [y + 0.05] * 2, color=ACCENT, linewidth=1.5)
+    axes.plot(line.entry.success.estimate, y + 0.05, "o", color=ACCENT, markersize=6)

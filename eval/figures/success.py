@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from integ_gym.eval.colours import ink_on, success_colour
-from integ_gym.eval.figure_style import INK, SOFT, SUNK
+from integ_gym.eval.figure_style import INK
 from integ_gym.eval.figures.cell import box, cell_text, home_frame, ramp, small
 from integ_gym.eval.figures.matrix import draw_matrix
 from integ_gym.eval.formatting import fixed
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry
+from integ_gym.eval.panel_model import Entry, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 
 def draw_success(panel: Panel) -> Figure | None:
     """Success rate of every row in every discretization."""
-    known = [e for e in panel.entries.values() if e.cell in panel.columns and e.success]
-    if not known:
+    if not panel.matrix:
         return None
     return draw_matrix(
         panel,
@@ -31,15 +29,15 @@ def draw_success(panel: Panel) -> Figure | None:
     )
 
 
-def _draw_cell(axes: Axes, x: float, y: float, entry: Entry) -> None:
-    rate = None if entry.success is None else entry.success.estimate
-    colour = SUNK if rate is None else success_colour(rate)
-    ink = SOFT if rate is None else ink_on(colour)
+def _draw_cell(axes: Axes, x: float, y: float, entry: Entry, home: bool) -> None:
+    rate = entry.success.estimate
+    colour = success_colour(rate)
+    ink = ink_on(colour)
     marks = {"false_pass": ["▲"], "false_fail": ["▽"]}.get(str(entry.reference_class), [])
     if entry.diverged:
         marks = [*marks, f"×{entry.diverged}"]
     box(axes, x, y, colour)
-    if entry.home:
+    if home:
         home_frame(axes, x, y)
     cell_text(axes, x, y, fixed(rate), ink, up=0.05 if marks else 0.0)
     if marks:

@@ -15,8 +15,7 @@ from integ_gym.eval.figures.gaps import draw_gaps
 from integ_gym.eval.figures.ladders import draw_ladders
 from integ_gym.eval.figures.remedy import draw_remedy
 from integ_gym.eval.figures.success import draw_success
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Json
+from integ_gym.eval.panel_model import Panel
 from integ_gym.evidence.atomic import replace_file
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ _FIGURES: Final[dict[str, Callable[[Panel], Figure | None]]] = {
 }
 
 
-def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
+def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
     """Write a panel's figures as PNG files into a folder.
 
     A figure for which the panel has no numbers is not written, and one left there by an earlier
@@ -41,7 +40,7 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
     Parameters
     ----------
     panel
-        Content of ``panel.json``, schema version 1.
+        What ``panel.json`` holds.
     directory
         The folder the files go to; made if it does not exist.
 
@@ -53,14 +52,12 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
     ------
     ModuleNotFoundError
         If matplotlib is not installed, with the command that installs it.
-    ValueError
-        If ``panel`` is of another schema version or contradicts itself.
     """
     load("matplotlib", "report")
-    parsed, folder = Panel(panel), Path(directory)
+    folder = Path(directory)
     written = []
     for name, draw in _FIGURES.items():
-        figure = draw(parsed)
+        figure = draw(panel)
         path = folder / name
         if figure is None:
             path.unlink(missing_ok=True)

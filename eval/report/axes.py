@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.eval.report_data.estimate import Estimate
+from integ_gym.eval.panel_model import Estimate
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from integ_gym.eval.formatting import fixed
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.report.axes import RATE_AXIS
 from integ_gym.eval.report_data.checks import Check, checks_of
-from integ_gym.eval.report_data.panel import Panel
 
 
 def check_blocks(panel: Panel) -> list[dict[str, Any]]:
@@ -21,17 +21,15 @@ def check_blocks(panel: Panel) -> list[dict[str, Any]]:
 def _check(check: Check) -> dict[str, Any]:
     before = None if check.before is None else check.before.success
     after = check.after.success
-    change = None
-    if before is not None and after is not None:
-        change = after.estimate - before.estimate
-    base = check.before.cell.name if check.before is not None else check.after.cell.name
+    change = None if before is None else after.estimate - before.estimate
+    base = check.after.cell if check.before is None else check.before.cell
     return {
-        "row": check.after.row.name,
+        "row": check.after.row,
         "cell": base,
-        "anchor": check.after.anchor,
+        "perturbed": check.after.cell,
         "before": before,
         "after": after,
         "before_bar": None if before is None else RATE_AXIS.bar(before),
-        "after_bar": None if after is None else RATE_AXIS.bar(after),
+        "after_bar": RATE_AXIS.bar(after),
         "change": fixed(change, sign=True),
     }

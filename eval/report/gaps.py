@@ -6,18 +6,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from integ_gym.eval import verdict as rules
-from integ_gym.eval.formatting import finite, true_minus
+from integ_gym.eval.formatting import true_minus
+from integ_gym.eval.panel_model import Estimate, Panel, Verdict
 from integ_gym.eval.report.axes import Axis, difference_axis
-from integ_gym.eval.report_data.estimate import Estimate
 from integ_gym.eval.report_data.gaps import (
-    VERDICT_ORDER,
     Gap,
     declared_gaps,
     exploratory_gaps,
-    verdicts_of,
+    ordered_verdicts,
 )
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Json
 
 SHOWN_GAPS: Final = 30
 """Exploratory gaps that are drawn; all of them are among the records."""
@@ -33,7 +30,7 @@ def gap_parts(panel: Panel) -> dict[str, Any]:
         return [{"gap": gap, "bar": axis.bar(gap.value)} for gap in gaps]
 
     return {
-        "cards": [_card(gap, raw, axis, gap in declared) for gap, raw in verdicts_of(panel)],
+        "cards": [_card(judged, axis) for judged in ordered_verdicts(panel)],
         "gaps": {
             "axis": axis,
             "declared": lines(declared),
@@ -45,28 +42,23 @@ def gap_parts(panel: Panel) -> dict[str, Any]:
     }
 
 
-def _card(gap: Gap, raw: Json, axis: Axis, drawn: bool) -> dict[str, Any]:
+def _card(judged: Verdict, axis: Axis) -> dict[str, Any]:
     """One verdict of the declared family."""
     p_values = [
-        (words, finite(raw.get(name)))
-        for words, name in (
-            (f"gap > {rules.FAIL_MARGIN}", "p_exceeds_adjusted"),
-            (f"gap within ±{rules.EQUIVALENCE_MARGIN}", "p_equivalent_adjusted"),
-        )
+        (f"gap > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
+        (f"gap within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
     ]
-    verdict = gap.verdict if gap.verdict in VERDICT_ORDER else "inconclusive"
+    marks = {"fails": "✕", "transfers": "✓", "inconclusive": "?", "not_learned": "○"}
+    drawn = judged.verdict != "not_learned"
     return {
-        "gap": gap,
-        "verdict": verdict,
-        "mark": {"fails": "✕", "transfers": "✓", "inconclusive": "?", "not_learned": "○"}[verdict],
-        "word": {"not_learned": "not learned"}.get(verdict, verdict),
-        "quantity": gap.quantity.replace("_", " "),
-        "bar": axis.bar(gap.value) if drawn else None,
+        "judged": judged,
+        "mark": marks[judged.verdict],
+        "word": judged.verdict.replace("_", " "),
+        "quantity": judged.quantity.replace("_", " "),
+        "bar": axis.bar(judged.gap) if drawn else None,
         "axis": axis,
-        "reason": true_minus(str(raw.get("reason") or "")),
-        "p_values": [
-            (words, rules.p_text(value)) for words, value in p_values if value is not None
-        ],
+        "reason": true_minus(judged.reason),
+        "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
     }
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from integ_gym.eval.formatting import step
-from integ_gym.eval.report_data.estimate import Estimate
+from integ_gym.eval.panel_model import Estimate, Panel
 from integ_gym.eval.report_data.ladders import Ladder, Rung, ladders_of
-from integ_gym.eval.report_data.panel import Panel
 
 MARKERS: Final = ("circle", "square", "triangle", "diamond", "down", "plus", "cross")
 """Shapes that tell series apart where colour cannot."""
@@ -75,17 +74,16 @@ def _ladder_line(
     points = []
     for rung in line:
         rate = rung.entry.success
-        if rate is not None:
-            low, high = rate.ends
-            points.append(
-                {
-                    "x": round(_ladder_x(rung.dt, steps) + aside, 1),
-                    "y": _ladder_y(rate.estimate),
-                    "low": _ladder_y(low),
-                    "high": _ladder_y(high),
-                    "title": f"{scheme}, step {step(rung.dt)} s: success {rate}",
-                }
-            )
+        low, high = rate.ends
+        points.append(
+            {
+                "x": round(_ladder_x(rung.dt, steps) + aside, 1),
+                "y": _ladder_y(rate.estimate),
+                "low": _ladder_y(low),
+                "high": _ladder_y(high),
+                "title": f"{scheme}, step {step(rung.dt)} s: success {rate}",
+            }
+        )
     return {
         "name": scheme,
         "place": place % len(MARKERS),

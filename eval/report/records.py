@@ -6,11 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.eval.formatting import compact, fixed
+from integ_gym.eval.panel_model import Entry, Estimate, Panel
 from integ_gym.eval.report.axes import RATE_AXIS
-from integ_gym.eval.report_data.estimate import Estimate
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry
-from integ_gym.eval.report_data.trust import CLASS_WORDS
+from integ_gym.eval.report_data.words import CLASS_WORDS
 
 
 def records_of(panel: Panel) -> list[dict[str, Any]]:
@@ -18,8 +16,8 @@ def records_of(panel: Panel) -> list[dict[str, Any]]:
     order = {cell.name: place for place, cell in enumerate(panel.columns)}
     blocks = []
     for row in panel.ordered_rows:
-        entries = [entry for entry in panel.entries.values() if entry.row == row]
-        entries.sort(key=lambda entry: order.get(entry.cell.name, len(order)))
+        entries = [entry for entry in panel.matrix if entry.row == row.name]
+        entries.sort(key=lambda entry: order.get(entry.cell, len(order)))
         if entries:
             blocks.append({"row": row, "entries": [_record(entry) for entry in entries]})
     return blocks
@@ -50,8 +48,8 @@ def _record(entry: Entry) -> dict[str, Any]:
 def _time_to_success(entry: Entry) -> str | None:
     """The mean over successful episodes, and how many they are."""
     text = _long(entry.time_to_success, _three, " s")
-    if text is None or entry.time_to_success_episodes is None:
-        return text
+    if text is None:
+        return None
     return f"{text}, {entry.time_to_success_episodes} of {entry.episodes} episodes"
 
 

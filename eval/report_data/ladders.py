@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry, Row, close
+from integ_gym.eval.panel_model import Entry, Panel, Row
+from integ_gym.eval.report_data.checks import close
 
 
 @dataclass(frozen=True)
@@ -54,20 +54,21 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     period = row.control_period if row.control_period is not None else _usual_period(panel)
     fixed_period: dict[str, list[Rung]] = {}
     following: dict[str, list[Rung]] = {}
-    engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.homes)}
+    engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
     for cell in panel.cells:
-        entry = panel.entry(row, cell) if cell.engine in engines else None
-        if entry is None or entry.success is None or not cell.plain or cell.dt is None:
+        entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
+        if entry is None or not cell.plain:
             continue
         if close(cell.control_period, cell.dt):
             following.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
-        if close(cell.control_period, period) and not cell.reference:
+        if period is not None and close(cell.control_period, period) and not cell.reference:
             fixed_period.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
     at_fixed, along = _ladder_rungs(fixed_period), _ladder_rungs(following)
     if not at_fixed and not along:
         return None
-    truth = [c for c in panel.cells if c.reference and close(c.control_period, period)]
-    on_truth = panel.entry(row, truth[0] if truth else panel.truth)
+    same = (c for c in panel.cells if c.reference and period and close(c.control_period, period))
+    truth = next(same, panel.truth)
+    on_truth = None if truth is None else panel.entry(row.name, truth.name)
     return Ladder(row, period, at_fixed, along, on_truth)
 
 

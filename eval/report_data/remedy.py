@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from integ_gym.eval.formatting import NONE, finite
-from integ_gym.eval.report_data.estimate import Estimate, estimate
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Cell, Entry, Json, Row
+from integ_gym.eval.formatting import NONE
+from integ_gym.eval.panel_model import Entry, Estimate, Panel, Row, TrainingCost
+from integ_gym.eval.panel_model import Remedy as Found
 
 
 @dataclass(frozen=True)
@@ -51,12 +48,12 @@ class Line:
     @property
     def lowest(self) -> float:
         """Lowest success of the rivals; 1 without any."""
-        return min((success_of(rival.entry) for rival in self.rivals), default=1.0)
+        return min((rival.entry.success.estimate for rival in self.rivals), default=1.0)
 
     @property
     def highest(self) -> float:
         """Highest success of the rivals; 1 without any."""
-        return max((success_of(rival.entry) for rival in self.rivals), default=1.0)
+        return max((rival.entry.success.estimate for rival in self.rivals), default=1.0)
 
 
 @dataclass(frozen=True)
@@ -65,37 +62,29 @@ class Cost:
 
     Attributes:
         row: the row.
-        steps: median over seeds; None where it was not reached.
-        low, high: ends of its interval; None where not reached.
-        level: of the interval.
-        reached: seeds that reached it.
-        window: training episodes that are averaged.
-        rate: share of them that must succeed.
+        training: what it took.
         truth: what the row does on the reference in the end.
     """
 
     row: Row
-    steps: float | None
-    low: float | None
-    high: float | None
-    level: float | None
-    reached: int
-    window: int
-    rate: float
+    training: TrainingCost
     truth: Estimate | None
 
     @property
     def median(self) -> str:
         """The median in words."""
-        return "not reached" if self.steps is None else f"{round(self.steps):,}"
+        median = self.training.median
+        known = None if median is None else median.estimate
+        return "not reached" if known is None else f"{round(known):,}"
 
     @property
     def interval(self) -> str:
         """The interval in words."""
-        if self.low is None:
+        median = self.training.median
+        if median is None or median.low is None:
             return NONE
-        end = "or more" if self.high is None else f"to {round(self.high):,}"
-        return f"{round(self.low):,} {end}"
+        end = "or more" if median.high is None else f"to {round(median.high):,}"
+        return f"{round(median.low):,} {end}"
 
 
 @dataclass(frozen=True)
@@ -120,86 +109,46 @@ class Remedy:
     @property
     def members(self) -> str:
         """The discretizations that it was trained on, in words."""
-        return ", ".join(self.row.homes)
-
-
-def success_of(entry: Entry) -> float:
-    """Success rate of an entry; 0 where it is not known."""
-    return entry.success.estimate if entry.success is not None else 0.0
+        return ", ".join(self.row.shares)
 
 
 def remedies_of(panel: Panel) -> tuple[Remedy, ...]:
     """The panel's mixtures, in order."""
-    rows = {row.name: row for row in panel.rows}
-    found = []
-    for raw in panel.items("remedies"):
-        row = rows.get(str(raw.get("row")))
-        if row is not None:
-            singles = [rows[str(name)] for name in raw.get("singles") or [] if str(name) in rows]
-            lines = _lines(panel, row, singles, raw.get("cells") or [])
-            found.append(Remedy(row, str(raw.get("summary") or ""), lines))
-    return tuple(found)
+    return tuple(
+        Remedy(panel.row(found.row), found.summary, _lines(panel, found))
+        for found in panel.remedies
+    )
 
 
-def _lines(
-    panel: Panel, row: Row, singles: Sequence[Row], cells: Sequence[Json]
-) -> tuple[Line, ...]:
-    by_name: Mapping[str, Cell] = {cell.name: cell for cell in panel.cells}
+def _lines(panel: Panel, found: Found) -> tuple[Line, ...]:
     lines = []
-    for raw in cells:
-        cell = by_name.get(str(raw.get("cell")))
-        entry = panel.entry(row, cell)
-        if entry is not None:
-            lost = {str(one.get("row")): one for one in raw.get("lost") or []}
-            pairs = [(name, panel.entry(name, cell)) for name in singles]
-            rivals = tuple(
-                Rival(
-                    other,
-                    single.name in lost,
-                    estimate(lost.get(single.name, {}).get("difference")),
-                )
-                for single, other in pairs
-                if other is not None
-            )
-            member, solved = bool(raw.get("member")), bool(raw.get("solved"))
-            lines.append(Line(entry, member, solved, rivals))
+    for cell in found.cells:
+        lost = {one.row: one.difference for one in cell.lost}
+        entries = [panel.entry(name, cell.cell) for name in found.singles]
+        rivals = [Rival(e, e.row in lost, lost.get(e.row)) for e in entries if e is not None]
+        own = panel.entry(found.row, cell.cell)
+        if own is not None:
+            lines.append(Line(own, cell.member, cell.solved, tuple(rivals)))
     return tuple(lines)
 
 
 def costs_of(panel: Panel) -> tuple[Cost, ...]:
     """Training cost of every trained row that the panel tells it of."""
-    told = panel.mapping("training_costs")
     costs = []
     for row in panel.ordered_rows:
-        raw = told.get(row.name)
-        if isinstance(raw, Mapping):
-            costs.append(_cost(panel, row, raw))
+        if row.name in panel.training_costs:
+            truth = panel.on_truth(row.name)
+            success = None if truth is None else truth.success
+            costs.append(Cost(row, panel.training_costs[row.name], success))
     return tuple(costs)
-
-
-def _cost(panel: Panel, row: Row, raw: Json) -> Cost:
-    median: Any = raw.get("median") or {}
-    steps, low, high, level = (finite(median.get(n)) for n in ("estimate", "low", "high", "level"))
-    truth = panel.entry(row, panel.truth)
-    return Cost(
-        row,
-        steps,
-        low,
-        high,
-        level,
-        int(finite(raw.get("reached")) or 0),
-        int(finite(raw.get("window")) or 0),
-        finite(raw.get("rate")) or 0.0,
-        None if truth is None else truth.success,
-    )
 
 
 def line_words(line: Line) -> str:
     """A line in words, for tooltips and screen readers."""
-    parts = [f"{line.entry.cell.name}: {line.entry.row.name} {line.entry.success}"]
+    parts = [f"{line.entry.cell}: {line.entry.row} {line.entry.success}"]
     for rival in line.rivals:
-        words = f"{rival.entry.row.name} {rival.entry.success}"
+        words = f"{rival.entry.row} {rival.entry.success}"
         if rival.difference is not None:
-            words += f", {line.entry.row.name} minus it {rival.difference}"
+            words += f", {line.entry.row} minus it {rival.difference}"
         parts.append(words)
     return "; ".join(parts)
