@@ -56,13 +56,11 @@ class Outcome:
 
     Attributes:
         weights: by stable-baselines3's names.
-        steps: decisions taken.
         seconds: wall time of the chunk, divided by its policies.
         last_episodes: the last episodes of training.
     """
 
     weights: dict[str, NDArray[np.float32]]
-    steps: int
     seconds: float
     last_episodes: dict[str, Any]
 
@@ -210,11 +208,10 @@ class _Trainer:
         return [
             Outcome(
                 state_dict(stack, place),
-                config.rounded_steps,
                 seconds,
                 episode_summary(self._returns[place].returns, self._returns[place].successes),
             )
-            for place, config in enumerate(self._configs)
+            for place in range(len(self._configs))
         ]
 
     def _begin(self) -> Learner:
@@ -279,17 +276,10 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
         config.n_envs,
         (env.observation_space, env.action_space),
         outcome.weights,
-        outcome.steps,
+        config.rounded_steps,
     )
-    card = make_card(
-        config,
-        Mixture(env.setups, env.shares),
-        trainer="fleet",
-        packages=("stable-baselines3", "torch", "jax", "jaxlib"),
-        steps=outcome.steps,
-        seconds=outcome.seconds,
-        last_episodes=outcome.last_episodes,
-    )
+    mixture = Mixture(env.setups, env.shares)
+    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
     return write_policy(folder, zip_bytes, card, env.action_space)
 
 

@@ -225,15 +225,7 @@ def train_run(
             zip_bytes = saved(model)
     finally:
         vector_env.close()
-    card = make_card(
-        config,
-        mixture,
-        trainer="sb3",
-        packages=("stable-baselines3", "torch"),
-        steps=model.num_timesteps,
-        seconds=seconds,
-        last_episodes=last_episodes(model),
-    )
+    card = make_card(config, mixture, "sb3", seconds, last_episodes(model))
     trained = write_policy(folder, zip_bytes, card, vector_env.single_action_space)
     if evidence is not None:
         vector_env.commit(evidence.batch)
