@@ -47,7 +47,7 @@ from integ_gym.train.config_checks import (
 from integ_gym.train.policy.activations import ACTIVATIONS
 from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
 from integ_gym.train.seeds import first_lane_seed
-from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each
+from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
 from integ_gym.train.sidecar import TrainedPolicy, write_policy
 from integ_gym.train.training_error import explained
 from integ_gym.train.training_evidence import TrainingEvidence
@@ -240,7 +240,7 @@ def train_ppo(
     progress: bool = True,
     workers: int | None = None,
     force: bool = False,
-    on_trained: OnTrained = lambda place, trained: None,
+    on_trained: OnTrained = unheard,
     tensorboard: bool = True,
 ) -> list[TrainedPolicy]:
     """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.

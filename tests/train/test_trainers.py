@@ -79,7 +79,7 @@ def test_both_trainers_write_record_and_tell(
         assert policies[0].content_hash == small.content_hash
     store = EvidenceStore(tmp_path / "evidence")
     assert store.verify() == []
-    traced = [(r["cell"], len(r["theta"]) > 0) for r in store.records()]
+    traced = [(r["cell"], bool(r.trace)) for r in store.records()]
     assert sorted(traced) == [
         *[("four", True)] * 8,
         *[("three", False)] * 7,
@@ -129,11 +129,6 @@ def test_the_script_writes_what_the_command_writes(small: TrainedPolicy, tmp_pat
     names = {Path(name).parts[0] for name in files_of(folder)}
     assert names == {Path(name).parts[0] for name in files_of(small.policy.parent)}
     assert "PPO, 1 policy: 100%" in done.stderr
-    again = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert again.returncode == 2
-    assert again.stderr.startswith(
-        "python train/ppo.py: error: runs/IntegPendulum-v0-rk4-0.05-seed3"
-    )
 
 
 def test_the_script_s_help_has_its_own_examples() -> None:
