@@ -34,7 +34,6 @@ from integ_gym.envs.parameters import (
     positive,
     text,
 )
-from integ_gym.envs.registration import register_environments
 from integ_gym.train.card import make_card, mixture_of
 from integ_gym.train.config_checks import (
     ENV_ARGUMENTS,
@@ -148,7 +147,6 @@ def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
     Raises:
         TypeError, ValueError: for arguments that are not possible.
     """
-    register_environments()
     return gym.make_vec(
         config.env_id,
         num_envs=config.n_envs,
