@@ -18,7 +18,9 @@ from integ_gym.train.seeds import first_lane_seed
 if TYPE_CHECKING:
     from integ_gym.train.ppo import PPOConfig
 
-_PACKAGES = ("integ-gym", "gymnasium", "numpy")
+_PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
+_OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}
+"""Packages whose versions are told; both trainers write SB3's zip."""
 
 _DRAWN = {
     "sb3": "each environment draws a member at every reset",
@@ -40,10 +42,7 @@ def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:
 def make_card(
     config: PPOConfig,
     mixture: Mixture,
-    *,
     trainer: str,
-    packages: Sequence[str],
-    steps: int,
     seconds: float,
     last_episodes: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -53,8 +52,6 @@ def make_card(
         config: the run.
         mixture: the discretizations of the training environment; one where it is no mixture.
         trainer: ``"sb3"`` or ``"fleet"``.
-        packages: that the trainer used, beside integ-gym, gymnasium and numpy.
-        steps: decisions taken.
         seconds: wall time; for a fleet its chunk's, divided by the policies in it.
         last_episodes: see :func:`episode_summary`.
     """
@@ -83,10 +80,10 @@ def make_card(
             "rollout": config.rollout,
             "first_lane_seed": first_lane_seed(config.seed),
         },
-        "steps": steps,
+        "steps": config.rounded_steps,
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**last_episodes, "exploring": True},
-        "versions": installed_versions((*_PACKAGES, *packages)),
+        "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
         "platform": platform.platform(),
     }
 

@@ -123,11 +123,8 @@ def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
         return
     if of.type == "tuple[int, ...]":
         described["nargs"] = "+"
-    group.add_argument(flag, type=_READERS[str(of.type)], metavar=_metavar(of), **described)
-
-
-def _metavar(of: Field[Any]) -> str:
-    return {"str": "NAME", "int": "N", "tuple[int, ...]": "N"}.get(str(of.type), "X")
+    read, metavar = _READERS[str(of.type)]
+    group.add_argument(flag, type=read, metavar=metavar, **described)
 
 
 def _number_or_none(word: str) -> float | None:
@@ -135,13 +132,14 @@ def _number_or_none(word: str) -> float | None:
 
 
 _number_or_none.__name__ = "number"
-_READERS: dict[str, Callable[[str], Any]] = {
-    "str": str,
-    "int": whole_number,
-    "float": float,
-    "float | None": _number_or_none,
-    "tuple[int, ...]": whole_number,
+_READERS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "str": (str, "NAME"),
+    "int": (whole_number, "N"),
+    "float": (float, "X"),
+    "float | None": (_number_or_none, "X"),
+    "tuple[int, ...]": (whole_number, "N"),
 }
+"""By a field's type: what reads a flag's value, and what stands for it in the help."""
 
 
 def _default_folder(config: PPOConfig) -> Path:

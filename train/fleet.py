@@ -42,6 +42,7 @@ from integ_gym.train.side_by_side import (
     checked_runs,
     train_in_processes,
     training_bar,
+    unheard,
 )
 from integ_gym.train.sidecar import TrainedPolicy, write_policy
 from integ_gym.train.training_evidence import TrainingEvidence
@@ -56,13 +57,11 @@ class Outcome:
 
     Attributes:
         weights: by stable-baselines3's names.
-        steps: decisions taken.
         seconds: wall time of the chunk, divided by its policies.
         last_episodes: the last episodes of training.
     """
 
     weights: dict[str, NDArray[np.float32]]
-    steps: int
     seconds: float
     last_episodes: dict[str, Any]
 
@@ -75,7 +74,7 @@ def train_fleet(
     progress: bool = True,
     workers: int | None = None,
     force: bool = False,
-    on_trained: OnTrained = lambda place, trained: None,
+    on_trained: OnTrained = unheard,
     memory_gib: float | None = None,
     cache_dir: str | Path | None = None,
 ) -> list[TrainedPolicy]:
@@ -210,11 +209,10 @@ class _Trainer:
         return [
             Outcome(
                 state_dict(stack, place),
-                config.rounded_steps,
                 seconds,
-                episode_summary(self._returns[place].returns, self._returns[place].successes),
+                episode_summary(of_policy.returns, of_policy.successes),
             )
-            for place, config in enumerate(self._configs)
+            for place, of_policy in enumerate(self._returns)
         ]
 
     def _begin(self) -> Learner:
@@ -228,21 +226,14 @@ class _Trainer:
         return self._program.begin(stack, keys, self._params)
 
     def _knobs(self) -> Knobs:
-        values = []
+        rows = []
         for config, setup in zip(self._configs, self._setups, strict=True):
-            given = vars(config)
-            end = config.learning_rate_end
-            values.append(
-                {
-                    **{name: given[name] for name in Knobs._fields if name in given},
-                    "learning_rate_end": config.learning_rate if end is None else end,
-                    "target_kl": config.target_kl or 0.0,
-                    "gamma": config.discount(setup.timing.control_period),
-                }
-            )
-        return Knobs(
-            *(np.array([value[name] for value in values], np.float32) for name in Knobs._fields)
-        )
+            values = {**vars(config), "gamma": config.discount(setup.timing.control_period)}
+            if config.learning_rate_end is None:
+                values["learning_rate_end"] = config.learning_rate
+            values["target_kl"] = config.target_kl or 0.0
+            rows.append([values[name] for name in Knobs._fields])
+        return Knobs(*np.array(rows, np.float32).T)
 
     def _take(self, trail: Trail) -> None:
         """Book a rollout's episodes."""
@@ -252,13 +243,8 @@ class _Trainer:
         if self._assemblers:
             rows, first_rows = np.asarray(trail.rows), np.asarray(trail.first_rows)
             for place, assembler in enumerate(self._assemblers):
-                assembler.add(
-                    rows[:, :, place],
-                    first_rows[:, :, place],
-                    begun[:, place],
-                    ended[:, place],
-                    member[:, place],
-                )
+                of_steps = (values[:, place] for values in (begun, ended, member))
+                assembler.add(rows[:, :, place], first_rows[:, :, place], *of_steps)
 
 
 def _run(runs: Sequence[Run]) -> list[Outcome]:
@@ -279,17 +265,10 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
         config.n_envs,
         (env.observation_space, env.action_space),
         outcome.weights,
-        outcome.steps,
+        config.rounded_steps,
     )
-    card = make_card(
-        config,
-        Mixture(env.setups, env.shares),
-        trainer="fleet",
-        packages=("stable-baselines3", "torch", "jax", "jaxlib"),
-        steps=outcome.steps,
-        seconds=outcome.seconds,
-        last_episodes=outcome.last_episodes,
-    )
+    mixture = Mixture(env.setups, env.shares)
+    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
     return write_policy(folder, zip_bytes, card, env.action_space)
 
 

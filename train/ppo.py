@@ -34,7 +34,6 @@ from integ_gym.envs.parameters import (
     positive,
     text,
 )
-from integ_gym.envs.registration import register_environments
 from integ_gym.train.card import make_card, mixture_of
 from integ_gym.train.config_checks import (
     ENV_ARGUMENTS,
@@ -47,7 +46,7 @@ from integ_gym.train.config_checks import (
 from integ_gym.train.policy.activations import ACTIVATIONS
 from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
 from integ_gym.train.seeds import first_lane_seed
-from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each
+from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
 from integ_gym.train.sidecar import TrainedPolicy, write_policy
 from integ_gym.train.training_error import explained
 from integ_gym.train.training_evidence import TrainingEvidence
@@ -148,7 +147,6 @@ def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
     Raises:
         TypeError, ValueError: for arguments that are not possible.
     """
-    register_environments()
     return gym.make_vec(
         config.env_id,
         num_envs=config.n_envs,
@@ -225,15 +223,7 @@ def train_run(
             zip_bytes = saved(model)
     finally:
         vector_env.close()
-    card = make_card(
-        config,
-        mixture,
-        trainer="sb3",
-        packages=("stable-baselines3", "torch"),
-        steps=model.num_timesteps,
-        seconds=seconds,
-        last_episodes=last_episodes(model),
-    )
+    card = make_card(config, mixture, "sb3", seconds, last_episodes(model))
     trained = write_policy(folder, zip_bytes, card, vector_env.single_action_space)
     if evidence is not None:
         vector_env.commit(evidence.batch)
@@ -248,7 +238,7 @@ def train_ppo(
     progress: bool = True,
     workers: int | None = None,
     force: bool = False,
-    on_trained: OnTrained = lambda place, trained: None,
+    on_trained: OnTrained = unheard,
     tensorboard: bool = True,
 ) -> list[TrainedPolicy]:
     """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.

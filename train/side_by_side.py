@@ -29,6 +29,10 @@ Run: TypeAlias = "tuple[PPOConfig, Path, TrainingEvidence | None]"
 """A run, the folder for its policy and where its episodes are recorded."""
 
 
+def unheard(place: int, trained: TrainedPolicy) -> None:
+    """Nobody is told."""
+
+
 def checked_runs(
     configs: Sequence[PPOConfig],
     out_dirs: Sequence[str | Path],
