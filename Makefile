@@ -3,15 +3,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test lint bench published census clean
+.PHONY: panel test test-slow lint bench published census clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_OPTIONS)
+	$(PYTEST) -m "not slow" $(PYTEST_OPTIONS)
+
+test-slow: $(READY)
+	$(PYTEST) -m slow $(PYTEST_OPTIONS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

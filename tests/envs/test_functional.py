@@ -11,6 +11,7 @@ from engine_cases import FOREIGN, needs
 from gymnasium.experimental.functional import FuncEnv
 from gymnasium.vector import AutoresetMode
 from motions import ALL
+from pairing import covering
 
 from integ_gym.envs import functional
 from integ_gym.envs.engines import ENGINES
@@ -95,16 +96,20 @@ def _compare(env_id, arguments, steps=25):
     return ends
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-@pytest.mark.parametrize("integrator", ALL)
+@pytest.mark.parametrize(("integrator", "env_id"), covering(ALL, ENVIRONMENTS, strength=1))
 def test_equals_the_vector_environment(env_id, integrator):
+    """Every integrator and every environment once; each pair in `make test-slow`.
+
+    An integrator meets plants through one interface, in all three worlds alike: that is
+    `test_worlds.py`. Here it is asked whether the environment around them is the same.
+    """
     with jax.enable_x64(True):
         _compare(env_id, {"integrator": integrator}, steps=12)
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(("variant", "env_id"), covering(VARIANTS, ENVIRONMENTS, strength=1))
 def test_equals_the_vector_environment_in_every_variant(env_id, variant):
+    """Every variant and every environment once, because timing knows no task; else as above."""
     with jax.enable_x64(True):
         ends = _compare(env_id, VARIANTS[variant])
     assert ends > 0 or variant != "short"
@@ -205,7 +210,7 @@ def test_one_program_serves_all_steps_and_plants():
         params = env.params(**changed)
         after = advance(state, action, params)
         own = functional.make("IntegPendulum-v0", **{**env._arguments, **changed})
-        expected = own.transition(state, action, jax.random.key(0))
+        expected = jax.jit(own.transition)(state, action, jax.random.key(0))
         np.testing.assert_allclose(after.env.v[0], expected.env.v[0], rtol=1e-6, atol=1e-6)
     assert len(compiled) == 1
 
@@ -217,7 +222,7 @@ def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
     arguments = {"control_period": 0.06, "dt": 0.06}
     env = functional.make("IntegPendulum-v0", engine="mjx", integrator=integrator, **arguments)
     own = functional.make("IntegPendulum-v0", integrator=native, **arguments)
-    compiled = []
+    compiled, ours = [], jax.jit(own.transition)
 
     @jax.jit
     def advance(state, action, params):
@@ -228,7 +233,7 @@ def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
     action = np.ones((LANES, 1), dtype=np.float32)
     for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0, "length": 0.3, "gravity": 3.0}):
         after = advance(state, action, env.params(**changed))
-        expected = own.transition(state, action, jax.random.key(0), own.params(**changed))
+        expected = ours(state, action, jax.random.key(0), own.params(**changed))
         np.testing.assert_allclose(after.env.v, expected.env.v, rtol=1e-5, atol=1e-5)
     assert len(compiled) == 1
     assert after.env.v[0].dtype == np.float32
@@ -239,13 +244,15 @@ def test_single_environment_and_vmap_agree_with_a_batch():
     starts = np.random.default_rng(0).uniform(-0.05, 0.05, (LANES, 4))
     actions = np.arange(LANES) % 2
     key = jax.random.key(0)
-    batch = env.transition(env.initial_from(starts, key), actions, key)
-    mapped = jax.vmap(lambda s, a: env.transition(env.initial_from(s, key), a, key))(
-        starts, actions
-    )
+
+    def advance(start, action):
+        return env.transition(env.initial_from(start, key), action, key)
+
+    batch = jax.jit(advance)(starts, actions)
+    mapped = jax.jit(jax.vmap(advance))(starts, actions)
     for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(mapped), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
-    single = env.transition(env.initial_from(starts[2], key), actions[2], key)
+    single = jax.jit(advance)(starts[2], actions[2])
     assert single.env.q[0].shape == ()
     np.testing.assert_allclose(single.env.v[1], batch.env.v[1][2], rtol=1e-6)
 
@@ -255,10 +262,11 @@ def test_noise_is_drawn_once_per_sample():
         "IntegPendulum-v0", dt=0.01, control_period=0.01, sensor_period=0.03, observation_noise=0.1
     )
     state = env.initial(jax.random.key(0), lanes=(2000,))
+    advance = jax.jit(env.transition)
     action = np.zeros((2000, 1), dtype=np.float32)
     kept = []
     for count in range(6):
-        after = env.transition(state, action, jax.random.key(count))
+        after = advance(state, action, jax.random.key(count))
         kept.append(np.array_equal(after.noise[0], state.noise[0]))
         assert bool(after.outcome.sampled.all()) != kept[-1]
         state = after

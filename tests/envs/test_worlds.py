@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from motions import ALL, DRIVEN_PLANTS
+from pairing import covering
 
 from integ_gym.envs.array_ops import ARRAY
 from integ_gym.envs.engines.native import NativeEngine
@@ -20,12 +21,12 @@ from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.system import PlantSystem
 
 LANES = 7
-PLANTS_AND_FORCES = [
-    pytest.param(owner, rough, id=f"{name}{'-rough' if rough else ''}")
+PLANTS_AND_FORCES = {
+    f"{name}{'-rough' if rough else ''}": (owner, rough)
     for name in PLANTS.names()
     for rough in (False, True)
     if (owner := PLANTS.load(name)) and (not rough or hasattr(owner, "stops"))
-]
+}
 
 
 def _states(plant, seed: int = 0):
@@ -107,9 +108,11 @@ def _agreement(integrator, rough):
     return 1e-9 if rough and integrator == "reference" else 1e-12
 
 
-@pytest.mark.parametrize(("owner", "rough"), PLANTS_AND_FORCES)
+@pytest.mark.parametrize("forces", PLANTS_AND_FORCES)
 @pytest.mark.parametrize("integrator", ALL)
-def test_array_equals_scalar(owner, rough, integrator):
+def test_array_equals_scalar(forces, integrator):
+    owner, rough = PLANTS_AND_FORCES[forces]
+
     @given(cases(owner, rough))
     @settings(max_examples=10, deadline=None)
     def check(case):
@@ -121,9 +124,14 @@ def test_array_equals_scalar(owner, rough, integrator):
     check()
 
 
-@pytest.mark.parametrize(("owner", "rough"), PLANTS_AND_FORCES)
-@pytest.mark.parametrize("integrator", ALL)
-def test_jax_equals_array(owner, rough, integrator):
+@pytest.mark.parametrize(("integrator", "forces"), covering(ALL, PLANTS_AND_FORCES, strength=1))
+def test_jax_equals_array(integrator, forces):
+    """Every integrator and every plant once; each pair in `make test-slow`.
+
+    Both are written over the same few operations, and neither knows the other: what one operation
+    did otherwise in JAX shows wherever it is used. Each pair is run on arrays above.
+    """
+    owner, rough = PLANTS_AND_FORCES[forces]
     ops = JaxOps("float64")
     step = jax.jit(lambda case: _advance(ops, owner, integrator, case))
 

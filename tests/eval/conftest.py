@@ -1,4 +1,4 @@
-"""A finished small panel, run once."""
+"""A finished small panel and a finished diagnosis, made once in a run."""
 
 from __future__ import annotations
 
@@ -14,25 +14,32 @@ from integ_gym.cli import main
 
 
 @pytest.fixture(scope="session")
-def panel_directory(tmp_path_factory) -> Path:
-    """Directory of a finished run of the small panel."""
-    folder = tmp_path_factory.mktemp("panel")
-    (folder / "small.toml").write_text(TOML, encoding="utf-8")
-    out = folder / "out"
-    assert main(["panel", str(folder / "small.toml"), "--out", str(out), "--no-progress"]) == 0
-    return out
+def panel_directory(made_once) -> Path:
+    """Directory of a finished run of the small panel, beside its specification."""
+
+    def make(folder: Path) -> None:
+        spec, out = folder / "small.toml", folder / "out"
+        spec.write_text(TOML, encoding="utf-8")
+        assert main(["panel", str(spec), "--out", str(out), "--no-progress"]) == 0
+
+    return made_once("panel", make) / "out"
 
 
 @pytest.fixture(scope="session")
-def diagnosis(tmp_path_factory):
-    """Directory, result and terminal output of a diagnosis of the pendulum, run once."""
-    out = tmp_path_factory.mktemp("diagnose") / "run"
+def diagnosis(made_once):
+    """Directory, result and terminal output of a diagnosis of the pendulum."""
+    folder = made_once("diagnosis", _diagnose)
+    out = folder / "run"
+    result = json.loads((out / "diagnose.json").read_text(encoding="utf-8"))
+    return out, result, (folder / "printed.txt").read_text(encoding="utf-8")
+
+
+def _diagnose(folder: Path) -> None:
     names = ("symplectic_euler", "reference", "planted:Boaster", "planted:Silent")
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         code = main(
             ["diagnose", "--plant", "pendulum", "--integrator", *names,
-             "--out", str(out), "--workers", "1", "--no-progress"]
+             "--out", str(folder / "run"), "--workers", "1", "--no-progress"]
         )  # fmt: skip
     assert code == 0
-    result = json.loads((out / "diagnose.json").read_text(encoding="utf-8"))
-    return out, result, printed.getvalue()
+    (folder / "printed.txt").write_text(printed.getvalue(), encoding="utf-8")

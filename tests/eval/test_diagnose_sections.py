@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from examining import examine, lines, verdicts
+from pairing import covering
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
@@ -25,9 +26,13 @@ NAMES = INTEGRATORS.names()
 WITH_ORDERS = ("free motion", "damping", "friction", "contact", "actuation", "timestep refinement")
 
 
-@pytest.mark.parametrize("plant", PLANTS.names())
-@pytest.mark.parametrize("section", WITH_ORDERS)
+@pytest.mark.parametrize(("section", "plant"), covering(WITH_ORDERS, PLANTS.names(), strength=1))
 def test_the_order_of_every_integrator_is_judged_and_right(section, plant, tmp_path, monkeypatch):
+    """Every section and every plant once; each pair in `make test-slow`.
+
+    Orders of every integrator on every plant are measured in `test_integrators.py` and
+    `test_accuracy.py`; here it is asked whether a section finds and judges them.
+    """
     monkeypatch.setattr(refinement, "success", lambda *arguments: None)
     findings = examine(section, plant, *NAMES, store=tmp_path)
     judged = [f for f in findings if f.order_steps]

@@ -28,12 +28,15 @@ def _trained(env_id: str, steps: int, path: Path, **arguments) -> Path:
 
 
 @pytest.fixture(scope="session")
-def cart_pole_policy(tmp_path_factory) -> Path:
+def cart_pole_policy(made_once) -> Path:
     """ReLU, unequal nets; clearly better than random on CartPole-v1."""
-    return _trained(
-        "CartPole-v1", 12_288, tmp_path_factory.mktemp("cart_pole") / "balance.zip",
-        policy_kwargs={"activation_fn": torch.nn.ReLU, "net_arch": {"pi": [32, 16], "vf": [64]}},
-    )  # fmt: skip
+
+    def make(folder: Path) -> None:
+        nets = {"pi": [32, 16], "vf": [64]}
+        kwargs = {"activation_fn": torch.nn.ReLU, "net_arch": nets}
+        _trained("CartPole-v1", 12_288, folder / "balance.zip", policy_kwargs=kwargs)
+
+    return made_once("cart_pole_policy", make) / "balance.zip"
 
 
 @pytest.fixture(scope="session")
@@ -46,11 +49,13 @@ def pendulum_policy(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def cart_pole_run(cart_pole_policy) -> Path:
-    out = cart_pole_policy.parent / "out"
-    command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--out", str(out)]
-    assert main([*command, "--episodes", "10", "--no-progress"]) == 0
-    return out
+def cart_pole_run(cart_pole_policy, made_once) -> Path:
+    command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--no-progress"]
+
+    def make(folder: Path) -> None:
+        assert main([*command, "--episodes", "10", "--out", str(folder / "out")]) == 0
+
+    return made_once("cart_pole_run", make) / "out"
 
 
 def _panel(out: Path) -> dict:

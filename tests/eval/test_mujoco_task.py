@@ -29,17 +29,18 @@ def _mujoco(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="session")
-def balancing(tmp_path_factory) -> Path:
+def balancing(made_once) -> Path:
     """Trained on the stock InvertedPendulum-v5, clearly better than random there."""
     needs("mujoco")
-    torch.set_num_threads(1)
-    model = PPO(
-        "MlpPolicy", "InvertedPendulum-v5", n_steps=512, learning_rate=1e-3, seed=0, device="cpu"
-    )
-    model.learn(15_360)
-    path = tmp_path_factory.mktemp("inverted_pendulum") / "balance.zip"
-    model.save(path)
-    return path
+
+    def make(folder: Path) -> None:
+        torch.set_num_threads(1)
+        given = {"n_steps": 512, "learning_rate": 1e-3, "seed": 0, "device": "cpu"}
+        model = PPO("MlpPolicy", "InvertedPendulum-v5", **given)
+        model.learn(15_360)
+        model.save(folder / "balance.zip")
+
+    return made_once("inverted_pendulum", make) / "balance.zip"
 
 
 @pytest.fixture(scope="session")

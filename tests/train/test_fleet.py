@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from engine_cases import needs
 from fleet_runs import small_run
+from pairing import covering
 from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.envs.registration import ENVIRONMENTS
+from integ_gym.envs.registration import ENVIRONMENTS, environment_setup
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train import fleet
 from integ_gym.train.command import main
@@ -88,18 +89,30 @@ def _batch_of(buffer):
     return Batch(flat(buffer.observations).T[None], flat(buffer.actions).T[None], *single)
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+UPDATES = {
+    "plain": {},
+    "variant": {"ent_coef": 0.01, "normalize_advantage": False, "activation": "ReLU"},
+    "early stop": {"target_kl": 1e-4},
+}
+DISCRETE = [name for name in ENVIRONMENTS if environment_setup(name, {}).task.discrete is not None]
+CONTINUOUS = [name for name in ENVIRONMENTS if name not in DISCRETE]
+
+
 @pytest.mark.parametrize(
-    "overrides",
+    ("env_id", "kind"),
     [
-        {},
-        {"ent_coef": 0.01, "normalize_advantage": False, "activation": "ReLU"},
-        {"target_kl": 1e-4},
+        *covering(DISCRETE[:1], UPDATES),
+        *covering(DISCRETE[1:], UPDATES, strength=1),
+        *covering(CONTINUOUS, UPDATES, strength=1),
     ],
-    ids=["plain", "variant", "early stop"],
 )
-def test_an_update_is_that_of_sb3(env_id, overrides):
-    """Same weights, rollout and order of minibatches: same weights afterwards."""
+def test_an_update_is_that_of_sb3(env_id, kind):
+    """Same weights, rollout and order of minibatches: same weights afterwards.
+
+    Each kind of update with discrete and with continuous actions, and each environment once; all in
+    `make test-slow`. Beyond its actions an environment is a number of observations to an update.
+    """
+    overrides = UPDATES[kind]
     config = small_run(env_id, learning_rate=3e-3, n_epochs=4, **overrides)
     model = _sb3_model(config)
     before = _numpy_weights(model)
@@ -138,8 +151,9 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
     program = trainer._program
     _, steps = jax.jit(program._collect)(learner, learner.keys, params)
-    _, outcome, observed, observed_after = program._again(steps, params)
-    batch = program._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
+    _, outcome, observed, observed_after = jax.jit(program._again)(steps, params)
+    told = (observed, observed_after)
+    batch = jax.jit(program._batch)(learner.stack, knobs, steps, outcome, told)
     ended = np.asarray(steps.terminated | steps.truncated)[:, 0]
     assert ended.any()
     model = _sb3_model(config)
