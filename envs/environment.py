@@ -27,7 +27,7 @@ from integ_gym.envs.steps import (
     traced_step,
 )
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import EnvState
+from integ_gym.envs.transition import STATUS_NAMES, EnvState, quiet_status
 
 Observation = npt.NDArray[np.float32]
 
@@ -70,6 +70,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state: EnvState | None = None
         self._control = 0.0
         self._sampled = True
+        self.status_code = quiet_status(self.setup)
         self._start: ScalarStart = plain_start(self.setup)
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
@@ -116,6 +117,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         self._control, self._sampled = 0.0, True
+        self._put_into_words(info)
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), info
@@ -135,6 +137,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             taken = plain_step(self.setup)(before, control)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
         self._state, self._control = EnvState._make(state), info["control"]
+        self._put_into_words(info)
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), reward, terminated, truncated, info
@@ -169,6 +172,11 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._state is None:
             raise gym.error.ResetNeeded("call reset() before step(), state or render()")
         return self._state
+
+    def _put_into_words(self, info: dict[str, Any]) -> None:
+        """Keep the code of the solver's status, and tell what it means."""
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
 
     def _read_action(self, action: Any) -> float:
         if self._discrete is None:
