@@ -71,6 +71,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._control = 0.0
         self._sampled = True
         self.status_code = quiet_status(self.setup)
+        """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._start: ScalarStart = plain_start(self.setup)
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
@@ -94,7 +95,7 @@ class IntegEnv(gym.Env[Observation, Any]):
     def state_components(self) -> Components:
         """The same as floats, which takes less time."""
         current = self._current()
-        return self._in_order((*current.q, *current.v))
+        return self._in_order(current.q + current.v)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -117,7 +118,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         self._control, self._sampled = 0.0, True
-        self._put_into_words(info)
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), info
@@ -137,7 +139,8 @@ class IntegEnv(gym.Env[Observation, Any]):
             taken = plain_step(self.setup)(before, control)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
         self._state, self._control = EnvState._make(state), info["control"]
-        self._put_into_words(info)
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), reward, terminated, truncated, info
@@ -172,11 +175,6 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._state is None:
             raise gym.error.ResetNeeded("call reset() before step(), state or render()")
         return self._state
-
-    def _put_into_words(self, info: dict[str, Any]) -> None:
-        """Keep the code of the solver's status, and tell what it means."""
-        self.status_code = info["solver_status"]
-        info["solver_status"] = STATUS_NAMES[self.status_code]
 
     def _read_action(self, action: Any) -> float:
         if self._discrete is None:

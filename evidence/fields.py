@@ -8,6 +8,7 @@ hash, the documentation and ``integ-gym evidence show`` all derive from them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,28 +88,21 @@ class Field:
     source: str = ""
 
 
-def _text(name: str, meaning: str, origin: Origin | None, **about: Any) -> Field:
-    return Field(name, "string", "", meaning, origin, **about)
+def _field(
+    kind: str, unit: str, name: str, meaning: str, origin: Origin | None, **about: Any
+) -> Field:
+    return Field(name, kind, unit, meaning, origin, **about)
 
 
-def _json(name: str, meaning: str, origin: Origin, **about: Any) -> Field:
-    return Field(name, "json", "", meaning, origin, **about)
-
-
-def _flag(name: str, meaning: str, origin: Origin) -> Field:
-    return Field(name, "bool", "", meaning, origin)
-
-
-def _count(name: str, meaning: str, origin: Origin, **about: Any) -> Field:
-    return Field(name, "int64", "1", meaning, origin, **about)
+_text = partial(_field, "string", "")
+_json = partial(_field, "json", "")
+_flag = partial(_field, "bool", "")
+_count = partial(_field, "int64", "1")
+_time = partial(_field, "timestamp", "", volatile=True)
 
 
 def _real(name: str, unit: str, meaning: str, origin: Origin, **about: Any) -> Field:
     return Field(name, "float64", unit, meaning, origin, **about)
-
-
-def _time(name: str, meaning: str, origin: Origin) -> Field:
-    return Field(name, "timestamp", "", meaning, origin, volatile=True)
 
 
 def _seed(own: Any, _: Any) -> int | None:

@@ -17,8 +17,8 @@ from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.recording import Recorder, now, recorded
 from integ_gym.evidence.store import EvidenceStore
 
-_FEWEST_ROWS = 4096
-"""Rows between two handings over to the log, at least."""
+_ROWS_AT_ONCE = 4096
+"""So many rows of finished episodes are given to the log together, at least."""
 
 
 class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
@@ -57,7 +57,8 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._active = False
         self._heads: list[EpisodeHead] = []
         self._counts: list[int] = []
-        self._allocate()
+        self._rows: list[bytes] = []
+        self._finished = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -68,8 +69,8 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
             self._seed, self._draws = seed, -1
         self._draws += 1
         if self._note_contact(info):
-            self._allocate()
-        self._row = self._start
+            self._pack = struct.Struct(f"{len(self._layout)}d").pack
+        del self._rows[self._finished :]
         self._wall_start = now()
         self._active = True
         self._write(observation, (0.0, False, False), info)
@@ -89,45 +90,30 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         """The environment's own: recording is no part of it."""
         return self.env.spec
 
-    def _allocate(self) -> None:
-        entries = len(self._layout)
-        self._width = 8 * entries
-        self._pack = struct.Struct(f"{entries}d").pack_into
-        rows = max(_FEWEST_ROWS, self._horizon + 1)
-        self._rows = np.zeros((rows, entries))
-        self._memory = self._rows.data.cast("B")
-        self._capacity = rows
-        self._start = 0
-        self._row = 0
-
     def _write(
         self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
     ) -> None:
-        if self._row == self._capacity:
-            self._hand_over()
         inner = self._inner
         row = self._layout.row(
             info, inner.status_code, ending, inner.state_components, observation.tolist()
         )
-        self._pack(self._memory, self._row * self._width, *row)
-        self._row += 1
+        self._rows.append(self._pack(*row))
 
     def _finish(self) -> None:
         self._active = False
         key = f"{self._inner.np_random_seed}/{self._draws}"
         head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
         self._heads.append(head)
-        self._counts.append(self._row - self._start)
-        self._start = self._row
+        self._counts.append(len(self._rows) - self._finished)
+        self._finished = len(self._rows)
         self._next_index += 1
+        if self._finished >= _ROWS_AT_ONCE:
+            self._hand_over()
 
     def _hand_over(self) -> None:
-        """Give the finished episodes to the log and move the unfinished one to the front."""
         if self._heads:
-            counts = np.array(self._counts, dtype=np.int64)
-            rows = np.ascontiguousarray(self._rows[: self._start].T)
-            self._log.add(rows, counts, self._heads)
-        begun = self._row - self._start
-        self._rows[:begun] = self._rows[self._start : self._row]
-        self._start, self._row = 0, begun
-        self._heads, self._counts = [], []
+            rows = np.frombuffer(b"".join(self._rows[: self._finished]))
+            by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
+            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), self._heads)
+        del self._rows[: self._finished]
+        self._finished, self._heads, self._counts = 0, [], []
