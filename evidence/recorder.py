@@ -17,7 +17,7 @@ from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.recording import Recorder, now, recorded
 from integ_gym.evidence.store import EvidenceStore
 
-_ROWS_AT_ONCE = 4096
+_FEWEST_ROWS = 4096
 """So many rows of finished episodes are given to the log together, at least."""
 
 
@@ -107,7 +107,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._counts.append(len(self._rows) - self._finished)
         self._finished = len(self._rows)
         self._next_index += 1
-        if self._finished >= _ROWS_AT_ONCE:
+        if self._finished >= _FEWEST_ROWS:
             self._hand_over()
 
     def _hand_over(self) -> None:
