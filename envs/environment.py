@@ -27,7 +27,7 @@ from integ_gym.envs.steps import (
     traced_step,
 )
 from integ_gym.envs.tasks import TASKS
-from integ_gym.envs.transition import EnvState
+from integ_gym.envs.transition import STATUS_NAMES, EnvState, quiet_status
 
 Observation = npt.NDArray[np.float32]
 
@@ -70,6 +70,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state: EnvState | None = None
         self._control = 0.0
         self._sampled = True
+        self.status_code = quiet_status(self.setup)
+        """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._start: ScalarStart = plain_start(self.setup)
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
@@ -93,7 +95,7 @@ class IntegEnv(gym.Env[Observation, Any]):
     def state_components(self) -> Components:
         """The same as floats, which takes less time."""
         current = self._current()
-        return self._in_order((*current.q, *current.v))
+        return self._in_order(current.q + current.v)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -116,6 +118,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         self._control, self._sampled = 0.0, True
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), info
@@ -135,6 +139,8 @@ class IntegEnv(gym.Env[Observation, Any]):
             taken = plain_step(self.setup)(before, control)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
         self._state, self._control = EnvState._make(state), info["control"]
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), reward, terminated, truncated, info

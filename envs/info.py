@@ -1,29 +1,14 @@
-"""`info` of a single environment: what is told about every reset and step."""
+"""`info`: what is told about every reset and step, with the solver's status as a code."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.envs.ops import Component, Ops
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.transition import (
-    AWAY,
-    DIVERGED,
-    NOT_CONVERGED,
-    NOT_REPORTED,
-    OK,
-    STATUS_NAMES,
-    EnvState,
-    Outcome,
-)
+from integ_gym.envs.transition import AWAY, OK, EnvState, Outcome
 
 
-def quiet_status(setup: Setup) -> str:
-    """Solver status where no step has been taken."""
-    return STATUS_NAMES[OK if setup.engine.reports else NOT_REPORTED]
-
-
-def reset_info(state: EnvState, status: str = STATUS_NAMES[OK]) -> dict[str, Any]:
+def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     return {
         "time": 0.0,
@@ -52,15 +37,8 @@ BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
 """What is told about a reset, but for what depends on the start."""
 
 
-def step_info(ops: Ops, setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step, in the order of :func:`reset_info`."""
-    info = booked(setup, state, outcome)
-    info["solver_status"] = _status_name(ops, outcome.status)
-    return info
-
-
-def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
-    """`info` of a step without the solver's status."""
     return {
         "time": state.steps * setup.timing.control_period,
         "energy": state.energy,
@@ -80,10 +58,5 @@ def booked(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
         "success": outcome.success,
         "solver_iterations": outcome.iterations,
         "solver_residual": outcome.solver_residual,
+        "solver_status": outcome.status,
     }
-
-
-def _status_name(ops: Ops, status: Component) -> Any:
-    bad = ops.where(status == NOT_CONVERGED, STATUS_NAMES[NOT_CONVERGED], STATUS_NAMES[DIVERGED])
-    fine = ops.where(status == OK, STATUS_NAMES[OK], STATUS_NAMES[NOT_REPORTED])
-    return ops.where(status <= OK, fine, bad)

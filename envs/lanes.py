@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from integ_gym.envs.ops import Component
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.system import PlantSystem
 
 Array = npt.NDArray[Any]
 Tree = TypeVar("Tree", bound=tuple[Any, ...])
@@ -66,10 +65,7 @@ def varied(setup: Setup) -> dict[str, Array]:
 def of_lanes(setup: Setup, lanes: Array) -> Setup:
     """``setup`` with the parameters of some lanes."""
     plant, task = _part_of(setup.plant, lanes), _part_of(setup.task, lanes)
-    system = PlantSystem(plant, setup.system.max_speed)
-    settings = setup.settings
-    engine = type(setup.engine)(system, settings.integrator, settings.dt)  # type: ignore[call-arg]
-    return replace(setup, plant=plant, task=task, system=system, engine=engine)
+    return setup.with_values(plant, task, setup.timing, setup.system.max_speed)
 
 
 def check_lanes(setup: Setup, lanes: int) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Engine
+from integ_gym.envs.ops import Component
 from integ_gym.envs.parameters import (
     check_values,
     nonnegative,
@@ -102,6 +103,23 @@ class Setup:
         """SI unit of every constructor argument."""
         return {**units(self.settings), **units(self.plant), **units(self.task)}
 
+    def with_values(
+        self, plant: Plant, task: Task, timing: Timing, max_speed: Component | None
+    ) -> Setup:
+        """The same setup for other values, which are not looked at and may be traced.
+
+        Args:
+            plant: of the same class, as ``task``.
+            timing: rates.
+            max_speed: clip on every velocity, rad/s or m/s, or None.
+        """
+        system = _system(plant, self.settings, max_speed)
+        if self.engine.batched:
+            engine = self.engine.at(system, timing.dt)
+        else:
+            engine = type(self.engine)(system, self.settings.integrator, timing.dt)  # type: ignore[call-arg]
+        return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
+
 
 def argument_names(plant: type[Any], task: type[Any]) -> tuple[str, ...]:
     """Names of all constructor arguments but ``render_mode``."""
@@ -139,7 +157,8 @@ def build_setup(
     )
     the_plant = _parse(plant, values)
     _check_speed_limit(settings)
-    system = _system(the_plant, settings)
+    _check_contact(the_plant, settings)
+    system = _system(the_plant, settings, settings.max_speed)
     engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
@@ -187,12 +206,15 @@ def _with_start(settings: Settings, task: type[Any]) -> Settings:
     return Settings(**{**vars(settings), "start": start})
 
 
-def _system(plant: Plant, settings: Settings) -> PlantSystem:
+def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
+    return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
+
+
+def _check_contact(plant: Plant, settings: Settings) -> None:
     if settings.contact == "engine" and getattr(plant, "stops", None) is None:
         raise ValueError(
             f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
         )
-    return PlantSystem(plant, settings.max_speed, engine_stops=settings.contact == "engine")
 
 
 def _check_speed_limit(settings: Settings) -> None:

@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.info import booked, quiet_status, reset_info, step_info
+from integ_gym.envs.info import reset_info, step_info
 from integ_gym.envs.ops import SCALAR, Component, Components, Ops
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.tracing import ARRAYS, SCALARS, Dialect, Repeated, Unusual, compiled, repeated
-from integ_gym.envs.transition import EnvState, initial_state, transition
+from integ_gym.envs.transition import EnvState, initial_state, quiet_status, transition
 
 ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
-"""(state, action) to (state, observation, reward, terminated, truncated, info, sampled)."""
+"""(state, action) to (state, observation, reward, terminated, truncated, info, sampled).
+
+In `info`, the solver's status is a code."""
 
 ScalarStart = Callable[[Components, Components], tuple[Any, ...]]
 """(q, v) to (state, observation, info)."""
@@ -146,7 +148,7 @@ def _scalar_step(
         outcome.reward,
         outcome.terminated,
         outcome.truncated,
-        step_info(ops, setup, after, outcome),
+        step_info(setup, after, outcome),
         outcome.sampled,
     )
 
@@ -155,9 +157,8 @@ def _array_step(
     setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
 ) -> tuple[EnvState, Components, dict[str, Any]]:
     after, outcome = transition(ops, setup, EnvState._make(state), action)
-    told = booked(setup, after, outcome)
+    told = step_info(setup, after, outcome)
     told |= {name: getattr(outcome, name) for name in RESULTS}
-    told["solver_status"] = outcome.status
     return after, setup.task.observe(ops, after.sensed_q, after.sensed_v), told
 
 

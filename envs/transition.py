@@ -15,7 +15,7 @@ from integ_gym.envs.timing import Timing
 
 OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
 STATUS_NAMES = ("ok", "not_converged", "diverged", "not_reported")
-"""By code: what is not reported is the last, and the least of the codes."""
+"""By code: what is not reported is the last, and the least of the codes; a larger one is worse."""
 
 AWAY = -1.0
 """`goal_since` while the state is not at the goal."""
@@ -70,6 +70,11 @@ class Outcome(NamedTuple):
     """Deepest at the end of any sub-step, m or rad."""
     contact_force: Component
     """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
+
+
+def quiet_status(setup: Setup) -> int:
+    """Code of the solver's status where no step has been taken."""
+    return OK if setup.engine.reports else NOT_REPORTED
 
 
 def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
@@ -235,8 +240,7 @@ def _outcome(
 
 def _solved(ops: Ops, setup: Setup, motion: Motion) -> Component:
     """Status of a motion that has not diverged."""
-    fine = OK if setup.engine.reports else NOT_REPORTED
-    return ops.where(motion.converged, fine, NOT_CONVERGED)
+    return ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
 
 
 def _reward(

@@ -21,7 +21,6 @@ from integ_gym.envs.environment import (
     make_setup,
     observation_space,
 )
-from integ_gym.envs.info import quiet_status
 from integ_gym.envs.lanes import (
     Array,
     as_lanes,
@@ -46,8 +45,8 @@ from integ_gym.envs.starts import (
     possible,
 )
 from integ_gym.envs.steps import RESULTS, LanesStep
-from integ_gym.envs.transition import EnvState, initial_state
-from integ_gym.envs.vector_info import Info, LaneInfo, kept, masked
+from integ_gym.envs.transition import EnvState, initial_state, quiet_status
+from integ_gym.envs.vector_info import Info, LaneInfo, kept
 
 
 class IntegVectorEnv(VectorEnv[Any, Any, Any]):
@@ -110,6 +109,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self._member = np.zeros(num_envs, dtype=np.int64)
         self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
         self._control = np.zeros(num_envs)
+        self._codes = np.full(num_envs, quiet_status(self.setup))
         self._final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
 
@@ -130,8 +130,21 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
     @property
     def state(self) -> npt.NDArray[np.float64]:
         """True states in Gymnasium's order, SI units, shape (num_envs, n)."""
+        return np.stack(self.state_components, axis=1)
+
+    @property
+    def state_components(self) -> Components:
+        """The same component by component, each of shape (num_envs,), which takes less time."""
         current = self._current()
-        return np.stack(join_state(current.q, current.v), axis=1)
+        return join_state(current.q, current.v)
+
+    @property
+    def status_codes(self) -> Array:
+        """The solver's status in every lane's last step, as a code of `STATUS_NAMES`; read-only.
+
+        Of a lane that was reset in place of a step, that of the reset.
+        """
+        return self._codes
 
     @property
     def final_state(self) -> npt.NDArray[np.float64]:
@@ -192,6 +205,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
             self._look_anew(observation, waiting)
             sampled[waiting] = True
+        self._codes = info["solver_status"]
         observation = self._with_noise(observation, sampled)
         self._done = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
@@ -409,7 +423,8 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()
-        final_info = masked(kept(self._arrays(info), done), done)
+        final_info = self._info.told(kept(self._arrays(info), done), done)
+        self._codes = self._codes.copy()
         self._begin(lanes, {}, info)
         self._look_anew(observation, lanes)
         told = {
@@ -425,7 +440,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         return {**info, "mixture_index": self._member.copy()} if self.mixed else info
 
     def _told(self, info: Info, mask: Array) -> dict[str, Any]:
-        return masked(self._arrays(info), mask)
+        return self._info.told(self._arrays(info), mask)
 
 
 def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -1,4 +1,7 @@
-"""`info` of the vector environment: arrays of shape (num_envs,) with Gymnasium's masks."""
+"""`info` of the vector environment: arrays of shape (num_envs,) with Gymnasium's masks.
+
+The solver's status is a code until it is told: :meth:`LaneInfo.told`.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,12 @@ import numpy.typing as npt
 
 from integ_gym.envs.info import BLANK
 from integ_gym.envs.lanes import Array, full
-from integ_gym.envs.ops import Component
 from integ_gym.envs.transition import STATUS_NAMES, EnvState
 
 Info = dict[str, Array]
 
-_STATUS = np.array(STATUS_NAMES, dtype=object)
+_WORDS = np.array(STATUS_NAMES, dtype=object)
+_UNTOLD = np.array(None, dtype=object)
 _DTYPES: dict[type, npt.DTypeLike] = {
     float: np.float64,
     bool: np.bool_,
@@ -32,10 +35,10 @@ class LaneInfo:
 
     Args:
         lanes: how many.
-        status: solver status where no step has been taken.
+        status: code of the solver's status where no step has been taken.
     """
 
-    def __init__(self, lanes: int, status: str) -> None:
+    def __init__(self, lanes: int, status: int) -> None:
         self._lanes = lanes
         self._blank = {**BLANK, "solver_status": status}
         self._constants: dict[Any, Array] = {}
@@ -44,13 +47,14 @@ class LaneInfo:
 
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""
-        return {name: self._empty(type(value)) for name, value in BLANK.items()}
+        return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in BLANK.items()}
 
     def of_step(self, told: dict[str, Any]) -> Info:
         """`info` of what a step has told, and its results; see :data:`ArrayStep`."""
-        told["solver_status"] = _STATUS[told["solver_status"]]
         return {
-            name: value if isinstance(value, np.ndarray) else self._alike(name, value)
+            name: value
+            if isinstance(value, np.ndarray)
+            else self._alike(name, value, type(BLANK[name]))
             for name, value in told.items()
         }
 
@@ -66,14 +70,26 @@ class LaneInfo:
         info["energy"][lanes] = state.energy[lanes]
         info["goal_since"][lanes] = state.goal_since[lanes]
 
-    def _empty(self, kind: type) -> Array:
-        if kind is str:
-            return np.empty(self._lanes, dtype=object)
-        return np.zeros(self._lanes, dtype=_DTYPES[kind])
+    def told(self, info: Info, mask: Array) -> dict[str, Array]:
+        """What users see: the solver's status in words, and Gymnasium's `_key` masks.
 
-    def _alike(self, name: str, value: Component) -> Array:
-        """One number for all lanes."""
-        dtype = _DTYPES[type(BLANK[name])]
+        Args:
+            info: of all lanes.
+            mask: lanes that are told about; one array for all keys.
+        """
+        words = self._words(info["solver_status"])
+        if mask is not self.everyone:
+            words = np.where(mask, words, _UNTOLD)
+        return {**info, "solver_status": words, **dict.fromkeys(_mask_names(tuple(info)), mask)}
+
+    def _words(self, codes: Array) -> Array:
+        if codes.flags.writeable:
+            return _WORDS[codes]
+        return self._alike("solver_status", STATUS_NAMES[codes[0]], str)
+
+    def _alike(self, name: str, value: Any, kind: type) -> Array:
+        """One value for all lanes."""
+        dtype = _DTYPES[kind]
         if type(value) not in _DTYPES:
             return full(value, self._lanes, dtype)
         if (name, value) not in self._constants:
@@ -83,11 +99,6 @@ class LaneInfo:
         return self._constants[name, value]
 
 
-def masked(info: dict[str, Any], mask: Array) -> dict[str, Any]:
-    """``info`` with Gymnasium's `_key` masks, one array for all."""
-    return {**info, **dict.fromkeys(_mask_names(tuple(info)), mask)}
-
-
 @lru_cache(maxsize=16)
 def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"_{name}" for name in names)
@@ -95,9 +106,4 @@ def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def kept(info: Info, mask: Array) -> Info:
     """Copies of ``info`` with nothing outside ``mask``."""
-    copies = {}
-    for name, values in info.items():
-        nothing = np.empty if values.dtype == object else np.zeros
-        copies[name] = nothing(values.shape, dtype=values.dtype)
-        copies[name][mask] = values[mask]
-    return copies
+    return {name: np.where(mask, values, values.dtype.type()) for name, values in info.items()}

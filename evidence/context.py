@@ -114,15 +114,3 @@ def _equal(a: Any, b: Any) -> bool:
     if isinstance(a, str) or isinstance(b, str):
         return bool(a == b)
     return math.isclose(a, b, rel_tol=1e-9)
-
-
-def json_text(value: Any) -> str:
-    """JSON with sorted keys and no spaces; NumPy numbers as Python's own."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    try:
-        return value.tolist()
-    except AttributeError:
-        raise TypeError(f"{value!r} cannot be written as JSON") from None

@@ -1,7 +1,9 @@
-"""The discretization fields of a record, read from an environment's setup."""
+"""What a record says of an environment's setup."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from math import gcd
 from typing import Any
 
@@ -9,42 +11,9 @@ import numpy as np
 
 from integ_gym.envs.numerics.fingerprint import fingerprint
 from integ_gym.envs.settings import Setup
-from integ_gym.evidence.context import json_text
 
 
-def describe(setup: Setup, lane: int = 0) -> dict[str, Any]:
-    """All fields of group ``discretization``, and ``metric``, for one environment.
-
-    Args:
-        setup: the environment's setup.
-        lane: which value to take of plant parameters given as arrays.
-    """
-    settings, timing = setup.settings, setup.timing
-    sensor = timing.substeps if timing.sensor is None else timing.sensor
-    return {
-        "engine": settings.engine,
-        "engine_version": setup.engine.version,
-        "engine_description": json_text(_engine(setup)),
-        "integrator": settings.integrator,
-        "dt": timing.dt,
-        "control_period": timing.control_period,
-        "substeps": timing.substeps,
-        "sensor_period": sensor * timing.dt,
-        "action_latency": timing.latency * timing.dt,
-        "observation_noise": settings.observation_noise,
-        **{name: setup.engine.solver().get(name) for name in ("solver_tolerance", "solver_cap")},
-        "duration": settings.duration,
-        "fallback": settings.fallback,
-        "max_speed": settings.max_speed,
-        "start": settings.start,
-        "arguments": arguments(setup, lane),
-        "metric": "success",
-        "metric_definition": setup.task.goal,
-        "latency_budget": timing.control_period,
-    }
-
-
-def arguments(setup: Setup, lane: int = 0) -> str:
+def arguments(setup: Setup, lane: int) -> str:
     """JSON of {name: {"value": …, "unit": …}} for all constructor arguments."""
     values, units = setup.arguments(), setup.units()
     return json_text(
@@ -52,13 +21,24 @@ def arguments(setup: Setup, lane: int = 0) -> str:
     )
 
 
-def _engine(setup: Setup) -> dict[str, Any]:
-    """What the engine says of itself, and what it was measured to be, if it is not ours."""
-    settings = setup.settings
-    if settings.engine == "native":
-        return setup.engine.describe()
-    measured = fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
-    return {**setup.engine.describe(), "fingerprint": measured.to_json()}
+def engine_description(setup: Setup, _: int) -> str:
+    """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
+    settings, described = setup.settings, setup.engine.describe()
+    if settings.engine != "native":
+        measured = fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+        described = {**described, "fingerprint": measured.to_json()}
+    return json_text(described)
+
+
+def sensor_period(setup: Setup, _: int) -> float:
+    """Time between two samples, s."""
+    timing = setup.timing
+    return (timing.substeps if timing.sensor is None else timing.sensor) * timing.dt
+
+
+def action_latency(setup: Setup, _: int) -> float:
+    """Delay of every command, s."""
+    return setup.timing.latency * setup.timing.dt
 
 
 def staleness(setup: Setup) -> float:
@@ -68,13 +48,30 @@ def staleness(setup: Setup) -> float:
     return (timing.latency + age) * timing.dt
 
 
-def in_words(description: dict[str, Any]) -> str:
-    """Engine, integrator and steps in words."""
+def in_words(fields: Mapping[str, Any]) -> str:
+    """Engine, integrator and steps in words, from the record's fields of these names."""
     return (
-        f"{description['integrator']} ({description['engine']}) at dt "
-        f"{description['dt']:.6g} s and control period {description['control_period']:.6g} s"
+        f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
+        f"period {fields['control_period']:.6g} s"
     )
+
+
+def json_text(value: Any) -> str:
+    """JSON with sorted keys and no spaces; NumPy numbers as Python's own."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
+
+
+def optional_json(value: Any) -> str | None:
+    """The same, or None for None."""
+    return None if value is None else json_text(value)
 
 
 def _of_lane(value: Any, lane: int) -> Any:
     return value[lane].item() if isinstance(value, np.ndarray) else value
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return value.tolist()
+    except AttributeError:
+        raise TypeError(f"{value!r} cannot be written as JSON") from None

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence.fields import STATUS_CODES
-from integ_gym.evidence.layout import STATUS, Layout
-
 Array = npt.NDArray[Any]
-
-_ENDING = ("reward", "terminated", "truncated")
 
 
 class LaneBuffer:
     """The last control steps of all lanes, at least one horizon of them.
 
     Args:
-        layout: what the entries of a row are.
+        entries: of a row.
         lanes: number of lanes.
         horizon: most control steps of an episode.
 
@@ -28,16 +23,15 @@ class LaneBuffer:
         active: lanes with an episode under way that is recorded, shape (lanes,).
     """
 
-    def __init__(self, layout: Layout, lanes: int, horizon: int) -> None:
-        self.layout = layout
+    def __init__(self, entries: int, lanes: int, horizon: int) -> None:
         self.active = np.zeros(lanes, dtype=bool)
-        self._first = np.zeros((len(layout), lanes))
-        self._steps = np.zeros((len(layout), horizon + 64 + horizon // 2, lanes))
+        self._first = np.zeros((entries, lanes))
+        self._steps = np.zeros((entries, horizon + 64 + horizon // 2, lanes))
         self._starts = np.zeros(lanes, dtype=np.int64)
         self._time = 0
 
-    def next_row(self) -> Array:
-        """The row of the next control step, shape (entries, lanes), to be written to.
+    def add(self, row: Sequence[Array]) -> None:
+        """Take in a control step: every entry of its row, of shape (lanes,).
 
         Steps that no episode under way needs are dropped when there is no room.
         """
@@ -46,9 +40,9 @@ class LaneBuffer:
             self._steps[:, : self._time - oldest] = self._steps[:, oldest : self._time]
             self._starts -= oldest
             self._time -= oldest
+        for place, values in enumerate(row):
+            self._steps[place, self._time] = values
         self._time += 1
-        row: Array = self._steps[:, self._time - 1]
-        return row
 
     def begin(self, lanes: Array, first: Array, record: Array) -> None:
         """Begin an episode in some lanes, after the last row.
@@ -61,8 +55,6 @@ class LaneBuffer:
         if not self.active.any():
             self._time = 0
         self._first[:, lanes] = first
-        for name in _ENDING:
-            self._first[self.layout.place(name), lanes] = 0.0
         self._starts[lanes] = self._time
         self.active[lanes] = record
 
@@ -76,7 +68,7 @@ class LaneBuffer:
         lanes = lanes[np.argsort(self._starts[lanes], kind="stable")]
         for together in np.split(lanes, np.flatnonzero(np.diff(self._starts[lanes])) + 1):
             start = self._starts[together[0]]
-            rows = np.empty((len(self.layout), len(together), self._time - start + 1))
+            rows = np.empty((len(self._first), len(together), self._time - start + 1))
             rows[:, :, 0] = self._first[:, together]
             rows[:, :, 1:] = self._taken(start, together).transpose(0, 2, 1)
             yield together, rows
@@ -88,37 +80,3 @@ class LaneBuffer:
         if last - first + 1 == len(lanes):
             return steps[:, :, first : last + 1]
         return steps.take(lanes, axis=2)
-
-
-def fill(
-    layout: Layout, row: Array, lanes: Any, info: Mapping[str, Any], observed: Array, state: Array
-) -> None:
-    """Write what a step or reset gave into some lanes of a row.
-
-    Args:
-        layout: what the entries of the row are.
-        row: shape (entries, all lanes).
-        lanes: lane numbers, or a slice.
-        info: arrays of shape (all lanes,).
-        observed: observations of these lanes, shape (lanes, observations).
-        state: their true states, shape (lanes, states).
-    """
-    for place, name in enumerate(layout.info):
-        row[place, lanes] = info[name][lanes]
-    row[layout.place(STATUS), lanes] = _codes(info["solver_status"][lanes])
-    row[layout.places(layout.sensed), lanes] = observed.T
-    row[layout.places(layout.state), lanes] = state.T
-
-
-def fill_ending(layout: Layout, row: Array, ending: tuple[Array, Array, Array]) -> None:
-    """Write reward, terminated and truncated of all lanes into a row."""
-    for name, values in zip(_ENDING, ending, strict=True):
-        row[layout.place(name)] = values
-
-
-def _codes(status: Array) -> Array:
-    """Solver status names as codes."""
-    codes = np.zeros(status.shape)
-    for lane in np.flatnonzero(status != "ok"):
-        codes[lane] = STATUS_CODES[status[lane]]
-    return codes

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from operator import itemgetter
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.evidence.fields import Field
-from integ_gym.evidence.trace_fields import CONTACT_SOURCES, controls_of, record_fields
+from integ_gym.evidence.trace_fields import CONTACT_TRACE, record_fields
 
-_INFO = (
-    "time",
-    "energy",
-    "goal_since",
-    "sensor_time",
-    "actuator_work",
-    "dissipated",
-    "clip_loss",
-    "energy_residual",
-    "saturated",
-    "fallback_used",
-    "success",
-    "solver_iterations",
-)
+Array = npt.NDArray[Any]
 
-STATUS = "solver_status_code"
+STATUS = "solver_status"
+"""The solver's status, as a code."""
+
+_ENDING = ("reward", "terminated", "truncated")
+
+_FOR_SUMMARIES = ("goal_since", "saturated", "fallback_used", "success")
+"""What is taken from ``info`` beside what trace columns are made of."""
+
+_STARTING = ("energy", "goal_since")
+"""What of ``info`` is not 0 at a reset."""
 
 
 class Layout:
-    """Names of the entries of a row, in order.
+    """Entries of a row, in order.
 
     Row 0 of an episode is its reset and row k the result of its control step k - 1: the state,
     observation and times at the instant after that step, and what was booked during it. All
@@ -41,25 +41,25 @@ class Layout:
 
     Attributes:
         fields: all columns of the records.
-        info: entries taken from ``info``.
+        info: entries taken from ``info``: what the trace columns and the summaries need.
         state: entries of the true state, in state order.
-        sensed: entries of the observation.
         names: all entries: ``info``, then solver status, reward, terminated and truncated, then
-            ``state`` and ``sensed``.
+            ``state`` and the observation.
     """
 
     def __init__(self, plant: Any, task: Any, info: Mapping[str, Any] | None = None) -> None:
         self.fields: tuple[Field, ...] = record_fields(plant, task)
-        contact = tuple(name for name in CONTACT_SOURCES if name in (info or {}))
-        controls = tuple(
-            source for _, _, *sources in controls_of(plant) for source in reversed(sources)
-        )
-        self.info = (*_INFO, *controls, *contact)
         self.state = state_names(plant)
-        self.sensed = tuple(f"sensed_{name}" for name in task.observation_names)
-        booked = (STATUS, "reward", "terminated", "truncated")
-        self.names = (*self.info, *booked, *self.state, *self.sensed)
+        sensed = tuple(f"sensed_{name}" for name in task.observation_names)
+        others = (STATUS, *_ENDING, *self.state, *sensed)
+        absent = {field.source for field in CONTACT_TRACE} - set(info or ())
+        sources = (field.source for field in self.fields if field.at)
+        told = dict.fromkeys((*sources, *_FOR_SUMMARIES))
+        self.info = tuple(name for name in told if name not in (*others, *absent))
+        self.names = (*self.info, *others)
         self._places = {name: place for place, name in enumerate(self.names)}
+        self._starting = [self._places[name] for name in (*_STARTING, *self.state, *sensed)]
+        self._told = itemgetter(*self.info)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -71,7 +71,42 @@ class Layout:
         """Where an entry is in the row."""
         return self._places[name]
 
-    def places(self, names: tuple[str, ...]) -> slice:
-        """Where consecutive entries are in the row."""
-        first = self._places[names[0]]
-        return slice(first, first + len(names))
+    def row(
+        self,
+        info: Mapping[str, Any],
+        status: Any,
+        ending: tuple[Any, Any, Any],
+        state: Iterable[Any],
+        sensed: Iterable[Any],
+    ) -> tuple[Any, ...]:
+        """The entries of a row: numbers, or arrays of many rows.
+
+        Args:
+            info: of the environment.
+            status: code of the solver's status.
+            ending: reward, terminated, truncated.
+            state: true state, component by component, in state order.
+            sensed: observation, component by component.
+        """
+        return (*self._told(info), status, *ending, *state, *sensed)
+
+    def start(
+        self, info: Mapping[str, Any], state: Iterable[Any], sensed: Iterable[Any]
+    ) -> tuple[Any, ...]:
+        """The entries of a reset's row that are not 0, as :meth:`row`; of the status see there."""
+        return (*(info[name] for name in _STARTING), *state, *sensed)
+
+    def start_rows(self, entries: Array, status: int) -> Array:
+        """Whole rows of resets.
+
+        Args:
+            entries: see :meth:`start`, shape (entries, resets).
+            status: code of the solver's status where no step has been taken.
+
+        Returns:
+            Shape (all entries, resets).
+        """
+        rows = np.zeros((len(self), entries.shape[1]))
+        rows[self._starting] = entries
+        rows[self._places[STATUS]] = status
+        return rows

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import math
-from datetime import datetime
 from typing import Any, TextIO
 
+from integ_gym.evidence.record import plain
 from integ_gym.evidence.show import number
 from integ_gym.evidence.text_table import print_aligned
 
@@ -43,11 +42,11 @@ def _csv(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(names)
     for row in rows:
-        writer.writerow([json.dumps(_plain(x)) if isinstance(x, list) else _plain(x) for x in row])
+        writer.writerow([json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row])
 
 
 def _json(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
-    records = [dict(zip(names, map(_plain, row), strict=True)) for row in rows]
+    records = [dict(zip(names, map(plain, row), strict=True)) for row in rows]
     print(json.dumps(records, indent=2, allow_nan=False, default=str), file=file)
 
 
@@ -55,16 +54,3 @@ def _short(value: Any) -> str:
     if isinstance(value, list) and len(value) > 4:
         return f"[{len(value)} values]"
     return number(value)
-
-
-def _plain(value: Any) -> Any:
-    """A value fit for JSON: times as ISO 8601, what is not finite as null."""
-    if isinstance(value, datetime):
-        return value.isoformat()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, list):
-        return [_plain(x) for x in value]
-    if isinstance(value, dict):
-        return {key: _plain(x) for key, x in value.items()}
-    return value

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from integ_gym.evidence.arrow_schema import described, is_trace
@@ -46,7 +45,7 @@ class EvidenceRecord:
 
     def summary(self) -> dict[str, Any]:
         """All fields but the trace, fit for JSON."""
-        return {name: _plain(value) for name, value in self.fields.items()}
+        return {name: plain(value) for name, value in self.fields.items()}
 
     def to_json(self) -> str:
         """The record as JSON, after the published JSON Schema."""
@@ -91,14 +90,17 @@ def _numbers(values: Any) -> Array:
 
 
 def _padded(values: Array, rows: int) -> list[Any]:
-    return [*map(_plain, values.tolist()), *[None] * (rows - len(values))]
+    return [*plain(values.tolist()), *[None] * (rows - len(values))]
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A value fit for JSON: times as ISO 8601, what is not finite as null."""
     if isinstance(value, datetime):
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, list):
+        return [plain(x) for x in value]
+    if isinstance(value, dict):
+        return {key: plain(x) for key, x in value.items()}
     return value

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import struct
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.rediscretized import RediscretizedEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
-from integ_gym.evidence.fields import STATUS_CODES
-from integ_gym.evidence.recording import Recording, now, recorded
+from integ_gym.evidence.recording import Recorder, now, recorded
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.table import ReplayLookup
 
 _FEWEST_ROWS = 4096
-"""Rows between two handings over to the log, at least."""
+"""So many rows of finished episodes are given to the log together, at least."""
 
 
-class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
+class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     """Records every finished episode of an integ-gym environment.
 
     Spaces, spec, observations, rewards and info pass through unchanged. Episodes are kept in
@@ -54,15 +50,15 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         spaces = ("observation_space", "action_space")
         self._inner = recorded(env, (IntegEnv, RediscretizedEnv), spaces)
-        self._recording = Recording(env, [(self._inner.setup, 0)], store, [context])
-        self._commit_on_close = commit_on_close
+        self._prepare(env, [(self._inner.setup, 0)], store, [context], commit_on_close)
         self._next_index = context.first_episode
         self._seed: int | None = None
         self._draws = -1
         self._active = False
         self._heads: list[EpisodeHead] = []
         self._counts: list[int] = []
-        self._allocate()
+        self._rows: list[bytes] = []
+        self._finished = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -72,110 +68,52 @@ class RecordEvidence(gym.Wrapper[Any, Any, Any, Any]):
         if seed is not None:
             self._seed, self._draws = seed, -1
         self._draws += 1
-        if self._recording.note_contact(info):
-            self._allocate()
-        self._row = self._start
+        if self._note_contact(info):
+            self._pack = struct.Struct(f"{len(self._layout)}d").pack
+        del self._rows[self._finished :]
         self._wall_start = now()
         self._active = True
-        self._write(observation, 0.0, False, False, info)
+        self._write(observation, (0.0, False, False), info)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
         result = observation, reward, terminated, truncated, info = self.env.step(action)
         if self._active:
-            self._write(observation, reward, terminated, truncated, info)
+            self._write(observation, (reward, terminated, truncated), info)
             if terminated or truncated:
                 self._finish()
         return result
-
-    def commit(self, name: str | None = None, replays: ReplayLookup | None = None) -> Path | None:
-        """Write the finished episodes as one batch; None if there are none.
-
-        Args:
-            name: name of the batch; by default made of environment, cell, policy and episodes, so
-                that the same work done twice is refused.
-            replays: what replays said, for all episodes or by episode index.
-
-        Raises:
-            BatchExistsError: if the batch has been committed before.
-        """
-        self._hand_over()
-        return self._recording.commit(name, replays)
-
-    def take(self, replays: ReplayLookup | None = None) -> Any:
-        """The finished episodes as a table, to be committed with others; None if there are none.
-
-        Args:
-            replays: what replays said, for all episodes or by episode index.
-        """
-        self._hand_over()
-        return self._recording.take(replays)
-
-    def summaries(self) -> dict[str, npt.NDArray[Any]]:
-        """Summaries of the finished episodes that are not committed yet, by field name."""
-        self._hand_over()
-        return self._recording.summaries()
-
-    def close(self) -> None:
-        """Commit, if wanted, and close the environment."""
-        try:
-            if self._commit_on_close:
-                self.commit()
-        finally:
-            super().close()
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
         """The environment's own: recording is no part of it."""
         return self.env.spec
 
-    def _allocate(self) -> None:
-        layout = self._recording.layout
-        self._width = 8 * len(layout)
-        self._read_info = itemgetter(*layout.info)
-        self._pack = struct.Struct(f"{len(layout)}d").pack_into
-        rows = max(_FEWEST_ROWS, self._recording.horizon + 1)
-        self._rows = np.zeros((rows, len(layout)))
-        self._memory = self._rows.data.cast("B")
-        self._capacity = rows
-        self._start = 0
-        self._row = 0
-
     def _write(
-        self, observation: Any, reward: Any, terminated: bool, truncated: bool, info: dict[str, Any]
+        self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
     ) -> None:
-        if self._row == self._capacity:
-            self._hand_over()
-        self._pack(
-            self._memory,
-            self._row * self._width,
-            *self._read_info(info),
-            STATUS_CODES[info["solver_status"]],
-            reward,
-            terminated,
-            truncated,
-            *self._inner.state_components,
-            *observation.tolist(),
+        inner = self._inner
+        row = self._layout.row(
+            info, inner.status_code, ending, inner.state_components, observation.tolist()
         )
-        self._row += 1
+        self._rows.append(self._pack(*row))
 
     def _finish(self) -> None:
         self._active = False
         key = f"{self._inner.np_random_seed}/{self._draws}"
         head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
         self._heads.append(head)
-        self._counts.append(self._row - self._start)
-        self._start = self._row
+        self._counts.append(len(self._rows) - self._finished)
+        self._finished = len(self._rows)
         self._next_index += 1
+        if self._finished >= _FEWEST_ROWS:
+            self._hand_over()
 
     def _hand_over(self) -> None:
-        """Give the finished episodes to the log and move the unfinished one to the front."""
         if self._heads:
-            counts = np.array(self._counts, dtype=np.int64)
-            rows = np.ascontiguousarray(self._rows[: self._start].T)
-            self._recording.log.add(rows, counts, self._heads)
-        begun = self._row - self._start
-        self._rows[:begun] = self._rows[self._start : self._row]
-        self._start, self._row = 0, begun
-        self._heads, self._counts = [], []
+            rows = np.frombuffer(b"".join(self._rows[: self._finished]))
+            by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
+            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), self._heads)
+        del self._rows[: self._finished]
+        self._finished, self._heads, self._counts = 0, [], []

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import quiet_status
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeLog
 from integ_gym.evidence.layout import Layout
@@ -34,49 +35,47 @@ _CHANGING = (
 """Wrappers that change actions, observations or rewards."""
 
 
-class Recording:
-    """Finished episodes of one environment, committed to a store in batches.
+class Recorder:
+    """Wrapper that keeps finished episodes and commits them to a store in batches.
 
-    Args:
-        env: the environment, single or vector.
-        setups: its setups with the lane whose plant parameters hold.
-        store: the store, or its directory.
-        contexts: what the episodes are for; each belongs to one of them.
-
-    Raises:
-        TypeError: for an environment that is not ours, or whose observations a wrapper changes.
+    It stands before Gymnasium's wrapper among the bases of a recorder.
     """
 
-    def __init__(
+    def _prepare(
         self,
         env: Any,
         setups: list[SetupOfLane],
         store: EvidenceStore | str | Path,
         contexts: Sequence[EpisodeContext],
+        commit_on_close: bool,
     ) -> None:
-        self.store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
-        self.contexts = tuple(contexts)
-        self.setups = setups
-        self.env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
-        setup = setups[0][0]
-        self.layout = Layout(setup.plant, setup.task)
-        self.log = EpisodeLog(self.layout, self.contexts)
-        self._noted = False
-        self.horizon = max(s.timing.horizon for s, _ in setups)
+        """Begin with nothing recorded.
 
-    def note_contact(self, info: Mapping[str, Any]) -> bool:
-        """Learn from the first reset whether there is contact; True if rows are now others."""
-        if self._noted:
-            return False
-        self._noted = True
-        before, setup = self.layout.names, self.setups[0][0]
-        self.layout = Layout(setup.plant, setup.task, info)
-        self.log = EpisodeLog(self.layout, self.contexts)
-        return self.layout.names != before
+        Args:
+            env: the environment, single or vector.
+            setups: its setups with the lane whose plant parameters hold.
+            store: the store, or its directory.
+            contexts: what the episodes are for; each belongs to one of them.
+            commit_on_close: whether :meth:`close` commits what has not been committed.
+        """
+        self._store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
+        self._contexts = tuple(contexts)
+        self._setups = setups
+        self._env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
+        self._commit_on_close = commit_on_close
+        self._horizon = max(setup.timing.horizon for setup, _ in setups)
+        self._status_at_start = quiet_status(setups[0][0])
+        self._noted = False
+        self._lay_out(None)
 
     def summaries(self) -> dict[str, npt.NDArray[Any]]:
-        """Summaries of the finished episodes that are not committed yet, by field name."""
-        episodes = self.log.episodes()
+        """Summaries of the finished episodes that are not committed yet.
+
+        Returns:
+            One value per episode; see :func:`integ_gym.evidence.summary.summarise`.
+        """
+        self._hand_over()
+        episodes = self._log.episodes()
         indices = np.array([head.index for head in episodes.heads], dtype=np.int64)
         return {"episode_index": indices, **episodes.summary}
 
@@ -86,10 +85,8 @@ class Recording:
         Args:
             replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
         """
-        if not len(self.log):
-            return None
-        table = record_table(self.log, self.env_id, self.setups, replays)
-        self.log.clear()
+        table = self._table(replays)
+        self._log.clear()
         return table
 
     def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
@@ -103,18 +100,48 @@ class Recording:
         Raises:
             BatchExistsError: if the batch has been committed before.
         """
-        if not len(self.log):
+        table = self._table(replays)
+        if table is None:
             return None
-        table = record_table(self.log, self.env_id, self.setups, replays)
-        path = self.store.commit(name or self._batch_name(), table)
-        self.log.clear()
+        path = self._store.commit(name or self._batch_name(), table)
+        self._log.clear()
         return path
 
+    def close(self, **kwargs: Any) -> None:
+        """Commit, if wanted, and close the environment; finished episodes can still be taken."""
+        try:
+            if self._commit_on_close:
+                self.commit()
+        finally:
+            super().close(**kwargs)  # type: ignore[misc]
+
+    def _hand_over(self) -> None:
+        """Give the log the finished episodes that it does not have yet."""
+
+    def _note_contact(self, info: Mapping[str, Any]) -> bool:
+        """Learn from the first reset whether there is contact; True if it is the first."""
+        first = not self._noted
+        if first:
+            self._noted = True
+            self._lay_out(info)
+        return first
+
+    def _lay_out(self, info: Mapping[str, Any] | None) -> None:
+        setup = self._setups[0][0]
+        self._layout = Layout(setup.plant, setup.task, info)
+        self._log = EpisodeLog(self._layout, self._contexts)
+
+    def _table(self, replays: ReplayLookups | None) -> Any:
+        self._hand_over()
+        if not len(self._log):
+            return None
+        return record_table(self._log, self._env_id, self._setups, replays)
+
     def _batch_name(self) -> str:
-        indices = [head.index for head in self.log.episodes().heads]
-        identity = repr([(c.cell, c.policy_id, c.policy_hash) for c in self.contexts])
+        indices = [head.index for head in self._log.episodes().heads]
+        identity = repr([(c.cell, c.policy_id, c.policy_hash) for c in self._contexts])
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        stem = re.sub(r"[^A-Za-z0-9.]+", "-", self.env_id).strip(".-")[:80] or "records"
+        stem = re.sub(r"[^A-Za-z0-9.]+", "-", self._env_id).strip(".-")[:80] or "records"
         return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
 
 

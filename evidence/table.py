@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,17 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.evidence.arrow_schema import arrow_schema, arrow_type
 from integ_gym.evidence.content_hash import with_hashes
-from integ_gym.evidence.context import EpisodeContext, json_text
-from integ_gym.evidence.description import describe, in_words, staleness
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.description import in_words, staleness
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog, Episodes
 from integ_gym.evidence.extra import pyarrow
-from integ_gym.evidence.fields import SCHEMA_VERSION, Field
+from integ_gym.evidence.fields import SUMMARY_FIELDS, Field
 from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
 from integ_gym.evidence.layout import Layout
-from integ_gym.evidence.provenance import host, package_versions
 
 Array = npt.NDArray[Any]
 Columns = dict[str, Sequence[Any]]
@@ -41,7 +39,7 @@ def record_table(
     """The records of a log's episodes.
 
     Args:
-        log: the finished episodes.
+        log: the finished episodes, at least one.
         env_id: Gymnasium id of the environment.
         setups: what ``setup`` of an episode's head counts: setups with the lane whose plant
             parameters hold.
@@ -54,11 +52,18 @@ def record_table(
     episodes, fields = log.episodes(), log.layout.fields
     width = setups[0][0].engine.width
     contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
-    columns = _scalar_columns(contexts, episodes, env_id, setups, replays)
+    columns = {
+        **_summary_columns(contexts, episodes, setups),
+        "env_id": [env_id] * len(episodes.heads),
+        "content_hash": [""] * len(episodes.heads),
+    }
+    stale = [staleness(setups[head.setup][0]) for head in episodes.heads]
+    labels = _labels(contexts, episodes, columns, stale, replays)
+    columns["failure_label"], columns["failure_reason"] = zip(*labels, strict=True)
     arrays = [
         _trace_array(log.layout, episodes, field)
         if field.at
-        else _array(columns[field.name], field)
+        else pa.array(columns[field.name], type=arrow_type(field.kind))
         for field in fields
     ]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
@@ -70,90 +75,52 @@ def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
     return table if (np.diff(order) > 0).all() else table.take(order)
 
 
-def _scalar_columns(
-    contexts: Sequence[EpisodeContext],
-    episodes: Episodes,
-    env_id: str,
-    setups: Sequence[SetupOfLane],
-    replays: ReplayLookups | None,
+def _summary_columns(
+    contexts: Sequence[EpisodeContext], episodes: Episodes, setups: Sequence[SetupOfLane]
 ) -> Columns:
-    heads, summary = episodes.heads, episodes.summary
-    used = {head.setup for head in heads}
-    descriptions = {k: describe(*setups[k]) for k in used}
-    stale = {k: staleness(setups[k][0]) for k in used}
-    described = [descriptions[head.setup] for head in heads]
-    names = describe(*setups[0])
-    labels = _labels(contexts, episodes, described, [stale[h.setup] for h in heads], replays)
-    told = [_told(context, env_id) for context in contexts]
-    return {
-        **{name: [told[head.context][name] for head in heads] for name in told[0]},
-        **{name: [description[name] for description in described] for name in names},
-        **{name: _values(column) for name, column in summary.items()},
-        "record_id": [contexts[head.context].record_id(head.index) for head in heads],
-        "episode_index": [head.index for head in heads],
-        "seed": [_small(head.seed) for head in heads],
-        "rng_key": [head.rng_key for head in heads],
-        "wall_start": [head.wall_start for head in heads],
-        "wall_end": [head.wall_end for head in heads],
-        "solver_status": [STATUS_NAMES[code] for code in summary["status_code"]],
-        "failure_label": [label for label, _ in labels],
-        "failure_reason": [reason for _, reason in labels],
-        "content_hash": [""] * len(heads),
-    }
-
-
-def _told(context: EpisodeContext, env_id: str) -> dict[str, Any]:
-    """What all episodes of a context have in common."""
-
-    def optional(value: Any) -> str | None:
-        return None if value is None else json_text(value)
-
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "run_id": context.run_id,
-        "phase": context.phase,
-        "env_id": env_id,
-        "cell": context.cell,
-        "policy_id": context.policy_id,
-        "policy_hash": context.policy_hash,
-        "training_discretization": optional(context.training_discretization),
-        "training_seed": context.training_seed,
-        "perturbation": optional(context.perturbation),
-        "trace_every": context.trace_every,
-        "float_width": context.float_width,
-        "package_versions": json_text(package_versions(context.packages)),
-        "platform": host(),
-        "inference_latency_mean": context.inference_latency_mean,
-        "inference_latency_p99": context.inference_latency_p99,
-    }
+    """Values of all fields that have an origin, by name."""
+    heads, columns = episodes.heads, Columns()
+    used = sorted({head.setup for head in heads})
+    for field in SUMMARY_FIELDS:
+        origin = field.origin
+        if origin is None:
+            continue
+        if origin.of == "rows":
+            values = _values(episodes.summary[field.name])
+            columns[field.name] = [field.choices[x] for x in values] if field.choices else values
+        elif origin.of == "head":
+            columns[field.name] = [origin.value(head, contexts[head.context]) for head in heads]
+        elif origin.of == "context":
+            told = [origin.value(context) for context in contexts]
+            columns[field.name] = [told[head.context] for head in heads]
+        else:
+            made = {place: origin.value(*setups[place]) for place in used}
+            columns[field.name] = [made[head.setup] for head in heads]
+    return columns
 
 
 def _labels(
     contexts: Sequence[EpisodeContext],
     episodes: Episodes,
-    described: list[dict[str, Any]],
-    stale: list[float],
+    columns: Columns,
+    stale: Sequence[float],
     replays: ReplayLookups | None,
-) -> list[tuple[str, str]]:
-    columns = {fact: _values(episodes.summary[name]) for fact, name in _FACTS.items()}
+) -> Iterator[tuple[str, str]]:
+    given = {**{name: _values(values) for name, values in episodes.summary.items()}, **columns}
     lookups = _lookups(contexts, replays)
-    labels = []
-    for i, (head, description) in enumerate(zip(episodes.heads, described, strict=True)):
+    for i, head in enumerate(episodes.heads):
         facts = EpisodeFacts(
-            goal=description["metric_definition"],
-            discretization=in_words(description),
-            observation_noise=description["observation_noise"],
+            discretization=in_words({name: columns[name][i] for name in _DISCRETIZATION}),
             staleness=stale[i],
             homes=len(contexts[head.context].homes),
-            solver_status=STATUS_NAMES[episodes.summary["status_code"][i]],
-            **{name: values[i] for name, values in columns.items()},
+            **{fact: given[name][i] for fact, name in _FACTS.items()},
         )
-        given = lookups[head.context]
-        said = given if isinstance(given, Replays) else given.get(head.index, Replays())
-        home = contexts[head.context].home(description) if said.home is None else said.home
-        said = Replays(home, said.without_noise, said.without_delay)
-        labels.append(failure_label(facts, said))
-    return labels
+        lookup = lookups[head.context]
+        said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
+        if said.home is None:
+            own = {name: columns[name][i] for name in _DISCRETIZATION}
+            said = replace(said, home=contexts[head.context].home(own))
+        yield failure_label(facts, said)
 
 
 def _lookups(
@@ -167,17 +134,22 @@ def _lookups(
     return replays
 
 
+_DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
+
 _FACTS = {
     "success": "success",
+    "goal": "metric_definition",
     "time": "time",
     "episode_return": "return",
+    "solver_status": "solver_status",
     "saturated_share": "saturated_share",
     "goal_reached": "goal_reached",
     "goal_left": "goal_left",
     "goal_since": "goal_since",
+    "observation_noise": "observation_noise",
     "terminated": "terminated",
 }
-"""Facts of :class:`EpisodeFacts` to the summary that holds them."""
+"""Facts of :class:`EpisodeFacts` to the field or summary that holds them."""
 
 
 def _values(column: Array) -> list[Any]:
@@ -186,14 +158,6 @@ def _values(column: Array) -> list[Any]:
     if column.dtype.kind != "f" or np.isfinite(column).all():
         return values
     return [x if y else None for x, y in zip(values, np.isfinite(column).tolist(), strict=True)]
-
-
-def _small(seed: int | None) -> int | None:
-    return seed if seed is not None and -(2**63) <= seed < 2**63 else None
-
-
-def _array(values: Sequence[Any], field: Field) -> Any:
-    return pyarrow().array(values, type=arrow_type(field.kind))
 
 
 def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:

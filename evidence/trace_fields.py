@@ -6,12 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.envs.plants.interface import state_names, state_units
-from integ_gym.evidence.fields import STATUS_CODES, SUMMARY_FIELDS, Field
+from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.evidence.fields import SUMMARY_FIELDS, Field
 
-CONTACT_SOURCES = ("penetration", "contact_force", "contact_loss", "constraint_violation")
-"""What an environment with contact reports in ``info``, per control step."""
-
-_CODES = ", ".join(f"{code} {name}" for name, code in STATUS_CODES.items())
+_CODES = ", ".join(f"{code} {STATUS_NAMES[code]}" for code in range(-1, len(STATUS_NAMES) - 1))
 
 
 def _column(
@@ -19,7 +17,7 @@ def _column(
     nullable: bool = True,
 ) -> Field:  # fmt: skip
     return Field(
-        name, f"list<{kind}>", unit, meaning, "trace", nullable, frame=frame, at=at,
+        name, f"list<{kind}>", unit, meaning, group="trace", nullable=nullable, frame=frame, at=at,
         source=source or name,
     )  # fmt: skip
 
@@ -34,7 +32,7 @@ COMMON_TRACE: tuple[Field, ...] = (
     _column("clip_loss", "float64", "J", "energy that the speed limit took out", "step"),
     _column("energy_residual", "float64", "J", "energy that numerical error put in", "step"),
     _column("solver_iterations", "int32", "1", "most iterations in one integration step", "step"),
-    _column("solver_status_code", "int8", "1", f"codes: {_CODES}", "step"),
+    _column("solver_status_code", "int8", "1", f"codes: {_CODES}", "step", "solver_status"),
 )
 """Trace columns of every environment."""
 
@@ -44,7 +42,7 @@ CONTACT_TRACE: tuple[Field, ...] = (
     _column("contact_loss", "float64", "J", "energy that contact took out", "step"),
     _column("constraint_violation", "float64", "m", "largest constraint violation", "step"),
 )
-"""Zero without stops; null where an environment does not report it."""
+"""Zero without stops; null where an environment's `info` does not report it."""
 
 _FORCE_UNITS = {"m": "N", "rad": "N m"}
 """Unit of a coordinate to that of its generalized force."""

@@ -13,14 +13,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
-from integ_gym.evidence.lane_buffer import LaneBuffer, fill, fill_ending
-from integ_gym.evidence.recording import Recording, all_setups, now, recorded
+from integ_gym.evidence.lane_buffer import LaneBuffer
+from integ_gym.evidence.recording import Recorder, all_setups, now, recorded
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.table import ReplayLookups
 
 Array = npt.NDArray[Any]
-
-_EVERYONE = slice(None)
 
 _SPACES = (
     "observation_space",
@@ -30,7 +27,7 @@ _SPACES = (
 )
 
 
-class RecordVectorEvidence(VectorWrapper):
+class RecordVectorEvidence(Recorder, VectorWrapper):
     """Records every finished episode of an integ-gym vector environment.
 
     Spaces, spec, observations, rewards and info pass through unchanged, in all three autoreset
@@ -70,8 +67,7 @@ class RecordVectorEvidence(VectorWrapper):
         self._per_member = len(setups) // len(self._inner.setups)
         contexts = [context] if isinstance(context, EpisodeContext) else list(context)
         self._share = self._share_of(len(contexts))
-        self._recording = Recording(env, setups, store, contexts)
-        self._commit_on_close = commit_on_close
+        self._prepare(env, setups, store, contexts, commit_on_close)
         self._next_index = [context.first_episode for context in contexts]
         self._episodes = self._checked(episodes)
         self._buffer: LaneBuffer | None = None
@@ -112,9 +108,7 @@ class RecordVectorEvidence(VectorWrapper):
         lanes = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         for lane in lanes.tolist():
             self._note_seed(lane, _seed_of(seed, lane))
-        first = np.zeros((len(buffer.layout), self.num_envs))
-        fill(buffer.layout, first, lanes, info, observation[lanes], self._inner.state[lanes])
-        self._begin(buffer, lanes, first[:, lanes], info)
+        self._begin(buffer, lanes, observation, info)
         self._waiting[lanes] = False
         return observation, info
 
@@ -125,53 +119,26 @@ class RecordVectorEvidence(VectorWrapper):
         if buffer is None or self._recorded.all():
             return result
         done = terminated | truncated
-        row = buffer.next_row()
-        fill(buffer.layout, row, _EVERYONE, info, observation, self._inner.state)
-        begun = np.flatnonzero(done if self._mode is AutoresetMode.SAME_STEP else self._waiting)
-        first = row[:, begun]
-        if self._mode is AutoresetMode.SAME_STEP and begun.size:
-            observed, state = np.stack(info["final_obs"][begun]), self._inner.final_state[begun]
-            fill(buffer.layout, row, begun, info["final_info"], observed, state)
-        fill_ending(buffer.layout, row, (reward, terminated, truncated))
+        same_step = self._mode is AutoresetMode.SAME_STEP
+        ending, state = (reward, terminated, truncated), self._inner.state_components
+        row = self._row(info, ending, state, observation)
+        if same_step and done.any():
+            final = observation.copy()
+            final[done] = np.stack(info["final_obs"][done])
+            last = self._row(info["final_info"], ending, self._inner.final_state.T, final)
+            row = tuple(np.where(done, *both) for both in zip(last, row, strict=True))
+        buffer.add(row)
         self._finish(buffer, np.flatnonzero(done & buffer.active))
-        self._begin(buffer, begun, first, info)
+        begun = np.flatnonzero(done if same_step else self._waiting)
+        self._begin(buffer, begun, observation, info)
         if self._mode is AutoresetMode.NEXT_STEP:
             self._waiting = done
         return result
 
-    def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
-        """Write the finished episodes as one batch; None if there are none.
-
-        Args:
-            name: name of the batch; by default made of environment, cell, policy and episodes, so
-                that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
-
-        Raises:
-            BatchExistsError: if the batch has been committed before.
-        """
-        return self._recording.commit(name, replays)
-
-    def take(self, replays: ReplayLookups | None = None) -> Any:
-        """The finished episodes as a table, to be committed with others; None if there are none.
-
-        Args:
-            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
-        """
-        return self._recording.take(replays)
-
-    def summaries(self) -> dict[str, Array]:
-        """Summaries of the finished episodes that are not committed yet, by field name."""
-        return self._recording.summaries()
-
     def close(self, **kwargs: Any) -> None:
         """Commit, if wanted, and close the environment; finished episodes can still be taken."""
-        try:
-            if self._commit_on_close:
-                self.commit()
-        finally:
-            self._buffer = None
-            super().close(**kwargs)
+        self._buffer = None
+        super().close(**kwargs)
 
     def _share_of(self, contexts: int) -> int:
         """Lanes of each context."""
@@ -197,19 +164,28 @@ class RecordVectorEvidence(VectorWrapper):
     def _ready_buffer(self, info: dict[str, Any]) -> LaneBuffer:
         """The buffer, made at the first reset, which tells what its rows are."""
         if self._buffer is None:
-            self._recording.note_contact(info)
-            layout, horizon = self._recording.layout, self._recording.horizon
-            self._buffer = LaneBuffer(layout, self.num_envs, horizon)
+            self._note_contact(info)
+            self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
         return self._buffer
 
     def _note_seed(self, lane: int, seed: int | None) -> None:
         if seed is not None:
             self._seeds[lane], self._draws[lane] = seed, -1
 
-    def _begin(self, buffer: LaneBuffer, lanes: Array, first: Array, info: dict[str, Any]) -> None:
+    def _row(
+        self, info: dict[str, Array], ending: tuple[Any, Any, Any], state: Any, observation: Array
+    ) -> tuple[Array, ...]:
+        return self._layout.row(info, self._inner.status_codes, ending, state, observation.T)
+
+    def _begin(
+        self, buffer: LaneBuffer, lanes: Array, observation: Array, info: dict[str, Any]
+    ) -> None:
         if not lanes.size:
             return
-        buffer.begin(lanes, first, ~self._recorded[lanes])
+        entries = self._layout.start(info, self._inner.state_components, observation.T)
+        first = np.array([values[lanes] for values in entries])
+        rows = self._layout.start_rows(first, self._status_at_start)
+        buffer.begin(lanes, rows, ~self._recorded[lanes])
         self._wall_start[lanes] = now()
         self._draws[lanes] += 1
         if "mixture_index" in info:
@@ -223,7 +199,7 @@ class RecordVectorEvidence(VectorWrapper):
         entropies = self._inner.np_random_seed
         heads = {lane: self._head(lane, entropies[lane], ended) for lane in lanes.tolist()}
         for together, rows in buffer.end(lanes):
-            self._recording.log.add(
+            self._log.add(
                 rows.reshape(len(rows), -1),
                 np.full(len(together), rows.shape[2]),
                 [heads[lane] for lane in together.tolist()],

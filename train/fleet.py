@@ -27,7 +27,7 @@ from integ_gym.envs.jax_ops import jax
 from integ_gym.envs.mixture import Mixture
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
-from integ_gym.train.fleet_evidence import EpisodeAssembler, first_entries
+from integ_gym.train.fleet_evidence import EpisodeAssembler
 from integ_gym.train.fleet_plan import Kind, kind_of, plan
 from integ_gym.train.fleet_program import FleetProgram
 from integ_gym.train.fleet_types import Algorithm, Knobs, Learner, Trail
@@ -280,9 +280,8 @@ def _program(kind: Kind, env: FunctionalEnv, layout: Layout | None) -> FleetProg
     """The program of a kind; kinds that differ in counts alone share one."""
     key = (kind.structure, kind.algorithm, layout is not None)
     if key not in _programs:
-        entries = ((), ()) if layout is None else (layout.names, first_entries(layout))
         on_cpu = jax.default_backend() == "cpu"
-        _programs[key] = FleetProgram(env, kind.algorithm, *entries, in_turn=on_cpu)
+        _programs[key] = FleetProgram(env, kind.algorithm, layout, in_turn=on_cpu)
     return _programs[key]
 
 

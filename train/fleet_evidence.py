@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.info import quiet_status
 from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import quiet_status
 from integ_gym.envs.versions import installed_versions
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog
-from integ_gym.evidence.fields import STATUS_CODES
-from integ_gym.evidence.layout import STATUS, Layout
+from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.recording import now
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import record_table
 from integ_gym.train.training_evidence import TrainingEvidence
@@ -26,11 +25,6 @@ Array = NDArray[Any]
 
 ROWS_AT_ONCE = 1 << 13
 """Rows of finished episodes that are summarised together, for each policy."""
-
-
-def first_entries(layout: Layout) -> tuple[str, ...]:
-    """Entries of a row that differ right after a reset; of the others, only the status is not 0."""
-    return ("energy", "goal_since", *layout.state, *layout.sensed)
 
 
 class _Found(NamedTuple):
@@ -72,12 +66,11 @@ class EpisodeAssembler:
         self._log = EpisodeLog(layout, [self._context], ROWS_AT_ONCE)
         self._seed = seed
         self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
-        self._opened = np.full(lanes, _now())
+        self._opened = np.full(lanes, now())
         self._draws = np.zeros(lanes, dtype=np.int64)
-        self._places = [layout.place(name) for name in first_entries(layout)]
-        self._quiet = layout.place(STATUS), STATUS_CODES[quiet_status(setups[0])]
+        self._status_at_start = quiet_status(setups[0])
         self._next_index = evidence.context.first_episode
-        self._clock = _now()
+        self._clock = now()
 
     def add(
         self, rows: Array, first_rows: Array, begun: Array, ended: Array, member: Array
@@ -86,12 +79,13 @@ class EpisodeAssembler:
 
         Args:
             rows: after each step, shape (entries, steps, lanes).
-            first_rows: before each step, entries as in :func:`first_entries`, else the same shape.
+            first_rows: before each step, entries as :meth:`Layout.start` gives them, else the same
+                shape.
             begun: whether an episode begins with a step, shape (steps, lanes).
             ended: whether one ends with it.
             member: of ``setups``, that the episode runs on.
         """
-        now = _now()
+        clock = now()
         steps, lanes = begun.shape
         taken = [np.zeros((len(self._layout), 0))]
         found: list[_Found] = []
@@ -107,8 +101,8 @@ class EpisodeAssembler:
                 _Found(int(step), lane, int(count), int(member[step, lane]))
                 for step, count in zip(stops, counts, strict=True)
             ]
-        self._log_episodes(np.concatenate(taken, axis=1), found, self._clock, now, steps)
-        self._clock = now
+        self._log_episodes(np.concatenate(taken, axis=1), found, self._clock, clock, steps)
+        self._clock = clock
 
     def commit(self) -> Path | None:
         """Write the finished episodes; None if there are none."""
@@ -131,13 +125,13 @@ class EpisodeAssembler:
         joined = np.zeros((len(self._layout), left.shape[1] + len(begun) + len(starts)))
         joined[:, : left.shape[1]] = left
         joined[:, places] = rows[:, :, lane]
-        joined[np.ix_(self._places, places[starts] - 1)] = first_rows[:, starts, lane]
-        status, quiet = self._quiet
-        joined[status, places[starts] - 1] = quiet
+        joined[:, places[starts] - 1] = self._layout.start_rows(
+            first_rows[:, starts, lane], self._status_at_start
+        )
         return joined, places
 
     def _log_episodes(
-        self, rows: Array, found: list[_Found], before: int, now: int, steps: int
+        self, rows: Array, found: list[_Found], before: int, after: int, steps: int
     ) -> None:
         """Hand whole episodes to the log, numbered in the order in which they ended.
 
@@ -145,7 +139,7 @@ class EpisodeAssembler:
             rows: theirs, lane by lane.
             found: the episodes, lane by lane.
             before: time at the start of the rollout, µs.
-            now: time at its end, µs.
+            after: time at its end, µs.
             steps: decisions of a lane in it.
         """
         order = sorted(range(len(found)), key=lambda i: (found[i].step, found[i].lane))
@@ -153,7 +147,7 @@ class EpisodeAssembler:
         self._next_index += len(found)
         heads = []
         for place, (step, lane, _, setup) in enumerate(found):
-            ended = before + (now - before) * (step + 1) // steps
+            ended = before + (after - before) * (step + 1) // steps
             key = f"fleet-{self._seed}-{lane}/{self._draws[lane]}"
             opened = int(self._opened[lane])
             heads.append(EpisodeHead(index[place], None, key, opened, ended, setup))
@@ -161,8 +155,3 @@ class EpisodeAssembler:
             self._draws[lane] += 1
         if heads:
             self._log.add(rows, np.array([episode.rows for episode in found]), heads)
-
-
-def _now() -> int:
-    """Unix time, µs."""
-    return time.time_ns() // 1000

@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 
 from integ_gym.envs.functional.environment import FunctionalEnv
 from integ_gym.envs.functional.params import Params
-from integ_gym.envs.info import booked
+from integ_gym.envs.info import reset_info, step_info
 from integ_gym.envs.jax_ops import jax, jnp
 from integ_gym.envs.ops import Components
-from integ_gym.envs.plants.interface import join_state, state_names
+from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.transition import EnvState, Outcome
+from integ_gym.evidence.layout import Layout
 from integ_gym.train.fleet_network import log_prob_and_entropy, one_side, outputs
 from integ_gym.train.fleet_random import draw, split
 from integ_gym.train.fleet_types import Adam, Algorithm, Batch, Knobs, Learner, Trail
@@ -57,8 +58,7 @@ class FleetProgram:
     Args:
         env: what the structure of the environment is taken from.
         algorithm: the structure of the learner.
-        entries: entries of an evidence row, in order; empty for no evidence.
-        first_entries: those that are not zero after a reset.
+        layout: of evidence rows; None for no evidence.
         in_turn: one after the other where all at once is no faster, as on a core of a CPU: its
             cache holds one policy at a time.
     """
@@ -67,14 +67,12 @@ class FleetProgram:
         self,
         env: FunctionalEnv,
         algorithm: Algorithm,
-        entries: tuple[str, ...] = (),
-        first_entries: tuple[str, ...] = (),
+        layout: Layout | None = None,
         in_turn: bool = True,
     ) -> None:
         self.env = env
         self.algorithm = algorithm
-        self.entries = entries
-        self.first_entries = first_entries
+        self.layout = layout
         self.discrete = env.setup.task.discrete is not None
         self.in_turn = in_turn
 
@@ -285,36 +283,24 @@ class FleetProgram:
         after_observed: Array,
         params: Params,
     ) -> Trail:
-        setup = self.env.setup_of(self.env.lane_params(params, steps.member))
-        rows: dict[str, Array] = {
-            **booked(setup, after, outcome),
-            "solver_status_code": outcome.status,
-            "reward": outcome.reward,
-            "terminated": outcome.terminated,
-            "truncated": outcome.truncated,
-            **self._named(after, after_observed),
-        }
-        first: dict[str, Array] = {
-            "energy": steps.env.energy,
-            "goal_since": steps.env.goal_since,
-            **self._named(steps.env, before_observed),
-        }
+        rows: tuple[Array, ...] = ()
+        first: tuple[Array, ...] = ()
+        if self.layout is not None:
+            setup = self.env.setup_of(self.env.lane_params(params, steps.member))
+            ending = outcome.reward, outcome.terminated, outcome.truncated
+            info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
+            rows = self.layout.row(info, outcome.status, ending, state, after_observed)
+            info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
+            first = self.layout.start(info, state, before_observed)
         return Trail(
             outcome.reward,
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
             steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
-            _stacked(rows, self.entries),
-            _stacked(first, self.first_entries),
+            _stacked(rows),
+            _stacked(first),
         )
-
-    def _named(self, env: EnvState, observed: Array) -> dict[str, Array]:
-        """True state and observation, by the names that evidence gives them."""
-        setup = self.env.setup
-        states = zip(state_names(setup.plant), join_state(env.q, env.v), strict=True)
-        sensed = (f"sensed_{name}" for name in setup.task.observation_names)
-        return {**dict(states), **dict(zip(sensed, observed, strict=True))}
 
 
 def _steps_first(values: Array) -> Array:
@@ -332,7 +318,5 @@ def _where(condition: Array, new: Components, old: Components) -> Components:
     return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))
 
 
-def _stacked(columns: dict[str, Array], names: tuple[str, ...]) -> Array:
-    if not names:
-        return jnp.zeros((0,))
-    return jnp.stack([columns[name].astype(jnp.float32) for name in names])
+def _stacked(entries: tuple[Array, ...]) -> Array:
+    return jnp.stack([x.astype(jnp.float32) for x in entries]) if entries else jnp.zeros((0,))

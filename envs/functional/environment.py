@@ -16,7 +16,7 @@ from integ_gym.envs.functional.sensor_noise import renewed, standard_noise, with
 from integ_gym.envs.functional.state import FuncState, TimeStep
 from integ_gym.envs.functional.structure import structure_of
 from integ_gym.envs.functional.traced_setup import traced_setup
-from integ_gym.envs.info import booked
+from integ_gym.envs.info import step_info
 from integ_gym.envs.jax_ops import JaxOps, jax, jnp
 from integ_gym.envs.ops import Component, Components
 from integ_gym.envs.plants.interface import join_state, split_state
@@ -239,9 +239,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         2 diverged, -1 not reported.
         """
         setup = self.setup_of(self.lane_params(self._default(params), state.member))
-        info = booked(setup, state.env, state.outcome)
         drawn = dict(zip(("mixture_index",), state.member, strict=False))
-        return {**info, "solver_status": state.outcome.status, **drawn}
+        return {**step_info(setup, state.env, state.outcome), **drawn}
 
     def transition_info(
         self,

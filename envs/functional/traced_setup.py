@@ -9,7 +9,6 @@ from typing import Any
 from integ_gym.envs.functional.params import Params
 from integ_gym.envs.functional.structure import OPTIONAL, lacks
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.system import PlantSystem
 from integ_gym.envs.timing import Timing
 
 
@@ -20,7 +19,6 @@ def traced_setup(setup: Setup, params: Params) -> Setup:
     vars(plant).update({part: None for part in OPTIONAL if lacks(setup.plant, part)})
     _fill_caches(plant)
     _fill_caches(task)
-    system = PlantSystem(plant, params.max_speed)
     timing = _TracedTiming(
         dt=params.dt,
         control_period=params.control_period,
@@ -30,8 +28,7 @@ def traced_setup(setup: Setup, params: Params) -> Setup:
         horizon=params.horizon,
         known_delay=setup.timing.delay,
     )
-    engine = setup.engine.at(system, params.dt)
-    return replace(setup, timing=timing, plant=plant, task=task, system=system, engine=engine)
+    return setup.with_values(plant, task, timing, params.max_speed)
 
 
 @dataclass(frozen=True)

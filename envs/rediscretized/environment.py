@@ -115,6 +115,14 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         q, v = self._data.qpos.tolist(), self._data.qvel.tolist()
         return in_state_order(tuple(q), tuple(v))
 
+    @property
+    def status_code(self) -> int:
+        """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
+        if self._diverged:
+            return DIVERGED
+        capped = self._booked.iterations >= self.setup.engine.cap
+        return NOT_CONVERGED if capped else OK
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -250,15 +258,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             "constraint_violation": booked.violation,
             "solver_iterations": booked.iterations,
             "solver_residual": 0.0,
-            "solver_status": STATUS_NAMES[self._status()],
+            "solver_status": STATUS_NAMES[self.status_code],
             **controls,
         }
-
-    def _status(self) -> int:
-        if self._diverged:
-            return DIVERGED
-        capped = self._booked.iterations >= self.setup.engine.cap
-        return NOT_CONVERGED if capped else OK
 
     def _discretized(self, choice: Choice) -> TaskSetup:
         """Put the discretization into the model, and say what it is."""

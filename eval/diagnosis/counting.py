@@ -34,7 +34,8 @@ class CountingEngine(NativeEngine):
 def counted(env: IntegEnv) -> CountingSystem:
     """Put a counting engine into an environment; the motion stays the same bit by bit."""
     setup = env.setup
-    system = CountingSystem(setup.plant, setup.settings.max_speed)
+    stopped = setup.system.engine_stops is not None
+    system = CountingSystem(setup.plant, setup.system.max_speed, stopped)
     engine = CountingEngine(system, setup.settings.integrator, setup.settings.dt)
     env.setup = replace(setup, engine=engine)
     return system

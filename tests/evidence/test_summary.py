@@ -26,7 +26,7 @@ steps = st.lists(
             "fallback_used": flags,
             "saturated": flags,
             "solver_iterations": whole,
-            "solver_status_code": st.integers(0, 2).map(float),
+            "solver_status": st.integers(0, 2).map(float),
             "penetration": whole,
             "at_goal": st.booleans(),
         }
@@ -75,7 +75,7 @@ def test_summaries_agree_with_a_loop(drawn):
             "recovery_count": sum(a > b for a, b in pairwise(fallback)),
             "solver_iterations_max": max(step["solver_iterations"] for step in each),
             "solver_iterations_mean": sum(s["solver_iterations"] for s in each) / len(each),
-            "status_code": max(step["solver_status_code"] for step in each),
+            "solver_status": max(step["solver_status"] for step in each),
             "penetration_max": max(step["penetration"] for step in each),
             "success": success,
             "truncated": True,
