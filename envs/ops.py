@@ -95,6 +95,18 @@ def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Car
     return carry
 
 
+def _or_nan(function: Callable[[float], float]) -> Callable[[float], float]:
+    """NaN outside the function's domain."""
+
+    def safe(x: float, /) -> float:
+        try:
+            return function(x)
+        except ValueError:
+            return math.nan
+
+    return safe
+
+
 class ScalarOps:
     """Components are Python floats.
 
@@ -104,24 +116,13 @@ class ScalarOps:
     """
 
     epsilon = 2.220446049250313e-16
+    sin = staticmethod(_or_nan(math.sin))
+    cos = staticmethod(_or_nan(math.cos))
+    sqrt = staticmethod(_or_nan(math.sqrt))
     isfinite = staticmethod(math.isfinite)
     any = staticmethod(bool)
     tanh = staticmethod(math.tanh)
     repeat = staticmethod(repeat)
-
-    @staticmethod
-    def sin(x: float, /) -> float:
-        try:
-            return math.sin(x)
-        except ValueError:
-            return math.nan
-
-    @staticmethod
-    def cos(x: float, /) -> float:
-        try:
-            return math.cos(x)
-        except ValueError:
-            return math.nan
 
     @staticmethod
     def floor(x: float, /) -> float:
@@ -130,13 +131,6 @@ class ScalarOps:
     @staticmethod
     def usually(condition: bool, /) -> bool:
         return condition
-
-    @staticmethod
-    def sqrt(x: float, /) -> float:
-        try:
-            return math.sqrt(x)
-        except ValueError:
-            return math.nan
 
     @staticmethod
     def where(condition: bool, a: float, b: float, /) -> float:

@@ -54,29 +54,29 @@ class Expression:
     __or__ = __ror__ = _noted(casadi.logic_or)
 
 
+def _called(name: str) -> Callable[[Component], Component]:
+    """A function of one expression, or of a number."""
+
+    def call(x: Component, /) -> Component:
+        if isinstance(x, Expression):
+            return Expression(getattr(casadi, name)(x.sx))
+        return getattr(SCALAR, name)(x)
+
+    return call
+
+
 class CasadiOps:
     """The arithmetic of expressions; see :class:`integ_gym.envs.ops.Ops`."""
 
     epsilon = SCALAR.epsilon
     repeat = staticmethod(repeat)
 
-    def sin(self, x: Component, /) -> Component:
-        return self._call("sin", x)
-
-    def cos(self, x: Component, /) -> Component:
-        return self._call("cos", x)
-
-    def floor(self, x: Component, /) -> Component:
-        return self._call("floor", x)
+    sin, cos = staticmethod(_called("sin")), staticmethod(_called("cos"))
+    floor, sqrt = staticmethod(_called("floor")), staticmethod(_called("sqrt"))
+    tanh = staticmethod(_called("tanh"))
 
     def usually(self, condition: Component, /) -> Component:
         return condition
-
-    def sqrt(self, x: Component, /) -> Component:
-        return self._call("sqrt", x)
-
-    def tanh(self, x: Component, /) -> Component:
-        return self._call("tanh", x)
 
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         if not isinstance(condition, Expression):
@@ -112,8 +112,3 @@ class CasadiOps:
     ) -> NoReturn:
         """Not possible: a CasADi expression is made of CasADi's own operations."""
         raise TypeError("a plant with a `foreign` part cannot be told to CasADi")
-
-    def _call(self, name: str, x: Component) -> Component:
-        if isinstance(x, Expression):
-            return Expression(getattr(casadi, name)(x.sx))
-        return getattr(SCALAR, name)(x)

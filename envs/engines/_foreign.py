@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from math import hypot, nan
-from typing import Any
+from typing import Any, ClassVar
 
 from integ_gym.envs.engines._mapped import MappedEngine
 from integ_gym.envs.engines._stepped import within_bounds
@@ -26,6 +26,9 @@ ASTRAY = 1e9
 
 class ForeignEngine(MappedEngine):
     """Advances a plant by an engine that is called with floats; lanes one by one."""
+
+    guarded_strides: ClassVar[bool] = False
+    """Whether runs of several steps, too, are kept from values that are astray."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, integrator, dt)
@@ -113,7 +116,8 @@ class ForeignEngine(MappedEngine):
             made = self.run(count)
             lost = (nan,) * (2 * len(self.system.plant.coordinates))
             report = (0, 0.0, False) if self.reports else ()
-            self._runs[count] = made if count > 1 else guarded(made, (*lost, *report))
+            wrapped = count == 1 or self.guarded_strides
+            self._runs[count] = guarded(made, (*lost, *report)) if wrapped else made
         return self._runs[count]
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
-from integ_gym.envs.engines._foreign import ASTRAY, Run, guarded
+from integ_gym.envs.engines._foreign import ASTRAY
 from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
 from integ_gym.envs.ops import Component, Components, Ops
 
@@ -14,19 +15,14 @@ from integ_gym.envs.ops import Component, Components, Ops
 class LanesEngine(RigidBodyEngine):
     """Advances one environment by floats and many by arrays."""
 
+    guarded_strides: ClassVar[bool] = True
+
     @abstractmethod
     def run_lanes(self, starts: Array, count: int) -> Array:
         """Take ``count`` steps: (lanes, 3 dof) of q, v and force, finite, to (lanes, 2 dof).
 
         Of an engine that reports, to three columns more: iterations, residual and convergence.
         """
-
-    def _run(self, count: int) -> Run:
-        if count not in self._runs:
-            lost = (np.nan,) * (2 * len(self.system.plant.coordinates))
-            report = (0, 0.0, False) if self.reports else ()
-            self._runs[count] = guarded(self.run(count), (*lost, *report))
-        return self._runs[count]
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int

@@ -147,7 +147,4 @@ def _largest(ops: Ops, f: Components) -> Component:
 
 
 def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
-    largest = abs(f[0]) / (1.0 + abs(velocity[0]))
-    for fi, vi in zip(f[1:], velocity[1:], strict=True):
-        largest = ops.maximum(largest, abs(fi) / (1.0 + abs(vi)))
-    return largest
+    return _largest(ops, tuple([x / (1.0 + abs(v)) for x, v in zip(f, velocity, strict=True)]))

@@ -2,10 +2,43 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
 from integ_gym.envs.integrators._linear import solve_linear
-from integ_gym.envs.integrators.interface import along
+from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.ops import Component, Components, Ops
 from integ_gym.envs.system import PlantSystem
+
+
+class LinearlyImplicit(ABC):
+    """Kick implicitly in some of the forces, then drift; losses by the rates of the end."""
+
+    order: ClassVar[int] = 1
+    losses_of: ClassVar[str] = "end"
+    """End of the step whose rates of loss, times the step, are its losses."""
+
+    @abstractmethod
+    def slopes(
+        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
+    ) -> tuple[Components, ...]:
+        """∂a/∂v by the forces that are taken implicitly."""
+
+    def step(
+        self,
+        ops: Ops,
+        system: PlantSystem,
+        q: Components,
+        v: Components,
+        losses: Components,
+        control: Component,
+        dt: Component,
+    ) -> Step:
+        acceleration, _ = system.rates(ops, q, v, control)
+        v = kicked(ops, self.slopes(ops, system, q, v, control), v, acceleration, dt)
+        q = along(q, dt, v)
+        _, loss_rates = system.rates(ops, q, v, control)
+        return Step(q, v, along(losses, dt, loss_rates))
 
 
 def kicked(

@@ -10,6 +10,17 @@ from integ_gym.envs.tracing.symbols import NotTraceable, Symbol, is_boolean, sam
 from integ_gym.envs.tracing.trace import Trace
 
 
+def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
+    """A function of one number, in the scalar world where the number is known."""
+
+    def call(self: SymbolicOps, x: Any, /) -> Any:
+        if isinstance(x, Symbol):
+            return self._trace.note(f"{name}({{0}})", x, boolean=boolean)
+        return getattr(SCALAR, name)(x)
+
+    return call
+
+
 class SymbolicOps:
     """The arithmetic of symbols; see :class:`integ_gym.envs.ops.Ops`."""
 
@@ -18,25 +29,13 @@ class SymbolicOps:
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
 
-    def sin(self, x: Any, /) -> Any:
-        return self._call("sin", x)
-
-    def cos(self, x: Any, /) -> Any:
-        return self._call("cos", x)
+    sin, cos, sqrt, tanh = _called("sin"), _called("cos"), _called("sqrt"), _called("tanh")
+    isfinite = _called("isfinite", boolean=True)
 
     def floor(self, x: Any, /) -> Any:
         if isinstance(x, Symbol):
             return self._trace.note(self._trace.dialect.floor, x)
         return SCALAR.floor(x)
-
-    def sqrt(self, x: Any, /) -> Any:
-        return self._call("sqrt", x)
-
-    def tanh(self, x: Any, /) -> Any:
-        return self._call("tanh", x)
-
-    def isfinite(self, x: Any, /) -> Any:
-        return self._call("isfinite", x, boolean=True)
 
     def any(self, condition: Any, /) -> Any:
         if isinstance(condition, Symbol):
@@ -80,11 +79,6 @@ class SymbolicOps:
         return tuple(
             self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)
         )
-
-    def _call(self, name: str, x: Any, boolean: bool = False) -> Any:
-        if isinstance(x, Symbol):
-            return self._trace.note(f"{name}({{0}})", x, boolean=boolean)
-        return getattr(SCALAR, name)(x)
 
     def _extreme(self, template: str, a: Any, b: Any, known: Callable[[Any, Any], Any]) -> Any:
         if not isinstance(a, Symbol) and not isinstance(b, Symbol):

@@ -13,10 +13,11 @@ import integ_gym
 from integ_gym.envs.registration import environment_class, environment_setup
 
 ROOT = Path(__file__).parent.parent.parent
-SOURCES = [
+TEXTS = [
     path
-    for folder in ("envs", "evidence", "train", "eval", "package")
-    for path in (ROOT / folder).rglob("*.py")
+    for folder in ("support", "envs", "evidence", "train", "eval", "package", "docs")
+    for ending in ("py", "md")
+    for path in (ROOT / folder).rglob(f"*.{ending}")
 ]
 HEAD = "| Name | Default | Unit | Meaning |\n|---|---|---|---|\n"
 
@@ -69,12 +70,12 @@ def test_tables_of_arguments(env_id):
 
 
 def test_units_are_spelled_in_one_way():
-    """Powers of units with ^, in docstrings and messages as in the definitions."""
-    assert len(SOURCES) > 100
+    """Powers of units with ^, in docstrings, messages and documents as in the definitions."""
+    assert len(TEXTS) > 100
     spelled = re.compile(r"\b(?:m|s|rad|kg)[²³⁻]")
     found = [
         f"{path.relative_to(ROOT)}: {line.strip()}"
-        for path in SOURCES
+        for path in TEXTS
         for line in path.read_text(encoding="utf-8").splitlines()
         if spelled.search(line)
     ]
