@@ -200,7 +200,6 @@ def _with_card(tmp_path, panel_directory, change) -> Path:
     return tmp_path / "mine.zip"
 
 
-@pytest.mark.slow
 def test_a_side_car_runs_no_code_unasked(panel_directory, tmp_path, capsys, monkeypatch):
     (tmp_path / "stranger.py").write_text("raise SystemExit('run')\nclass X: step = None\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -218,7 +217,6 @@ def test_a_side_car_runs_no_code_unasked(panel_directory, tmp_path, capsys, monk
         main([*command, "--own-code"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "fragment"),
     [
@@ -236,7 +234,6 @@ def test_a_damaged_side_car_is_refused(panel_directory, tmp_path, capsys, change
     assert error.count("\n") == 1
 
 
-@pytest.mark.slow
 def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_path):
     def delay(card):
         card["config"]["env_arguments"] |= {"action_latency": 0.02, "dt": 0.01}
@@ -257,7 +254,6 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
         assert has_sidecar(tmp_path / "model.zip")
 
 
-@pytest.mark.slow
 def test_a_stock_policy_meets_the_pendulum_where_the_speed_is_limited(pendulum_policy):
     """Without a limit the observation space is another, and stable-baselines3 refuses."""
     with pytest.raises(ValueError, match="Observation spaces do not match"):

@@ -48,7 +48,6 @@ def test_figures_show_the_data(drawn: list[Path], tmp_path: Path) -> None:
         assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
 
 
-@pytest.mark.slow
 def test_the_same_panel_gives_the_same_figures(drawn: list[Path], tmp_path: Path) -> None:
     again = figures.write_figures(panel_of("full"), tmp_path)
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn]
@@ -80,7 +79,6 @@ def test_figures_of_an_earlier_panel_do_not_stay(tmp_path: Path) -> None:
     assert (tmp_path / "mine.png").exists()
 
 
-@pytest.mark.slow
 def test_figures_of_a_large_panel(tmp_path: Path) -> None:
     written = figures.write_figures(panel_of("large"), tmp_path)
     assert len(written) == 4

@@ -101,7 +101,6 @@ def test_programming_errors_keep_their_traceback(monkeypatch):
         main(["report"])
 
 
-@pytest.mark.slow
 def test_the_installed_command_finds_an_integrator_beside_it(tmp_path):
     (tmp_path / "mine.py").write_text(
         "from integ_gym.envs.integrators.rk4 import RK4\n\n\nclass Own(RK4):\n    pass\n"

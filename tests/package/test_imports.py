@@ -116,7 +116,6 @@ SET_BY_TORCH = ["TORCHINDUCTOR_CACHE_DIR"]
 """Set by torch itself when its first optimizer is made."""
 
 
-@pytest.mark.slow
 def test_import_train_and_evaluate_leave_the_process_as_it_was():
     done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

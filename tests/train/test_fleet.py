@@ -332,7 +332,6 @@ def _replay(record, config):
         np.testing.assert_allclose(env.unwrapped.state, state, rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
     """Without damping MJX's Euler is symplectic Euler: the policy is that of our integrator."""
     needs("mjx")
@@ -376,7 +375,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
 def test_processes_train_and_leave_this_one_as_it_was(tmp_path):
     script = tmp_path / "work.py"
     script.write_text(WORK)
