@@ -135,7 +135,7 @@ def marker_style(style: SchemeStyle) -> dict[str, Any]:
     corners = MARKERS[style.marker]
     reach = max(abs(place) for corner in corners for place in corner)
     edge = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-    return {"marker": corners, "markersize": 7.2 * reach, **edge}
+    return {"marker": corners, "markersize": 6.2 * reach, **edge}
 
 
 def scheme_entries(schemes: Schemes) -> list[Entry]:

@@ -24,28 +24,31 @@ HUES: Final = {
 the ground asks for, and apart for every kind of colour-blindness."""
 
 
-def _corners(count: int, turn: float, inner: float = 1.0) -> tuple[tuple[float, float], ...]:
-    """A polygon in the unit circle, first corner at ``turn`` degrees, or a star with one."""
-    radii = (1.0,) if inner == 1.0 else (1.0, inner)
-    step = 2.0 * math.pi / (count * len(radii))
-    angles = [math.radians(turn) + step * k for k in range(count * len(radii))]
-    return tuple(
-        (radii[k % len(radii)] * math.cos(a), radii[k % len(radii)] * math.sin(a))
-        for k, a in enumerate(angles)
-    )
+def _star(count: int, turn: float, inner: float) -> tuple[tuple[float, float], ...]:
+    """A star, first point at ``turn`` degrees, of the area 2; ``inner``: its smaller radius."""
+    corners, between = 2 * count, math.pi / count
+    outer = math.sqrt(2.0 / (count * inner * math.sin(between)))
+    radii = [outer * (inner if k % 2 else 1.0) for k in range(corners)]
+    angles = [math.radians(turn) + between * k for k in range(corners)]
+    return tuple((r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True))
+
+
+def _polygon(count: int, turn: float) -> tuple[tuple[float, float], ...]:
+    """A regular polygon, first corner at ``turn`` degrees, of the area 2."""
+    return _star(count, turn, math.cos(math.pi / count))[::2]
 
 
 MARKERS: Final = {
-    "circle": _corners(24, 0.0),
-    "square": _corners(4, 45.0),
-    "triangle": _corners(3, 90.0),
-    "diamond": _corners(4, 90.0),
-    "down": _corners(3, -90.0),
-    "star": _corners(5, 90.0, 0.48),
-    "cross": _corners(4, 45.0, 0.42),
-    "plus": _corners(4, 90.0, 0.42),
-    "left": _corners(3, 180.0),
-    "right": _corners(3, 0.0),
+    "circle": _polygon(24, 0.0),
+    "square": _polygon(4, 45.0),
+    "triangle": _polygon(3, 90.0),
+    "diamond": _polygon(4, 90.0),
+    "down": _polygon(3, -90.0),
+    "star": _star(5, 90.0, 0.45),
+    "cross": _star(4, 45.0, 0.4),
+    "plus": _star(4, 90.0, 0.4),
+    "left": _polygon(3, 180.0),
+    "right": _polygon(3, 0.0),
 }
 """Name to corners (x, y), y upwards."""
 

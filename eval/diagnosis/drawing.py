@@ -49,7 +49,7 @@ def schemes_of(names: Iterable[str]) -> Schemes:
     return styles_of(name for name in names if name != TRUTH)
 
 
-def scheme_style(name: str, schemes: Schemes) -> dict[str, Any]:
+def curve_style(name: str, schemes: Schemes) -> dict[str, Any]:
     """The line of an integrator; later ones are thinner, so that none hides another."""
     if name == TRUTH:
         return {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
@@ -59,7 +59,7 @@ def scheme_style(name: str, schemes: Schemes) -> dict[str, Any]:
 
 def entries(schemes: Schemes, truth: Mapping[str, Any] | None = None) -> list[Entry]:
     """A legend of integrators, and of the truth in the style in which it is drawn."""
-    style = scheme_style(TRUTH, {}) if truth is None else truth
+    style = curve_style(TRUTH, {}) if truth is None else truth
     return [*scheme_entries(schemes), Entry(TRUTH, style)]
 
 

@@ -40,7 +40,9 @@ def draw_ladders(ladders: LadderPlots) -> Figure:
     down = math.ceil(len(ladders.rows) / across)
     unit = (2 if ladders.follows else 1) * (_WIDTH + _SIDE) + 0.3
     wide = max(0.3 + across * unit, 6.9)
-    legend = [*scheme_entries(ladders.schemes), Entry("truth", _TRUTH)]
+    legend = scheme_entries(ladders.schemes)
+    if any(plot.truth is not None for _, plots in ladders.rows for plot in plots):
+        legend.append(Entry("truth", _TRUTH))
     top = 1.3 + 0.2 * legend_lines(legend, wide)
     high = top + down * (_HEIGHT + _BELOW) + 0.1
     figure = blank_figure(wide, high)
