@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 NONE: Final = "–"
 """Shown where the panel has no value."""
 
 _SUPERSCRIPT: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-
-
-def finite(value: Any) -> float | None:
-    """The value as a float, or None if it is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if math.isfinite(value) else None
 
 
 def fixed(value: float | None, digits: int = 2, sign: bool = False) -> str:
@@ -45,14 +38,13 @@ def true_minus(text: str) -> str:
     return text.replace(" -0.", " −0.")
 
 
-def seconds(value: Any) -> str:
+def seconds(value: float | None) -> str:
     """A duration in the units a person would say it in."""
-    number = finite(value)
-    if number is None:
+    if value is None:
         return NONE
-    if number < 60.0:
-        return f"{number:.3g} s"
-    minutes, rest = divmod(round(number), 60)
+    if value < 60.0:
+        return f"{value:.3g} s"
+    minutes, rest = divmod(round(value), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 

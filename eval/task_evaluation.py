@@ -60,17 +60,11 @@ def evaluate_task(
     with directory.opened():
         _run(spec, directory, begin(existing, spec, directory, baselines, on_cell), on_cell)
         layout, matrix = outcome(existing, spec, directory)
-        facts = evaluation_facts(
-            existing,
-            spec,
-            directory,
-            command,
-            _workers(spec),
-            remark=_returns(existing, spec, matrix),
-            warnings=_doubts(existing, spec, directory, matrix),
-        )
-        for doubt in facts.warnings:
+        warnings = _doubts(existing, spec, directory, matrix)
+        for doubt in warnings:
             on_doubt(doubt)
+        more = {"remark": _returns(existing, spec, matrix), "warnings": warnings}
+        facts = evaluation_facts(existing, spec, directory, command, _workers(spec), **more)
         panel = build_artefact(layout, matrix, facts)
         write_outputs(panel, directory)
     return panel

@@ -12,17 +12,16 @@ from integ_gym.eval.diagnosis.drawing import (
     Curve,
     Grid,
     Panels,
-    Schemes,
+    curve_style,
     entries,
     named,
     numbers,
     plants_of,
-    scheme_marker,
-    scheme_style,
 )
 from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.diagnosis.theory import theory_of
-from integ_gym.eval.figure_style import INK, SOFT, Entry
+from integ_gym.eval.figure_style import INK, SOFT, Entry, marker_style
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,10 +86,10 @@ def _curves(
 def _curve(axes: Axes, curve: Curve, across: str, schemes: Schemes) -> None:
     name, errors = curve["integrator"], np.maximum(numbers(curve["errors"]), _SMALLEST)
     if name != TRUTH:
-        style = {**scheme_style(name, schemes), **scheme_marker(name, schemes)}
+        style = {**curve_style(name, schemes), **marker_style(schemes[name])}
         axes.loglog(numbers(curve[across]), errors, **style)
     elif across == "steps":
-        axes.axhline(errors[0], **scheme_style(name, schemes))
+        axes.axhline(errors[0], **curve_style(name, schemes))
     else:
         axes.loglog(numbers(curve[across]), errors, "*", color=INK, markersize=9, zorder=5)
 
@@ -126,7 +125,7 @@ def draw_stability(curves: Sequence[Curve], schemes: Schemes) -> Figure:
     )  # fmt: skip
     figure, places = grid.draw(Panels(1, len(plants), (3.6, 2.8)))
     for axes, plant in zip(places[0], plants, strict=True):
-        axes.axhline(1.0, **scheme_style(TRUTH, schemes))
+        axes.axhline(1.0, **curve_style(TRUTH, schemes))
         for curve in (c for c in curves if c["plant"] == plant and c["integrator"] != TRUTH):
             _growth(axes, curve, schemes)
         _limits(axes, [c["integrator"] for c in curves if c["plant"] == plant])
@@ -137,9 +136,9 @@ def draw_stability(curves: Sequence[Curve], schemes: Schemes) -> Figure:
 
 def _growth(axes: Axes, curve: Curve, schemes: Schemes) -> None:
     name = curve["integrator"]
-    style = scheme_style(name, schemes)
+    style = curve_style(name, schemes)
     axes.plot(numbers(curve["h_omega"]), numbers(curve["radius"]), **style)
-    markers = {**scheme_marker(name, schemes), "color": style["color"], "linestyle": "none"}
+    markers = {**marker_style(schemes[name]), "color": style["color"], "linestyle": "none"}
     axes.plot(numbers(curve["followed"]), numbers(curve["growth"]), zorder=3, **markers)
 
 

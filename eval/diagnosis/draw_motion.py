@@ -11,16 +11,16 @@ from integ_gym.eval.diagnosis.drawing import (
     Curve,
     Grid,
     Panels,
-    Schemes,
+    curve_style,
     entries,
     named,
     numbers,
     plants_of,
-    scheme_style,
 )
 from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.figure_style import plain
 from integ_gym.eval.formatting import step
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ def _energies(axes: Axes, curves: Sequence[Curve], schemes: Schemes) -> None:
     low = min(float(np.nanmin(r)) for r in ratios)
     high = max(float(np.nanmax(r)) for r in ratios)
     for curve, ratio in zip(curves, ratios, strict=True):
-        style = scheme_style(curve["integrator"], schemes)
+        style = curve_style(curve["integrator"], schemes)
         axes.plot(numbers(curve["time"]), np.maximum(ratio, _SMALLEST), **style)
     if low > 1.0 / _LINEAR and high < _LINEAR:
         reach = 1.25 * max(high - 1.0, 1.0 - low, 1e-3)
@@ -76,7 +76,7 @@ def _errors(axes: Axes, curves: Sequence[Curve], schemes: Schemes) -> None:
         window = int(curve["window"])
         count = len(error) // window
         largest = error[: count * window].reshape(count, window).max(axis=1)
-        style = scheme_style(curve["integrator"], schemes)
+        style = curve_style(curve["integrator"], schemes)
         middle = time[: count * window].reshape(count, window).mean(axis=1)
         axes.semilogy(middle, np.maximum(largest, _SMALLEST), **style)
     axes.set_ylim(_SMALLEST, 1e3)
@@ -112,7 +112,7 @@ def _portrait(axes: Axes, curve: Curve, truth: Curve, schemes: Schemes) -> None:
     position, velocity = numbers(truth["position"]), numbers(truth["velocity"])
     axes.plot(position, velocity, **_BAND)
     if curve is not truth:
-        style: dict[str, Any] = {**scheme_style(curve["integrator"], schemes), "linewidth": 1.2}
+        style: dict[str, Any] = {**curve_style(curve["integrator"], schemes), "linewidth": 1.2}
         axes.plot(numbers(curve["position"]), numbers(curve["velocity"]), **style)
     middle = 0.5 * (np.nanmax(position) + np.nanmin(position))
     reach = 2.0 * max(np.nanmax(position) - middle, 1e-9)

@@ -136,6 +136,6 @@ def evaluation_facts(
         hash=existing.policy.content_hash,
         file=f"policies/{row}/{POLICY_FILE}",
     )
-    others = {n: PanelPolicy(id=n, seed=None, hash=None, file=None) for n in spec.baselines}
+    others = {n: PanelPolicy(id=n) for n in spec.baselines}
     stated = {**spec.to_json(), "home": existing.origin}
     return facts_of(spec, directory, command, workers, {row: own, **others}, spec=stated, **more)

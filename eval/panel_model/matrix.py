@@ -27,9 +27,9 @@ class Policy(Part, frozen=True, kw_only=True):
     """
 
     id: str
-    seed: int | None
-    hash: str | None
-    file: str | None
+    seed: int | None = None
+    hash: str | None = None
+    file: str | None = None
 
 
 class Row(Part, frozen=True, kw_only=True):

@@ -4,32 +4,39 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.eval.formatting import true_minus
-from integ_gym.eval.panel_model import PolicyComparison
-from integ_gym.eval.report.axes import difference_axis
+from integ_gym.eval.formatting import fixed, true_minus
+from integ_gym.eval.panel_model import CellFinding, PolicyComparison
+from integ_gym.eval.report_data.axes import difference_axis
+from integ_gym.eval.report_data.forest import Line, Mark, Tone
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
-_TONES = {"accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive"}
-_MARKS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
+_TONES: dict[str, Tone] = {
+    "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
+}  # fmt: skip
+_SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
 
 
 def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
     """One comparison of two policies."""
-    axis = difference_axis([cell.difference for cell in compared.cells], 0.5)
+    tone = _TONES[compared.outcome]
     return {
         "compared": compared,
-        "tone": _TONES[compared.outcome],
-        "mark": _MARKS[compared.outcome],
+        "tone": tone,
+        "sign": _SIGNS[compared.outcome],
         "reason": true_minus(compared.reason),
-        "cells": [
-            {
-                "name": cell.name,
-                "role": _ROLES.get(cell.role or ""),
-                "status": cell.status.replace("_", " "),
-                "value": cell.difference,
-                "bar": axis.bar(cell.difference),
-            }
-            for cell in compared.cells
-        ],
-        "axis": axis,
+        "lines": [_line(compared, cell, tone) for cell in compared.cells],
+        "axis": difference_axis([cell.difference for cell in compared.cells], 0.5),
     }
+
+
+def _line(compared: PolicyComparison, cell: CellFinding, tone: Tone) -> Line:
+    return Line(
+        "",
+        cell.name,
+        (compared.a, cell.name),
+        (Mark(cell.difference, tone),),
+        fixed(cell.difference.estimate, 2, True),
+        cell.status.replace("_", " "),
+        f"A − B {cell.difference}",
+        _ROLES.get(cell.role or "", ""),
+    )

@@ -7,7 +7,8 @@ from typing import Any
 
 from integ_gym.eval.formatting import compact, fixed
 from integ_gym.eval.panel_model import Entry, Estimate, Panel
-from integ_gym.eval.report.axes import RATE_AXIS
+from integ_gym.eval.report.drawing import percent
+from integ_gym.eval.report_data.axes import RATE_AXIS
 from integ_gym.eval.report_data.words import CLASS_WORDS
 
 
@@ -40,7 +41,7 @@ def _record(entry: Entry) -> dict[str, Any]:
     return {
         "entry": entry,
         "facts": [(name, text) for name, text in facts if text],
-        "seeds": [RATE_AXIS.at(rate) for rate in entry.success_by_seed],
+        "seeds": [percent(RATE_AXIS, rate) for rate in entry.success_by_seed],
         "labels": sorted(entry.labels.items(), key=lambda item: -item[1]),
     }
 

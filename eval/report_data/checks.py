@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from integ_gym.eval.formatting import NONE, fixed
 from integ_gym.eval.panel_model import Cell, Entry, Panel, Row
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.forest import Block, Forest, Line, Mark
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,34 @@ def _before(panel: Panel, after: Entry) -> Entry | None:
     cell = panel.cell(after.cell)
     same = (other for other in panel.cells if other.plain and _alike(other, cell))
     return next((panel.entry(after.row, other.name) for other in same), None)
+
+
+def check_forest(panel: Panel) -> Forest | None:
+    """Success before and after every change of the plant or its delays; None without any."""
+    blocks = [Block(label, [_line(c) for c in found]) for label, found in checks_of(panel).items()]
+    if not blocks:
+        return None
+    about = "success with its interval over seeds: ring as specified, dot with the change"
+    return Forest("Perturbations and latency", about, RATE_AXIS, tuple(blocks))
+
+
+def _line(check: Check) -> Line:
+    after = check.after.success
+    before = None if check.before is None else check.before.success
+    was, marks = NONE, [Mark(after, "accent", down=0.35)]
+    if before is not None:
+        was = fixed(before.estimate)
+        marks.insert(0, Mark(before, "soft", filled=False, down=-0.35))
+    change = None if before is None else after.estimate - before.estimate
+    return Line(
+        check.after.row,
+        check.after.cell if check.before is None else check.before.cell,
+        (check.after.row, check.after.cell),
+        tuple(marks),
+        fixed(change, sign=True),
+        f"{was} → {fixed(after.estimate)}",
+        f"{check.after.row}: success {before or 'not known'} before, {after} on {check.after.cell}",
+    )
 
 
 def _alike(one: Cell, other: Cell) -> bool:

@@ -4,56 +4,32 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.eval.formatting import NONE
-from integ_gym.eval.panel_model import Entry, Estimate, Panel, Row, TrainingCost
-from integ_gym.eval.panel_model import Remedy as Found
+from integ_gym.eval.formatting import NONE, fixed
+from integ_gym.eval.panel_model import Entry, Estimate, Panel, Remedy, RemedyCell, Row, TrainingCost
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.forest import Block, Forest, Line, Mark
 
 
 @dataclass(frozen=True)
-class Rival:
-    """One row of a single discretization in one cell.
+class Mixture:
+    """A mixture held against single discretizations.
 
     Attributes:
-        entry: what it did there.
-        lost: whether its loss there is estimated above the margin.
-        difference: success of the mixture minus its own, where it lost.
+        row: trained on the mixture.
+        summary: what came out, in sentences.
+        harmful: cells in which a single discretization costs success, the worst first.
+        others: the rest, in column order.
     """
 
-    entry: Entry
-    lost: bool
-    difference: Estimate | None
-
-
-@dataclass(frozen=True)
-class Line:
-    """One evaluation cell: the mixture beside all others.
-
-    Attributes:
-        entry: what the mixture did there.
-        member: whether it was trained there.
-        solved: whether anybody solves the cell.
-        rivals: rows of a single discretization, home included.
-    """
-
-    entry: Entry
-    member: bool
-    solved: bool
-    rivals: tuple[Rival, ...]
+    row: Row
+    summary: str
+    harmful: tuple[Line, ...]
+    others: tuple[Line, ...]
 
     @property
-    def harmful(self) -> bool:
-        """Whether somebody loses there what could be kept."""
-        return self.solved and any(rival.lost for rival in self.rivals)
-
-    @property
-    def lowest(self) -> float:
-        """Lowest success of the rivals; 1 without any."""
-        return min((rival.entry.success.estimate for rival in self.rivals), default=1.0)
-
-    @property
-    def highest(self) -> float:
-        """Highest success of the rivals; 1 without any."""
-        return max((rival.entry.success.estimate for rival in self.rivals), default=1.0)
+    def members(self) -> str:
+        """The discretizations that it was trained on, in words."""
+        return ", ".join(self.row.shares)
 
 
 @dataclass(frozen=True)
@@ -87,49 +63,66 @@ class Cost:
         return f"{round(median.low):,} {end}"
 
 
-@dataclass(frozen=True)
-class Remedy:
-    """A mixture held against single discretizations."""
-
-    row: Row
-    summary: str
-    lines: tuple[Line, ...]
-
-    @property
-    def harmful(self) -> tuple[Line, ...]:
-        """Cells in which a single discretization costs success, the worst first."""
-        found = [line for line in self.lines if line.harmful]
-        return tuple(sorted(found, key=lambda line: line.lowest))
-
-    @property
-    def others(self) -> tuple[Line, ...]:
-        """The rest, in column order."""
-        return tuple(line for line in self.lines if not line.harmful)
-
-    @property
-    def members(self) -> str:
-        """The discretizations that it was trained on, in words."""
-        return ", ".join(self.row.shares)
-
-
-def remedies_of(panel: Panel) -> tuple[Remedy, ...]:
+def mixtures_of(panel: Panel) -> tuple[Mixture, ...]:
     """The panel's mixtures, in order."""
-    return tuple(
-        Remedy(panel.row(found.row), found.summary, _lines(panel, found))
-        for found in panel.remedies
+    return tuple(_mixture(panel, remedy) for remedy in panel.remedies)
+
+
+def remedy_forest(panel: Panel) -> Forest | None:
+    """Every discretization in which single ones lose, by mixture; None without any."""
+    blocks = [
+        Block(f"{found.row.name}: {found.members}", found.harmful)
+        for found in mixtures_of(panel)
+        if found.harmful
+    ]
+    if not blocks:
+        return None
+    about = (
+        "success; dot: mixture, with its interval; rings: single ones, red where they lose > 0.2"
     )
+    return Forest("A remedy: training on a mixture", about, RATE_AXIS, tuple(blocks))
 
 
-def _lines(panel: Panel, found: Found) -> tuple[Line, ...]:
-    lines = []
-    for cell in found.cells:
-        lost = {one.row: one.difference for one in cell.lost}
-        entries = [panel.entry(name, cell.cell) for name in found.singles]
-        rivals = [Rival(e, e.row in lost, lost.get(e.row)) for e in entries if e is not None]
-        own = panel.entry(found.row, cell.cell)
-        if own is not None:
-            lines.append(Line(own, cell.member, cell.solved, tuple(rivals)))
-    return tuple(lines)
+def _mixture(panel: Panel, remedy: Remedy) -> Mixture:
+    harmful, others = [], []
+    for cell in remedy.cells:
+        own = panel.entry(remedy.row, cell.cell)
+        found = [panel.entry(single, cell.cell) for single in remedy.singles]
+        rivals = sorted((e for e in found if e is not None), key=lambda e: e.success.estimate)
+        if own is None:
+            continue
+        line = _line(own, rivals, cell)
+        if cell.solved and cell.lost and rivals:
+            harmful.append((rivals[0].success.estimate, line))
+        else:
+            others.append(line)
+    harmful.sort(key=lambda pair: pair[0])
+    row = panel.row(remedy.row)
+    return Mixture(row, remedy.summary, tuple(line for _, line in harmful), tuple(others))
+
+
+def _line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
+    """A mixture in one cell beside rows of a single discretization, the lowest first."""
+    lost = {one.row: one.difference for one in cell.lost}
+    words, marks = [f"{own.cell}: {own.row} {own.success}"], []
+    for rival in rivals:
+        alone = Estimate(rival.success.estimate)
+        marks.append(Mark(alone, "fails" if rival.row in lost else "soft", False, -0.35))
+        less = f", {own.row} minus it {lost[rival.row]}" if rival.row in lost else ""
+        words.append(f"{rival.row} {rival.success}{less}")
+    rates = [fixed(rival.success.estimate) for rival in rivals]
+    notes = ["trained there"] if cell.member else []
+    notes += [] if cell.solved else ["nobody solves it"]
+    return Line(
+        "",
+        own.cell,
+        (own.row, own.cell),
+        (*marks, Mark(own.success, "accent", down=0.35)),
+        fixed(own.success.estimate),
+        f"others {rates[0]} to {rates[-1]}" if rates else "no other row learned",
+        "; ".join(words),
+        ", ".join(notes),
+    )
 
 
 def costs_of(panel: Panel) -> tuple[Cost, ...]:
@@ -141,14 +134,3 @@ def costs_of(panel: Panel) -> tuple[Cost, ...]:
             success = None if truth is None else truth.success
             costs.append(Cost(row, panel.training_costs[row.name], success))
     return tuple(costs)
-
-
-def line_words(line: Line) -> str:
-    """A line in words, for tooltips and screen readers."""
-    parts = [f"{line.entry.cell}: {line.entry.row} {line.entry.success}"]
-    for rival in line.rivals:
-        words = f"{rival.entry.row} {rival.entry.success}"
-        if rival.difference is not None:
-            words += f", {line.entry.row} minus it {rival.difference}"
-        parts.append(words)
-    return "; ".join(parts)

@@ -31,6 +31,7 @@ from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.diagnosis.theory import theory_of
+from integ_gym.eval.figure_style import FORMATS
 from integ_gym.evidence.store import EvidenceStore
 
 BUILT_IN = "symplectic_euler"
@@ -103,11 +104,12 @@ def test_every_point_of_the_convergence_curve_has_its_record(diagnosis):
 
 def test_figures_are_written(diagnosis):
     out, _, _ = diagnosis
-    names = {path.name for path in (out / "figures").glob("*.png")}
-    assert names == {
-        "energy.png", "phase_portraits.png", "stability.png", "contact_pendulum.png",
-        "convergence.png", "work_precision.png",
-    }  # fmt: skip
+    names = (
+        "energy", "phase_portraits", "stability", "contact_pendulum", "convergence",
+        "work_precision",
+    )  # fmt: skip
+    expected = {name + suffix for name in names for suffix in FORMATS}
+    assert {path.name for path in (out / "figures").iterdir()} == expected
 
 
 def test_claims_of_a_planted_integrator_are_refuted(diagnosis):
@@ -356,7 +358,8 @@ def test_drift_example(tmp_path, capsys, monkeypatch):
     printed = capsys.readouterr().out
     for number in ("−0.7968 %", "+3.585·10⁴ %", "−0.07413 %", "−3.435 %"):
         assert number in printed
-    assert (tmp_path / "drift.png").stat().st_size > 10_000
+    for suffix in FORMATS:
+        assert (tmp_path / f"drift{suffix}").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(
