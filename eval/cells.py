@@ -1,4 +1,4 @@
-"""What a panel varies: discretizations, mixtures of them to train on, and cells to evaluate in."""
+"""What a panel varies: mixtures of discretizations to train on, and cells to evaluate in."""
 
 from __future__ import annotations
 
@@ -7,45 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.mixture import WEIGHT
 from integ_gym.envs.timing import is_multiple
 
 FINEST_DIVISION = 1000
 """Parts of the reference's step that are tried to fit latencies and sensor periods."""
-
-
-@dataclass(frozen=True)
-class Discretization:
-    """What a panel varies: engine, integrator, dt (s) and control period (s)."""
-
-    integrator: str
-    dt: float
-    control_period: float
-    engine: str = "native"
-
-    @property
-    def name(self) -> str:
-        """Short name, without the control period; see :attr:`Cell.name`."""
-        engine = "" if self.engine == "native" else f"{self.engine} "
-        return f"{engine}{self.integrator} dt={self.dt:g}"
-
-    @property
-    def shares(self) -> dict[Discretization, float]:
-        """Share of each discretization that training draws from: this one alone."""
-        return {self: 1.0}
-
-    def arguments(self) -> dict[str, Any]:
-        """As constructor arguments of an environment."""
-        return {
-            "engine": self.engine,
-            "integrator": self.integrator,
-            "dt": self.dt,
-            "control_period": self.control_period,
-        }
-
-    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
-        """Constructor arguments of the training environment."""
-        return Cell(self, "grid").arguments(environment)
 
 
 @dataclass(frozen=True)
@@ -74,14 +41,6 @@ class DiscretizationMixture:
     def arguments(self) -> list[dict[str, Any]]:
         """The members, each as constructor arguments of an environment."""
         return [member.arguments() for member, _ in self.weights]
-
-    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
-        """Constructor arguments of the training environment."""
-        own = ("engine", "integrator", "dt")
-        cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in self.weights]
-        mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
-        common = {name: value for name, value in cells[0][0].items() if name not in own}
-        return {**common, "mixture": mixture}
 
 
 Home: TypeAlias = Discretization | DiscretizationMixture
@@ -122,6 +81,22 @@ class Cell:
         if self.discretization.integrator == "reference":
             values["dt"] = dividing_step(values)
         return values
+
+
+def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Constructor arguments of a training environment.
+
+    Args:
+        home: what is trained on.
+        environment: arguments common to all discretizations.
+    """
+    if isinstance(home, Discretization):
+        return Cell(home, "grid").arguments(environment)
+    own = ("engine", "integrator", "dt")
+    cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in home.weights]
+    mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
+    common = {name: value for name, value in cells[0][0].items() if name not in own}
+    return {**common, "mixture": mixture}
 
 
 def dividing_step(arguments: Mapping[str, Any]) -> float:

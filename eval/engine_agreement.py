@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.discretization import NATIVE, Discretization
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.matching import cases_of, largest_error, mapped
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization
-from integ_gym.eval.engine_cells import NATIVE, map_of
+from integ_gym.eval.cells import Cell
+from integ_gym.eval.engine_cells import map_of
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.spec import PanelSpec

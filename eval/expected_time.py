@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.timing import Timing
-from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.cells import Cell, Home
 from integ_gym.eval.spec import PanelSpec
 
 DECISION_SECONDS = 4e-6

@@ -9,12 +9,12 @@ from typing import Any
 
 import gymnasium as gym
 
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
 from integ_gym.envs.extras import load
-from integ_gym.envs.mixture import DISCRETIZATION
 from integ_gym.envs.rediscretized import RediscretizedEnv, mujoco_integrators, rediscretize
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.versions import package_version
-from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.cells import Cell, Home
 from integ_gym.eval.existing.plan import REFINEMENTS, Grid
 from integ_gym.eval.existing.policy import STATISTICS_FILE, Existing, load_policy
 from integ_gym.eval.spec import PanelSpec
@@ -115,10 +115,7 @@ def read_for_task(
                 "cells with --integrator and --dt"
             )
     with rediscretize(stock_task(env_id, arguments)) as env:
-        settings = env.setup.settings
-        home = Discretization(
-            settings.integrator, settings.dt, env.setup.timing.control_period, settings.engine
-        )
+        home = Discretization.of(env.setup)
         spaces = env.observation_space, env.action_space
     policy, card = load_policy(path, obs_stats)
     if card is not None:

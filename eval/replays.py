@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.settings import Settings
-from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.cells import Cell, Home
 from integ_gym.evidence.labels import Home as HomeReplay
 from integ_gym.evidence.labels import Replays
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from integ_gym.envs.discretization import NATIVE, Discretization
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization, Home, dividing_step
-from integ_gym.eval.engine_cells import NATIVE
+from integ_gym.eval.cells import Cell, Home, dividing_step
 from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.spec import PanelSpec

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
 from integ_gym.envs.environment import action_space, observation_space
-from integ_gym.envs.mixture import DISCRETIZATION, Mixture
+from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.registration import environment_mixture
-from integ_gym.eval.cells import Discretization, DiscretizationMixture, Home
+from integ_gym.eval.cells import DiscretizationMixture, Home
 from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
@@ -169,10 +170,7 @@ def _home(mixture: Mixture) -> Home:
     """What a training environment's episodes run on, a discretization named twice counted once."""
     weights: dict[Discretization, float] = {}
     for setup, share in zip(mixture.setups, mixture.shares, strict=True):
-        settings = setup.settings
-        member = Discretization(
-            settings.integrator, settings.dt, setup.timing.control_period, settings.engine
-        )
+        member = Discretization.of(setup)
         weights[member] = weights.get(member, 0.0) + float(share)
     if len(weights) == 1:
         return next(iter(weights))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Discretization, file_name
+from integ_gym.eval.cells import file_name
 from integ_gym.eval.spec.panel_spec import PanelSpec
 from integ_gym.eval.spec.values import SpecError, check_known, check_unique
 

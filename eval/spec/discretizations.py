@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.mixture import WEIGHT
-from integ_gym.eval.cells import Discretization, DiscretizationMixture, Home
+from integ_gym.eval.cells import DiscretizationMixture, Home
 from integ_gym.eval.engine_cells import INSTALLED, on_installed
 from integ_gym.eval.spec.values import (
     SpecError,

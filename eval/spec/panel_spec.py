@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.mixture import WEIGHT
 from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.versions import package_version
-from integ_gym.eval.cells import Cell, Discretization, Home, Perturbation
+from integ_gym.eval.cells import Cell, Home, Perturbation
 from integ_gym.eval.engine_cells import engine_versions
 from integ_gym.train.baselines import BASELINES
 
@@ -154,12 +155,11 @@ class PanelSpec:
         """Whether the policies are trained by the fleet trainer."""
         return self.trainer == "fleet"
 
-    def _sources(self) -> dict[str, str]:
+    def _sources(self) -> dict[str, str | None]:
         """SHA-256 of the source of every integrator of the user's own."""
         used = (*self.trained_on(), *self.grid)
-        names = {d.integrator for d in used if d.engine == "native" or ":" in d.integrator}
-        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
-        return {name: value for name, value in hashes.items() if value is not None}
+        names = {d.integrator for d in used if ":" in d.integrator}
+        return {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
 
 
 def _plain(home: Home) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture, Perturbation
+from integ_gym.envs.discretization import Discretization
+from integ_gym.eval.cells import Cell, DiscretizationMixture, Perturbation
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
 from integ_gym.eval.panel import nominal_setup

@@ -13,8 +13,9 @@ import pytest
 from mixed_panel import TOML
 
 from integ_gym.cli import main
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture
+from integ_gym.eval.cells import Cell, DiscretizationMixture
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.panel import check_spec
 from integ_gym.eval.spec import SpecError, parse_spec
