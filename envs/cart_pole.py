@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.vector import IntegVectorEnv
+
+ENV_ID: Final = "IntegCartPole-v0"
+"""Read by the registration, which does not import this module."""
 
 
 class IntegCartPoleEnv(IntegEnv):
@@ -68,7 +71,7 @@ class IntegCartPoleEnv(IntegEnv):
 
     | Name | Default | Unit | Meaning |
     |---|---|---|---|
-    | `integrator` | `"explicit_euler"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
+    | `integrator` | `"explicit_euler"` | | one-step map such as `rk4`, as the engine calls it, or `module:Class` |
     | `dt` | 0.02 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
@@ -78,15 +81,15 @@ class IntegCartPoleEnv(IntegEnv):
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
-    | `start` | `"upright"` | | `upright` |
+    | `start` | `"upright"` | | start distribution: `upright` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
-    | `cart_mass` | 1.0 | kg | of the cart |
-    | `mass` | 0.1 | kg | of the pole |
+    | `cart_mass` | 1.0 | kg | mass of the cart |
+    | `mass` | 0.1 | kg | mass of the pole |
     | `length` | 0.5 | m | hinge to centre of mass of the pole |
-    | `gravity` | 9.8 | m/s² | gravitational acceleration |
-    | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
-    | `cart_damping` | 0.0 | N s/m | viscous, of the cart |
+    | `gravity` | 9.8 | m/s^2 | gravitational acceleration |
+    | `damping` | 0.0 | N m s/rad | viscous damping at the hinge |
+    | `cart_damping` | 0.0 | N s/m | viscous damping of the cart |
     | `friction` | 0.0 | N m | dry friction at the hinge |
     | `cart_friction` | 0.0 | N | dry friction of the cart |
     | `friction_speed` | 0.01 | rad/s, m/s | speed over which friction changes its sign |
@@ -95,8 +98,8 @@ class IntegCartPoleEnv(IntegEnv):
     | `stop_damping` | 0.5 | s/m | damping of the stops |
     | `mass_distribution` | `"uniform"` | | `uniform` pole or `point` mass at its centre of mass |
     | `force_mag` | 10.0 | N | magnitude of the force |
-    | `x_threshold` | 2.4 | m | the episode ends beyond |
-    | `theta_threshold` | 0.2094 (12°) | rad | the episode ends beyond |
+    | `x_threshold` | 2.4 | m | the episode ends beyond ±`x_threshold` |
+    | `theta_threshold` | 0.2094 | rad | the episode ends beyond ±`theta_threshold` |
     | `sutton_barto_reward` | `False` | | 0 per step and −1 at termination instead |
 
     ## Info

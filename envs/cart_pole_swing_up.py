@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.vector import IntegVectorEnv
+
+ENV_ID: Final = "IntegCartPoleSwingUp-v0"
+"""Read by the registration, which does not import this module."""
 
 
 class IntegCartPoleSwingUpEnv(IntegEnv):
@@ -75,7 +78,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
 
     | Name | Default | Unit | Meaning |
     |---|---|---|---|
-    | `integrator` | `"rk4"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
+    | `integrator` | `"rk4"` | | one-step map such as `rk4`, as the engine calls it, or `module:Class` |
     | `dt` | 0.02 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
@@ -85,15 +88,15 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
-    | `start` | `"hanging"` | | `hanging` or `upright` |
+    | `start` | `"hanging"` | | start distribution: `hanging` or `upright` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
-    | `cart_mass` | 1.0 | kg | of the cart |
-    | `mass` | 0.1 | kg | of the pole |
+    | `cart_mass` | 1.0 | kg | mass of the cart |
+    | `mass` | 0.1 | kg | mass of the pole |
     | `length` | 0.5 | m | hinge to centre of mass of the pole |
-    | `gravity` | 9.8 | m/s² | gravitational acceleration |
-    | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
-    | `cart_damping` | 0.0 | N s/m | viscous, of the cart |
+    | `gravity` | 9.8 | m/s^2 | gravitational acceleration |
+    | `damping` | 0.0 | N m s/rad | viscous damping at the hinge |
+    | `cart_damping` | 0.0 | N s/m | viscous damping of the cart |
     | `friction` | 0.0 | N m | dry friction at the hinge |
     | `cart_friction` | 0.0 | N | dry friction of the cart |
     | `friction_speed` | 0.01 | rad/s, m/s | speed over which friction changes its sign |

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.vector import IntegVectorEnv
+
+ENV_ID: Final = "IntegElasticPendulum-v0"
+"""Read by the registration, which does not import this module."""
 
 
 class IntegElasticPendulumEnv(IntegEnv):
@@ -71,7 +74,7 @@ class IntegElasticPendulumEnv(IntegEnv):
 
     | Name | Default | Unit | Meaning |
     |---|---|---|---|
-    | `integrator` | `"rk4"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
+    | `integrator` | `"rk4"` | | one-step map such as `rk4`, as the engine calls it, or `module:Class` |
     | `dt` | 0.02 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
@@ -80,15 +83,15 @@ class IntegElasticPendulumEnv(IntegEnv):
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
-    | `max_speed` | `None` | m/s | clip on every velocity; `None`: no clip |
-    | `start` | `"pushed"` | | `pushed` |
+    | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
+    | `start` | `"pushed"` | | start distribution: `pushed` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
-    | `mass` | 1.0 | kg | of the bob |
-    | `length` | 1.0 | m | of the unloaded spring |
-    | `stiffness` | 1000.0 | N/m | of the spring |
-    | `gravity` | 9.81 | m/s² | gravitational acceleration |
-    | `damping` | 0.0 | N s/m | viscous, of the bob |
+    | `mass` | 1.0 | kg | mass of the bob |
+    | `length` | 1.0 | m | length of the unloaded spring |
+    | `stiffness` | 1000.0 | N/m | stiffness of the spring |
+    | `gravity` | 9.81 | m/s^2 | gravitational acceleration |
+    | `damping` | 0.0 | N s/m | viscous damping of the bob |
     | `max_force` | 2.0 | N | limit of the horizontal force |
 
     ## Info

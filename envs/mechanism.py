@@ -17,7 +17,7 @@ class Link:
         joint: ``"slide"`` along +x, or ``"hinge"`` about +y, which turns +z towards +x.
         mass: kg.
         centre: from the joint to the centre of mass along the link's own z axis, m.
-        inertia: about the centre of mass and y, kg m²; 0 for a point mass.
+        inertia: about the centre of mass and y, kg m^2; 0 for a point mass.
         damping: viscous, at the joint, N s/m or N m s/rad.
     """
 
@@ -37,7 +37,7 @@ class Mechanism:
 
     Attributes:
         links: in the order of the plant's coordinates.
-        gravity: gravitational acceleration along -z, m/s².
+        gravity: gravitational acceleration along -z, m/s^2.
     """
 
     links: tuple[Link, ...]

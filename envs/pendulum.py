@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.vector import IntegVectorEnv
+
+ENV_ID: Final = "IntegPendulum-v0"
+"""Read by the registration, which does not import this module."""
 
 
 class IntegPendulumEnv(IntegEnv):
@@ -70,7 +73,7 @@ class IntegPendulumEnv(IntegEnv):
 
     | Name | Default | Unit | Meaning |
     |---|---|---|---|
-    | `integrator` | `"symplectic_euler"` | | native: `explicit_euler`, `symplectic_euler`, `stormer_verlet`, `rk4`, `implicit_euler`, `implicit_midpoint`, `reference`, or `"module:Class"` |
+    | `integrator` | `"symplectic_euler"` | | one-step map such as `rk4`, as the engine calls it, or `module:Class` |
     | `dt` | 0.05 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
@@ -79,14 +82,14 @@ class IntegPendulumEnv(IntegEnv):
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
-    | `max_speed` | `None` | rad/s | clip on every velocity; `None`: no clip |
-    | `start` | `"uniform"` | | `uniform` or `hanging` |
+    | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
+    | `start` | `"uniform"` | | start distribution: `uniform` or `hanging` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
-    | `mass` | 1.0 | kg | of the rod or bob |
+    | `mass` | 1.0 | kg | mass of the rod or bob |
     | `length` | 1.0 | m | hinge to far end of the rod, or to the bob |
-    | `gravity` | 10.0 | m/s² | gravitational acceleration |
-    | `damping` | 0.0 | N m s/rad | viscous, at the hinge |
+    | `gravity` | 10.0 | m/s^2 | gravitational acceleration |
+    | `damping` | 0.0 | N m s/rad | viscous damping at the hinge |
     | `friction` | 0.0 | N m | dry friction at the hinge |
     | `friction_speed` | 0.01 | rad/s | speed over which friction changes its sign |
     | `joint_limit` | `None` | rad | stops at ±`joint_limit` from upright, turns counted; `None`: no stops |

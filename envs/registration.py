@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
@@ -14,12 +16,19 @@ from integ_gym.envs.mixture import Mixture, make_mixture
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.settings import Setup
 
-ENVIRONMENTS = {
-    "IntegPendulum-v0": "integ_gym.envs.pendulum:IntegPendulum",
-    "IntegCartPole-v0": "integ_gym.envs.cart_pole:IntegCartPole",
-    "IntegCartPoleSwingUp-v0": "integ_gym.envs.cart_pole_swing_up:IntegCartPoleSwingUp",
-    "IntegElasticPendulum-v0": "integ_gym.envs.elastic_pendulum:IntegElasticPendulum",
-}
+_ID = re.compile(r'^ENV_ID: Final = "(\w+)(-v\d+)"$', re.MULTILINE)
+
+
+def _declared() -> dict[str, str]:
+    """Ids that the modules beside this one declare, read without importing them."""
+    found = {}
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        for stem, version in _ID.findall(path.read_text(encoding="utf-8")):
+            found[stem + version] = f"{__package__}.{path.stem}:{stem}"
+    return found
+
+
+ENVIRONMENTS: Final = _declared()
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
 

@@ -31,31 +31,48 @@ from integ_gym.envs.timing import Timing
 class Settings:
     """The arguments that all environments have in common."""
 
-    integrator: str = parameter("rk4", "", "name, or `module:Class`", text)
+    integrator: str = parameter(
+        "rk4", "", "one-step map such as `rk4`, as the engine calls it, or `module:Class`", text
+    )
     dt: float = parameter(0.05, "s", "integration step", positive)
     control_period: float | None = parameter(
-        None, "s", "time between two decisions; None: `dt`", optional(positive)
+        None,
+        "s",
+        "time between two decisions, a whole multiple of `dt`; `None`: `dt`",
+        optional(positive),
     )
-    engine: str = parameter("native", "", "what advances the plant", text)
-    duration: float = parameter(10.0, "s", "episode length until truncation", positive)
-    action_latency: float = parameter(0.0, "s", "delay of every command", nonnegative)
+    engine: str = parameter(
+        "native", "", "what advances the plant: ours, or a simulator such as `mujoco`", text
+    )
+    duration: float = parameter(
+        10.0, "s", "truncation after ceil(duration / control_period) decisions", positive
+    )
+    action_latency: float = parameter(
+        0.0, "s", "delay of every command, a whole multiple of `dt`", nonnegative
+    )
     sensor_period: float | None = parameter(
-        None, "s", "time between two samples; None: one per decision", optional(positive)
+        None,
+        "s",
+        "time between two samples, a whole multiple of `dt`; `None`: one per decision",
+        optional(positive),
     )
     observation_noise: float = parameter(
         0.0, "SI", "standard deviation of each sensed state component", nonnegative
     )
     fallback: str = parameter(
-        "hold", "", "control where no valid command acts", one_of("hold", "zero")
+        "hold",
+        "",
+        "`hold` the last control or `zero`, where no valid command acts",
+        one_of("hold", "zero"),
     )
     max_speed: float | None = parameter(
-        None, "rad/s, m/s", "clip on every velocity; None: no clip", optional(positive)
+        None, "rad/s, m/s", "clip on every velocity; `None`: no clip", optional(positive)
     )
     start: str = parameter("", "", "start distribution", text)
     contact: str = parameter(
         "compliant",
         "",
-        "law of the stops: ours, or the engine's own",
+        "law of the stops: ours, the same in every engine, or `engine`",
         one_of("compliant", "engine"),
     )
 

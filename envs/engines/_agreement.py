@@ -28,7 +28,7 @@ class Model(Protocol):
     version: str
 
     def inertia(self, q: Components) -> Array:
-        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m²."""
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2."""
 
     def gravity(self, q: Components) -> Array:
         """The simulator's generalized force of gravity, (dof,), N or N m."""
@@ -54,8 +54,8 @@ def check_weight(model: Floored, mechanism: Mechanism) -> None:
         tolerated = TOLERANCE[model.width] * about_joint
         if link.joint == "hinge" and max(link.inertia, tolerated) < least:
             raise ValueError(
-                f"engine {model.name!r} takes no body's moment of inertia below {least:g} kg m², "
-                f"which the plant's {about_joint:g} kg m² about {link.coordinate!r} is too small "
+                f"engine {model.name!r} takes no body's moment of inertia below {least:g} kg m^2, "
+                f"which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} is too small "
                 f"for; use a larger mass or length, or an engine without this limit, such as "
                 "'native', 'drake' or 'pinocchio'"
             )

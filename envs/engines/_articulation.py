@@ -10,7 +10,7 @@ from integ_gym.envs.engines._undisturbed import load_undisturbed
 from integ_gym.envs.mechanism import Link, Mechanism
 
 SMALLEST_INERTIA = 1e-10
-"""Of a point mass or a sliding body, per mass, m²: PhysX takes none for an infinite one."""
+"""Of a point mass or a sliding body, per mass, m^2: PhysX takes none for an infinite one."""
 
 UNCAPPED = 1e6
 """Speed at which PhysX clips, m/s or rad/s; 10 m/s and 50 rad/s where it is not set."""

@@ -16,7 +16,7 @@ MAPS = {
 """MuJoCo's integrators, and the one-step maps that they apply."""
 
 LEAST_INERTIA = 1.1e-15
-"""Of a body, kg m²: MuJoCo's compiler wants more than 1e-15."""
+"""Of a body, kg m^2: MuJoCo's compiler wants more than 1e-15."""
 
 _AXES = {"slide": "1 0 0", "hinge": "0 1 0"}
 

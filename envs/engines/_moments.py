@@ -9,7 +9,7 @@ LEAST_SHARE = 1e-12
 
 
 def moment(link: Link) -> float:
-    """A link's moment of inertia, kg m², or one above zero that makes no difference.
+    """A link's moment of inertia, kg m^2, or one above zero that makes no difference.
 
     A sliding body never turns: any will do.
     """

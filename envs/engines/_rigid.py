@@ -43,7 +43,7 @@ class RigidBodyEngine(ForeignEngine):
 
     holds_resistance: ClassVar[bool] = True
     least_inertia: ClassVar[float] = 0.0
-    """Moment of inertia of a body below which it takes none, kg m²."""
+    """Moment of inertia of a body below which it takes none, kg m^2."""
     tells_speeds: ClassVar[bool] = False
     """Whether it has a :meth:`run_with_speeds`."""
 
@@ -64,7 +64,7 @@ class RigidBodyEngine(ForeignEngine):
 
     @abstractmethod
     def inertia(self, q: Components) -> Array:
-        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m²."""
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2."""
 
     @abstractmethod
     def gravity(self, q: Components) -> Array:

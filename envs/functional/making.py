@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs.functional.environment import FunctionalEnv
+from integ_gym.envs.functional.mixture import FunctionalMixture
 
 
 def make(
@@ -21,7 +22,7 @@ def make(
         env_id: a registered id.
         dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
         mixture: as for ``gym.make_vec``; see
-            :class:`integ_gym.envs.functional_mixture.FunctionalMixture` for what is drawn when.
+            :class:`integ_gym.envs.functional.mixture.FunctionalMixture` for what is drawn when.
         arguments: those of ``gym.make``, but for ``render_mode``.
 
     Raises:
@@ -32,6 +33,4 @@ def make(
     """
     if mixture is None:
         return FunctionalEnv(env_id, dtype=dtype, **arguments)
-    from integ_gym.envs.functional_mixture import FunctionalMixture
-
     return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)

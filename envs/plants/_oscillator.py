@@ -33,7 +33,7 @@ class Oscillator:
     constant_mass_matrix: ClassVar[bool] = True
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
-        """Acceleration, m/s², as a 1-tuple."""
+        """Acceleration, m/s^2, as a 1-tuple."""
         return (force[0] - self.frequency * self.frequency * q[0],)
 
     def jacobian(

@@ -48,7 +48,7 @@ class CartPole:
         0.01, "rad/s, m/s", "speed over which friction changes its sign", positive
     )
     track_limit: float | None = parameter(
-        None, "m", "stops at ±track_limit; None: no stops", optional(positive)
+        None, "m", "stops at ±`track_limit`; `None`: no stops", optional(positive)
     )
     stop_stiffness: float = parameter(2000.0, "N/m", "stiffness of the stops", positive)
     stop_damping: float = parameter(0.5, "s/m", "damping of the stops", nonnegative)
@@ -82,7 +82,7 @@ class CartPole:
 
     @cached_property
     def inertia(self) -> Component:
-        """Moment of inertia of the pole about its hinge, kg m²."""
+        """Moment of inertia of the pole about its hinge, kg m^2."""
         factor = 1.0 if self.mass_distribution == "point" else 4.0 / 3.0
         return factor * self.mass * self.length * self.length
 
@@ -114,7 +114,7 @@ class CartPole:
         return 1.0 / self.total_mass
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
-        """(ẍ, θ̈) in m/s² and rad/s²."""
+        """(ẍ, θ̈) in m/s^2 and rad/s^2."""
         sine, cosine = ops.sin(q[1]), ops.cos(q[1])
         coupling = self.mass_moment * cosine
         push = force[0] - self.cart_damping * v[0] + self.mass_moment * v[1] * v[1] * sine
@@ -140,6 +140,6 @@ class CartPole:
         return self.damping * v[1] * v[1] + self.cart_damping * v[0] * v[0]
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
-        """2×2 mass matrix, (kg, kg m; kg m, kg m²)."""
+        """2×2 mass matrix, (kg, kg m; kg m, kg m^2)."""
         coupling = self.mass_moment * ops.cos(q[1])
         return (self.total_mass, coupling), (coupling, self.inertia)

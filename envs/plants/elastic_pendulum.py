@@ -58,7 +58,7 @@ class ElasticPendulum:
         return self.mass * self.gravity
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
-        """(ẍ, ÿ) in m/s²."""
+        """(ẍ, ÿ) in m/s^2."""
         across, up, reach = self._spring(ops, q)
         pull = self.stiffness * (1.0 - self.length / reach)
         return (

@@ -42,7 +42,7 @@ class Pendulum:
     joint_limit: float | None = parameter(
         None,
         "rad",
-        "stops at ±joint_limit, θ unwrapped; None: no stops",
+        "stops at ±`joint_limit` from upright, turns counted; `None`: no stops",
         optional(positive),
     )
     stop_stiffness: float = parameter(200.0, "N m/rad", "stiffness of the stops", positive)
@@ -64,7 +64,7 @@ class Pendulum:
 
     @cached_property
     def inertia(self) -> Component:
-        """Moment of inertia about the hinge, kg m²."""
+        """Moment of inertia about the hinge, kg m^2."""
         factor = 1.0 if self.mass_distribution == "point" else 1.0 / 3.0
         return factor * self.mass * self.length * self.length
 
@@ -102,7 +102,7 @@ class Pendulum:
         return 1.0 / self.inertia
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
-        """Angular acceleration, rad/s², as a 1-tuple."""
+        """Angular acceleration, rad/s^2, as a 1-tuple."""
         drive = force[0] - self.damping * v[0]
         return (self._gravity_rate * ops.sin(q[0]) + self._inverse_inertia * drive,)
 
@@ -122,5 +122,5 @@ class Pendulum:
         return self.damping * v[0] * v[0]
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
-        """1×1 mass matrix, kg m²."""
+        """1×1 mass matrix, kg m^2."""
         return ((self.inertia,),)

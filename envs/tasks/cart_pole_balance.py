@@ -21,12 +21,12 @@ class CartPoleBalance:
     """Reward rate 1 / 0.02 s while the pole stands, as in ``CartPole-v1``."""
 
     force_mag: float = parameter(10.0, "N", "magnitude of the force", positive)
-    x_threshold: float = parameter(2.4, "m", "the episode ends beyond ±x_threshold", positive)
+    x_threshold: float = parameter(2.4, "m", "the episode ends beyond ±`x_threshold`", positive)
     theta_threshold: float = parameter(
-        12 * 2 * pi / 360, "rad", "the episode ends beyond ±theta_threshold", positive
+        12 * 2 * pi / 360, "rad", "the episode ends beyond ±`theta_threshold`", positive
     )
     sutton_barto_reward: bool = parameter(
-        False, "", "0 per step and -1 at termination instead", boolean
+        False, "", "0 per step and −1 at termination instead", boolean
     )
 
     plant: ClassVar[str] = "cart_pole"

@@ -24,7 +24,7 @@ class CartPoleSwingUp:
     smaller the force."""
 
     max_force: float = parameter(10.0, "N", "force limit of the motor", positive)
-    track_limit: float = parameter(2.4, "m", "stops at ±track_limit", positive)
+    track_limit: float = parameter(2.4, "m", "stops at ±`track_limit`", positive)
 
     plant: ClassVar[str] = "cart_pole"
     starts: ClassVar[tuple[str, ...]] = ("hanging", "upright")

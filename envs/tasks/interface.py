@@ -23,9 +23,9 @@ class Task(Protocol):
 
     plant: ClassVar[str]
     starts: ClassVar[tuple[str, ...]]
+    """Names of the start distributions, the default first."""
     start_options: ClassVar[tuple[str, ...]]
     """Reset options that :meth:`draw_start` reads."""
-    """Names of the start distributions, the default first."""
     discrete: ClassVar[int | None]
     """Number of actions of a `Discrete` action space, or None for a `Box`."""
     goal: ClassVar[str]

@@ -2,14 +2,49 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
-if TYPE_CHECKING:
-    from integ_gym.envs.tracing.trace import Trace
+from integ_gym.envs.tracing.dialects import Dialect
 
 
 class NotTraceable(TypeError):
     """A function that needs to know the value of a component while it is traced."""
+
+
+class Notebook(Protocol):
+    """Where operations on symbols are noted."""
+
+    dialect: Dialect
+
+    @property
+    def block(self) -> object:
+        """What is being noted: a loop, or all that is around loops."""
+
+    def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
+        """The symbol of an operation, or what it comes to."""
+
+    def both(self, a: Any, b: Any, *, absorbing: bool) -> Any:
+        """``a or b`` where True is ``absorbing``, else ``a and b``."""
+
+
+Operator = Callable[["Symbol", Any], Any]
+
+
+def _operator(template: str) -> tuple[Operator, Operator]:
+    """An operation with the symbol on the left, and with the symbol on the right."""
+
+    def left(self: Symbol, other: Any) -> Any:
+        return self.trace.note(template, self, other)
+
+    def right(self: Symbol, other: Any) -> Any:
+        return self.trace.note(template, other, self)
+
+    return left, right
+
+
+def _comparison(template: str) -> Operator:
+    return lambda self, other: self.trace.note(template, self, other, boolean=True)
 
 
 class Symbol:
@@ -23,7 +58,7 @@ class Symbol:
 
     def __init__(
         self,
-        trace: Trace,
+        trace: Notebook,
         template: str,
         arguments: tuple[Any, ...] = (),
         boolean: bool = False,
@@ -47,41 +82,20 @@ class Symbol:
     __float__ = __int__ = __index__ = __iter__ = __len__ = __bool__
     __hash__ = object.__hash__
 
-    def __add__(self, other: Any) -> Any:
-        return self.trace.note("{0} + {1}", self, other)
+    __add__, __radd__ = _operator("{0} + {1}")
+    __sub__, __rsub__ = _operator("{0} - {1}")
+    __mul__, __rmul__ = _operator("{0} * {1}")
+    __truediv__, __rtruediv__ = _operator("{0} / {1}")
+    __mod__, __rmod__ = _operator("{0} % {1}")
+    __pow__, __rpow__ = _operator("{0} ** {1}")
+    __lt__, __gt__ = _comparison("{0} < {1}"), _comparison("{0} > {1}")
+    __le__, __ge__ = _comparison("{0} <= {1}"), _comparison("{0} >= {1}")
+    __ne__ = _comparison("{0} != {1}")
 
-    def __radd__(self, other: Any) -> Any:
-        return self.trace.note("{0} + {1}", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return self.trace.note("{0} - {1}", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self.trace.note("{0} - {1}", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return self.trace.note("{0} * {1}", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self.trace.note("{0} * {1}", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self.trace.note("{0} / {1}", self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self.trace.note("{0} / {1}", other, self)
-
-    def __mod__(self, other: Any) -> Any:
-        return self.trace.note("{0} % {1}", self, other)
-
-    def __pow__(self, other: Any) -> Any:
-        return self.trace.note("{0} ** {1}", self, other)
-
-    def __rmod__(self, other: Any) -> Any:
-        return self.trace.note("{0} % {1}", other, self)
-
-    def __rpow__(self, other: Any) -> Any:
-        return self.trace.note("{0} ** {1}", other, self)
+    def __eq__(self, other: Any) -> Any:
+        if self.boolean and other is False:
+            return self.trace.note(self.trace.dialect.negation, self, boolean=True)
+        return self.trace.note("{0} == {1}", self, other, boolean=True)
 
     def __neg__(self) -> Any:
         return self.trace.note("-{0}", self)
@@ -92,37 +106,13 @@ class Symbol:
     def __abs__(self) -> Any:
         return self.trace.note("abs({0})", self)
 
-    def __lt__(self, other: Any) -> Any:
-        return self.trace.note("{0} < {1}", self, other, boolean=True)
-
-    def __le__(self, other: Any) -> Any:
-        return self.trace.note("{0} <= {1}", self, other, boolean=True)
-
-    def __gt__(self, other: Any) -> Any:
-        return self.trace.note("{0} > {1}", self, other, boolean=True)
-
-    def __ge__(self, other: Any) -> Any:
-        return self.trace.note("{0} >= {1}", self, other, boolean=True)
-
-    def __eq__(self, other: Any) -> Any:
-        if self.boolean and other is False:
-            return self.trace.note(self.trace.dialect.negation, self, boolean=True)
-        return self.trace.note("{0} == {1}", self, other, boolean=True)
-
-    def __ne__(self, other: Any) -> Any:
-        return self.trace.note("{0} != {1}", self, other, boolean=True)
-
     def __and__(self, other: Any) -> Any:
-        return self.trace.both(self, other, absorbing=False)
-
-    def __rand__(self, other: Any) -> Any:
         return self.trace.both(self, other, absorbing=False)
 
     def __or__(self, other: Any) -> Any:
         return self.trace.both(self, other, absorbing=True)
 
-    def __ror__(self, other: Any) -> Any:
-        return self.trace.both(self, other, absorbing=True)
+    __rand__, __ror__ = __and__, __or__
 
 
 def _can_raise(template: str, arguments: tuple[Any, ...]) -> bool:

@@ -28,7 +28,7 @@ LIMIT = 2.0
 """Where the stop stands, m or rad."""
 
 _FREE = 1e-9
-"""Acceleration that is none, m/s² or rad/s²."""
+"""Acceleration that is none, m/s^2 or rad/s^2."""
 
 PHASES = 16
 """Places within a step at which the stop is touched."""
@@ -43,7 +43,7 @@ class Impact:
         touching: state in which the stop is touched, state order, shape (n,).
         place: of the stopped coordinate in the state.
         unit: of the stopped coordinate.
-        mass: that meets the stop, kg or kg m².
+        mass: that meets the stop, kg or kg m^2.
         stiffness: of the plant's stop by default, N/m or N m/rad.
         damping: of the stop, s/m or s/rad.
     """
@@ -97,7 +97,7 @@ class Impact:
         return (low / SPEED) ** 2
 
     def _spent(self, speed: float) -> float:
-        """g(speed), m²/s²."""
+        """g(speed), m^2/s^2."""
         d = self.damping
         if d == 0.0:
             return 0.5 * speed * speed

@@ -13,7 +13,7 @@ from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.eval.spec.perturbations import standard_perturbations
-from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.baselines import possible_baselines
 
 REFINEMENTS = (1, 2, 4)
 """Parts of the coarsest step that are evaluated where no steps are given."""
@@ -48,8 +48,7 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     spec = _specification(existing, env_id, grid)
     for cell in spec.columns():
         environment_setup(env_id, cell.arguments(spec.environment))
-    possible = tuple(name for name in BASELINES if _can_be_made(name, spec))
-    return replace(spec, baselines=possible)
+    return replace(spec, baselines=possible_baselines(nominal_setup(spec)))
 
 
 def work(spec: PanelSpec, home: Home) -> int:
@@ -86,11 +85,3 @@ def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
         episode_seed=grid.episode_seed,
         question=f"Does {existing.policy.policy_id} survive another integrator or timestep?",
     )
-
-
-def _can_be_made(baseline: str, spec: PanelSpec) -> bool:
-    try:
-        make_baseline(baseline, nominal_setup(spec))
-    except ValueError:
-        return False
-    return True

@@ -10,10 +10,8 @@ from integ_gym.eval.cells import Perturbation, dividing_step
 from integ_gym.eval.spec.values import SpecError, check_keys, list_of, table
 
 
-def standard_perturbations(
-    env_id: str, arguments: Mapping[str, Any]
-) -> tuple[Perturbation, Perturbation]:
-    """A heavier plant and a later command: what every panel checks.
+def standard_perturbations(env_id: str, arguments: Mapping[str, Any]) -> tuple[Perturbation, ...]:
+    """A heavier plant, where it has a `mass`, and a later command: what every panel checks.
 
     Args:
         env_id: environment.
@@ -22,18 +20,22 @@ def standard_perturbations(
     setup = environment_setup(env_id, {**arguments, "dt": dividing_step(arguments)})
     period = setup.timing.control_period
     later = setup.settings.action_latency + period
-    return (
-        Perturbation("mass +20 %", {"mass": 1.2 * setup.arguments()["mass"]}),
-        Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}),
-    )
+    mass = setup.arguments().get("mass")
+    heavier = () if mass is None else (Perturbation("mass +20 %", {"mass": 1.2 * mass}),)
+    return *heavier, Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later})
 
 
 def perturbations_of(data: Mapping[str, Any], period: float) -> tuple[Perturbation, ...]:
     """Those given; where the key is left out, those of every panel."""
     if "perturbations" in data:
         return tuple(_perturbation(entry) for entry in list_of(data, "perturbations"))
+    return standard_perturbations(str(data["env_id"]), undisturbed(data, period))
+
+
+def undisturbed(data: Mapping[str, Any], period: float) -> dict[str, Any]:
+    """Constructor arguments of the undisturbed cell on the reference."""
     given = {"control_period": period, "dt": period, **table(data, "environment")}
-    return standard_perturbations(str(data["env_id"]), {**given, "integrator": "reference"})
+    return {**given, "integrator": "reference"}
 
 
 def _perturbation(entry: Any) -> Perturbation:

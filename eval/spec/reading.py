@@ -8,11 +8,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from integ_gym.envs.registration import environment_setup
+from integ_gym.eval.cells import dividing_step
 from integ_gym.eval.engine_cells import absent_engines
 from integ_gym.eval.spec.checks import check_parts
 from integ_gym.eval.spec.discretizations import asks_for_installed, evaluated, trained
 from integ_gym.eval.spec.panel_spec import PanelSpec
-from integ_gym.eval.spec.perturbations import perturbations_of
+from integ_gym.eval.spec.perturbations import perturbations_of, undisturbed
 from integ_gym.eval.spec.values import (
     SpecError,
     check_keys,
@@ -24,7 +26,7 @@ from integ_gym.eval.spec.values import (
     table,
     text,
 )
-from integ_gym.train.baselines import BASELINES
+from integ_gym.train.baselines import possible_baselines
 
 BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
@@ -98,7 +100,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         seeds=tuple(integer("seeds", seed) for seed in list_of(data, "seeds")),
         environment=dict(table(data, "environment")),
         training=dict(table(data, "training")),
-        baselines=tuple(text("baselines", name) for name in list_of(data, "baselines", BASELINES)),
+        baselines=_baselines(data, period),
         perturbations=perturbations_of(data, period),
         family=tuple(pair_of("family", pair) for pair in list_of(data, "family")),
         compare=tuple(pair_of("compare", pair) for pair in list_of(data, "compare")),
@@ -110,3 +112,12 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         question=text("question", data.get("question", PanelSpec.question)),
         left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
     )
+
+
+def _baselines(data: Mapping[str, Any], period: float) -> tuple[str, ...]:
+    """Those given; where the key is left out, all that can be made for the environment."""
+    if "baselines" in data:
+        return tuple(text("baselines", name) for name in list_of(data, "baselines"))
+    arguments = undisturbed(data, period)
+    step = dividing_step(arguments)
+    return possible_baselines(environment_setup(str(data["env_id"]), {**arguments, "dt": step}))

@@ -41,7 +41,7 @@ def test_no_speed_is_clipped_below_divergence(engine, integrator, env_id, speed)
 @each
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_point_mass_is_one(engine, integrator, env_id):
-    """Its inertia is 1e-12 kg m²; in float32 too, that is too little to be felt."""
+    """Its inertia is 1e-12 kg m^2; in float32 too, that is too little to be felt."""
     setup = setup_of(engine, integrator, env_id, mass_distribution="point", mass=0.02)
     assert defect(setup, states(setup, 5)) < SINGLE
 

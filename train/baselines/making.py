@@ -26,7 +26,7 @@ def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
 
     Raises:
         ValueError: for an unknown name, a plant whose parameters differ between lanes, or, of
-            `handmade`, an environment that has none or that has no gravity.
+            `handmade`, an environment that has none or whose gravity is 0.
     """
     if name not in BASELINES:
         raise ValueError(unknown_name("baseline", name, BASELINES))
@@ -43,14 +43,27 @@ def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
     return _handmade(setup)
 
 
+def possible_baselines(setup: Setup) -> tuple[str, ...]:
+    """Names of the baselines that can be made for an environment."""
+    return tuple(name for name in BASELINES if _can_be_made(name, setup))
+
+
 def has_handmade(setup: Setup) -> bool:
     """Whether there is a hand-made controller for the environment's task."""
     return any(isinstance(setup.task, made.task) for made in controller_classes())
 
 
+def _can_be_made(name: str, setup: Setup) -> bool:
+    try:
+        make_baseline(name, setup)
+    except ValueError:
+        return False
+    return True
+
+
 def _handmade(setup: Setup) -> Policy:
     """The hand-made controller of the environment's task."""
-    if not setup.arguments()["gravity"]:
+    if setup.arguments().get("gravity") == 0.0:
         raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
     for made in controller_classes():
         if isinstance(setup.task, made.task):
