@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
-from integ_gym.envs.discretization import Discretization
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.envs.mixture import WEIGHT
-from integ_gym.envs.timing import is_multiple
-
-FINEST_DIVISION = 1000
-"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
+from integ_gym.envs.testbeds import Testbed, make_checked
+from integ_gym.envs.timing import dividing_step
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,29 @@ class Cell:
         return values
 
 
+def environments_of(testbed: Testbed, cell: Cell, lanes: int) -> DiscretizedVectorEnv:
+    """A cell's environments.
+
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    given = cell.arguments(testbed.arguments)
+    asked = Discretization(**{name: given.pop(name) for name in DISCRETIZATION})
+    return make_checked(testbed, asked, lanes, **given)
+
+
+@lru_cache(maxsize=16)
+def nominal_setup(testbed: Testbed, control_period: float) -> Any:
+    """The setup of the undisturbed task on its truth, or at home where there is none.
+
+    Baselines are designed from its parameters.
+    """
+    cell = Cell(testbed.truth(control_period) or testbed.home, "grid")
+    environments = environments_of(testbed, cell, 1)
+    environments.close()
+    return environments.setups[0]
+
+
 def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of a training environment.
 
@@ -97,19 +120,6 @@ def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, 
     mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
     common = {name: value for name, value in cells[0][0].items() if name not in own}
     return {**common, "mixture": mixture}
-
-
-def dividing_step(arguments: Mapping[str, Any]) -> float:
-    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
-
-    The reference may take any step, for its result does not depend on it.
-    """
-    dt = float(arguments["dt"])
-    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
-    for parts in range(1, FINEST_DIVISION + 1):
-        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
-            return dt / parts
-    return dt
 
 
 def file_name(row: str) -> str:

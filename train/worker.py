@@ -5,8 +5,9 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -72,6 +73,17 @@ def report_work(amount: float) -> None:
     """Add to the work done; without a pool it goes nowhere."""
     if _report is not None:
         _report(amount)
+
+
+@contextmanager
+def reporting_to(tell: Callable[[float], None]) -> Iterator[None]:
+    """Tell of work that is reported in this process."""
+    global _report
+    before, _report = _report, tell
+    try:
+        yield
+    finally:
+        _report = before
 
 
 def peak_memory() -> int | None:

@@ -77,6 +77,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
 
     Attributes:
         setup: timing, names and units, for evidence.
+        final_state: see :attr:`state_components`, before the last reset.
     """
 
     def __init__(
@@ -115,10 +116,17 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         q, v = self._data.qpos.tolist(), self._data.qvel.tolist()
         return in_state_order(tuple(q), tuple(v))
 
+    @property
+    def applied(self) -> tuple[str, float, int]:
+        """Integrator, timestep (s) and timesteps per decision, read from the compiled model."""
+        integrator = Choice().integrator_of(self._model)
+        return integrator, float(self._model.opt.timestep), int(self._inner.frame_skip)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode."""
+        self.final_state = self.state_components
         observation, info = self.env.reset(seed=seed, options=options)
         self._steps, self._return, self._least = 0, 0.0, 0.0
         self._reached = 0.0 if self._success_return is None else AWAY
@@ -290,6 +298,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
                 chosen, float(model.opt.tolerance), int(model.opt.iterations),
                 Ledger(mujoco, model, chosen).accounted,
             ),
+            action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
         )  # fmt: skip
 
