@@ -1,4 +1,4 @@
-"""Evaluating policies side by side gives the records of evaluating each alone."""
+"""Evaluating policies side by side gives the records of evaluating each alone, and in parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from integ_gym.envs.discretization import Discretization
 from integ_gym.eval.cells import Cell, DiscretizationMixture, Perturbation
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
-from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.replays import Successes
 from integ_gym.eval.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
@@ -49,7 +48,7 @@ def _spec(env_id):
 
 
 def _network(seed, spec, policy_id):
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     actions = DiscreteActions(2) if setup.task.discrete else BoxActions([-1.5], [1.5])
     sizes = (len(setup.task.observation_names), 16, 16)
     stack = initial_stack([seed], sizes, actions.size, None)
@@ -64,7 +63,7 @@ def _subjects(spec):
         for home in spec.train
         for seed in spec.seeds
     ]
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     return [
         *trained,
         *(Subject(make_baseline(name, setup), spec.cells_of(None)) for name in BASELINES),
@@ -84,10 +83,14 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    evaluate(subjects, conditions, store, "together", lambda _, policies: counted.append(policies))
+    note = lambda _, policies: counted.append(policies)  # noqa: E731
+    store.commit_all("together", evaluate(subjects, conditions, store, note))
     assert sum(counted) == sum(len(subject.cells) for subject in subjects)
     for place, subject in enumerate(subjects):
-        evaluate([subject], conditions, store, f"alone-{place}")
+        parts = conditions.divided(2)
+        assert [part.first for part in parts] == [0, 2]
+        tables = [table for part in parts for table in evaluate([subject], part, store)]
+        store.commit_all(f"alone-{place}", tables)
     alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
     together = _records(store, "together")
     assert together.num_rows == sum(table.num_rows for table in alone)
@@ -150,7 +153,7 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
 
 def test_batches_hold_everyone_once_and_keep_every_worker_busy():
     spec = built_in_spec()
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     subjects = [
         Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
         for seed in spec.seeds
