@@ -76,7 +76,11 @@ class Conditions:
         return testbed_of(self.env_id, self.environment)
 
     def divided(self, parts: int) -> list[Conditions]:
-        """Parts with a share of the episodes each."""
+        """Parts with a share of the episodes each.
+
+        Only where lanes are run one by one does a record not depend on the division: how many
+        observations a network is given at once shows in the last bits of its actions.
+        """
         shares = np.array_split(np.arange(self.episodes), min(parts, self.episodes))
         return [replace(self, first=int(own[0]), episodes=len(own)) for own in shares]
 
@@ -109,7 +113,7 @@ def evaluate(
     """Run all policies side by side, cell by cell; the records of every cell as a table.
 
     A table comes as soon as the replays are known that label its failures. A record does not
-    depend on which policies and episodes are evaluated together.
+    depend on which policies are evaluated together.
 
     Args:
         subjects: the policies.

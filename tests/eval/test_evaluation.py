@@ -1,4 +1,4 @@
-"""Evaluating policies side by side gives the records of evaluating each alone, and in parts."""
+"""Evaluating policies side by side gives the records of evaluating each alone."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from engine_cases import needs
 
+from integ_gym.envs import testbeds
 from integ_gym.envs.discretization import Discretization
-from integ_gym.eval.cells import Cell, DiscretizationMixture, Perturbation
+from integ_gym.eval.cells import Cell, DiscretizationMixture, Perturbation, nominal_setup
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
 from integ_gym.eval.replays import Successes
@@ -87,10 +89,7 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     store.commit_all("together", evaluate(subjects, conditions, store, note))
     assert sum(counted) == sum(len(subject.cells) for subject in subjects)
     for place, subject in enumerate(subjects):
-        parts = conditions.divided(2)
-        assert [part.first for part in parts] == [0, 2]
-        tables = [table for part in parts for table in evaluate([subject], part, store)]
-        store.commit_all(f"alone-{place}", tables)
+        store.commit_all(f"alone-{place}", evaluate([subject], conditions, store))
     alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
     together = _records(store, "together")
     assert together.num_rows == sum(table.num_rows for table in alone)
@@ -102,6 +101,27 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     assert len(set(together.column("failure_label").to_pylist())) > 1
     (tmp_path / "together.parquet").unlink()
     assert store.verify() == []
+
+
+def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, monkeypatch):
+    """Its lanes are run one by one, so a record does not depend on how many workers share them."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
+    testbed = testbeds.testbed_of(env_id, {})
+    cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
+    random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
+    subject = Subject(random, cells, cells[0].discretization, 0)
+    conditions = Conditions("run", env_id, {}, 5, 7)
+    store.commit_all("whole", evaluate([subject], conditions, store))
+    parts = conditions.divided(2)
+    assert [(part.first, part.episodes) for part in parts] == [(0, 3), (3, 2)]
+    tables = [table for part in parts for table in evaluate([subject], part, store)]
+    store.commit_all("parts", tables)
+    whole, divided = _records(store, "whole"), _records(store, "parts")
+    assert whole.num_rows == 10
+    assert divided.equals(whole)
+    assert len(set(whole.column("length").to_pylist())) > 1
 
 
 def test_labels_wait_for_the_replays_that_they_rest_on():
