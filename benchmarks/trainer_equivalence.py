@@ -35,12 +35,11 @@ from scipy import stats
 import integ_gym  # noqa: F401
 from integ_gym.eval.spec import built_in_spec
 from integ_gym.eval.statistics import iqm_interval, rate_interval, unpaired_difference
-from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
+from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train.fleet import train_fleet
-from integ_gym.train.fleet_evidence import TrainingEvidence
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import PPOConfig, train_ppo
 from integ_gym.train.sidecar import read_trained
-from integ_gym.train.worker import Progress, cores
+from integ_gym.train.training_evidence import TrainingEvidence
 
 _QUICK = built_in_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -110,23 +109,12 @@ def evidence_of(config: PPOConfig, folder: Path) -> TrainingEvidence:
     return TrainingEvidence(folder / "evidence", name, context)
 
 
-def train_with_sb3(config: PPOConfig, folder: Path) -> None:
-    """One run, in a worker process."""
-    told = evidence_of(config, folder)
-    wrap = partial(RecordVectorEvidence, store=told.store, context=told.context)
-    out = folder / f"seed{config.seed}"
-    train(config, out, wrap=wrap, progress=False, tensorboard=False)
-
-
 def run(trainer: str, configs: list[PPOConfig], folder: Path) -> Group:
     """Train and evaluate all runs of one trainer."""
     start = time.perf_counter()
-    if trainer == "sb3":
-        with Progress().pool(cores()) as pool:
-            list(pool.map(train_with_sb3, configs, [folder] * len(configs)))
-    else:
-        outs = [folder / f"seed{config.seed}" for config in configs]
-        train_fleet(configs, outs, evidence=[evidence_of(c, folder) for c in configs])
+    outs = [folder / f"seed{config.seed}" for config in configs]
+    train = partial(train_ppo, tensorboard=False) if trainer == "sb3" else train_fleet
+    train(configs, outs, evidence=[evidence_of(c, folder) for c in configs])
     seconds = time.perf_counter() - start
     played = [evaluate(folder / f"seed{config.seed}" / "policy.zip") for config in configs]
     returns, successes = (np.array(x) for x in zip(*played, strict=True))

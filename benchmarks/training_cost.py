@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence import EpisodeContext, RecordVectorEvidence
+from integ_gym.evidence import EpisodeContext
 from integ_gym.train import fleet, fleet_worker
-from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_update import permutations
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import PPOConfig, train_run
+from integ_gym.train.training_evidence import TrainingEvidence
 from integ_gym.train.worker import Progress, peak_memory
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
@@ -201,6 +201,4 @@ def _train_with_sb3(configs: Sequence[PPOConfig]) -> None:
     for config in configs:
         with tempfile.TemporaryDirectory() as name:
             told = _evidence_of(config, Path(name))
-            wrap = partial(RecordVectorEvidence, store=told.store, context=told.context)
-            out = Path(name) / "out"
-            train(config, out, wrap=wrap, progress=False, tensorboard=False)
+            train_run(config, Path(name) / "out", told)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.timing import Timing
-from integ_gym.eval.cells import Cell, Home
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.spec import PanelSpec
 
 DECISION_SECONDS = 4e-6
@@ -18,9 +18,6 @@ TASK_SECONDS = 1e-4
 
 FOREIGN_STEP_SECONDS = 1e-5
 """Time of one step of an engine that advances lanes one by one, s."""
-
-TRAINING_SECONDS = 1.0 / 7000.0
-"""Time of one training decision with stable-baselines3, s."""
 
 
 def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:
@@ -40,15 +37,6 @@ def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
 def cells_seconds(spec: PanelSpec, cells: Iterable[Cell]) -> float:
     """Time of one policy's episodes in all of some cells, s."""
     return sum(cell_seconds(spec, cell) for cell in cells)
-
-
-def training_decision_seconds(home: Home) -> float:
-    """Time of one training decision with stable-baselines3, s."""
-    engines = (
-        share * _engine_seconds(d, round(d.control_period / d.dt))
-        for d, share in home.shares.items()
-    )
-    return TRAINING_SECONDS + sum(engines)
 
 
 def _engine_seconds(discretization: Discretization, substeps: int) -> float:

@@ -2,36 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from integ_gym.eval.evaluation import Subject
-from integ_gym.eval.evaluation_units import evaluate_all
-from integ_gym.eval.expected_time import cells_seconds, training_decision_seconds
-from integ_gym.eval.panel_fleet import check_fleet, train_units
+from integ_gym.eval.evaluation_units import evaluate_all, evaluation_seconds
+from integ_gym.eval.panel_training import check_training, train_units
 from integ_gym.eval.reuse import FinishedPolicies
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, SpecError
-from integ_gym.eval.units import (
-    Unit,
-    is_trained,
-    training_config,
-    training_context,
-    training_key,
-    units_of,
-)
+from integ_gym.eval.units import Unit, units_of
 from integ_gym.eval.work import PanelError, working
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy.interface import Policy
-from integ_gym.train.ppo import train
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
-from integ_gym.train.worker import cores, report_work
+from integ_gym.train.worker import cores
 
 
 def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
@@ -53,12 +39,9 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
             )
     try:
         for unit in units_of(spec):
-            if unit.home is not None:
-                training_config(spec, unit)
-            else:
+            if unit.home is None:
                 baseline_of(spec, unit.row)
-        if spec.fleet:
-            check_fleet(spec, workers)
+        check_training(spec, workers)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
@@ -110,59 +93,11 @@ def _run_units(
     spec: PanelSpec, directory: RunDirectory, requested: int | None, progress: bool
 ) -> None:
     units, workers = units_of(spec), requested or cores()
-    if spec.fleet:
-        train_units(spec, directory, units, requested, progress)
-    with working(f"panel {spec.name}", _total(spec, units), workers, progress) as work:
-        if not spec.fleet:
-            trained = [unit for unit in units if unit.home is not None]
-            work.do("training", _train_unit, {u.policy: (spec, directory, u) for u in trained})
-        subjects = [subject_of(spec, directory, unit) for unit in units]
+    train_units(spec, directory, units, requested, progress)
+    subjects = [subject_of(spec, directory, unit) for unit in units]
+    seconds = evaluation_seconds(spec, subjects)
+    with working(f"panel {spec.name}", seconds, workers, progress) as work:
         evaluate_all(spec, directory, subjects, work, workers)
-
-
-def _total(spec: PanelSpec, units: Sequence[Unit]) -> float:
-    """Expected work, s."""
-    total = sum(cells_seconds(spec, spec.cells_of(unit.home)) for unit in units)
-    if not spec.fleet:
-        total += sum(_training_seconds(spec, unit) for unit in units if unit.home is not None)
-    return total
-
-
-def _training_seconds(spec: PanelSpec, unit: Unit) -> float:
-    assert unit.home is not None
-    return training_config(spec, unit).total_steps * training_decision_seconds(unit.home)
-
-
-def _train_unit(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> None:
-    """Train one policy and mark it finished, unless it is."""
-    assert unit.home is not None
-    config, each = training_config(spec, unit), training_decision_seconds(unit.home)
-    key = training_key(config)
-    if is_trained(directory, unit, key):
-        report_work(_training_seconds(spec, unit))
-        return
-    directory.discard_remains(unit.training)
-    final = directory.policies / unit.policy
-    shutil.rmtree(final, ignore_errors=True)
-    start = time.time()
-    store = EvidenceStore(directory.evidence)
-    context = training_context(spec, unit, config)
-    recorders: list[RecordVectorEvidence] = []
-
-    def recorded(environment: Any) -> RecordVectorEvidence:
-        recorders.append(RecordVectorEvidence(environment, store, context, commit_on_close=False))
-        return recorders[-1]
-
-    trained = train(
-        config,
-        final,
-        progress=False,
-        on_steps=lambda steps: report_work(steps * each),
-        wrap=recorded,
-        tensorboard=False,
-    )
-    recorders[-1].commit(unit.training)
-    directory.finish(unit.training, key, start, policy=trained.content_hash)
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:

@@ -6,9 +6,8 @@ from dataclasses import asdict, dataclass
 
 from integ_gym.eval.cells import Home, file_name, training_arguments
 from integ_gym.eval.engine_cells import engine_versions
-from integ_gym.eval.run_directory import RunDirectory, key_of, package_versions
+from integ_gym.eval.run_directory import RunDirectory, key_of
 from integ_gym.eval.spec import PanelSpec
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sidecar import POLICY_FILE
 
@@ -72,18 +71,3 @@ def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
     """
     policy = directory.policies / unit.policy / POLICY_FILE
     return directory.finished(unit.training, key, policy) is not None
-
-
-def training_context(spec: PanelSpec, unit: Unit, config: PPOConfig) -> EpisodeContext:
-    """What the training episodes of a unit are for."""
-    assert unit.home is not None
-    return EpisodeContext(
-        run_id=spec.name,
-        cell=unit.training,
-        phase="training",
-        policy_id=unit.policy,
-        training_discretization=unit.home.arguments(),
-        training_seed=unit.seed,
-        trace_every=config.trace_every,
-        packages=package_versions(),
-    )

@@ -14,7 +14,7 @@ from integ_gym.evidence.command_line import CommandParser
 
 COMMANDS = {
     "panel": ("integ_gym.eval.panel_command", "train and evaluate a whole panel (the main job)"),
-    "train": ("integ_gym.train.ppo.command", "train one policy with PPO"),
+    "train": ("integ_gym.train.command", "train one policy with PPO"),
     "evaluate": ("integ_gym.eval.evaluate_command", "evaluate an existing policy"),
     "diagnose": (
         "integ_gym.eval.diagnose_command",

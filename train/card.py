@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.mixture import Mixture
 from integ_gym.envs.settings import Setup
@@ -15,9 +16,11 @@ from integ_gym.envs.versions import installed_versions
 from integ_gym.train.seeds import first_lane_seed
 
 if TYPE_CHECKING:
-    from integ_gym.train.ppo.config import PPOConfig
+    from integ_gym.train.ppo import PPOConfig
 
-_PACKAGES = ("integ-gym", "gymnasium", "numpy")
+_PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
+_OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}
+"""Packages whose versions are told; both trainers write SB3's zip."""
 
 _DRAWN = {
     "sb3": "each environment draws a member at every reset",
@@ -30,13 +33,16 @@ LAST_EPISODES = 100
 """Episodes at the end of training that the card tells about."""
 
 
+def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:
+    """What training environments run on; environments side by side are alike."""
+    env: Any = vector_env.unwrapped
+    return env.mixture if hasattr(env, "mixture") else Mixture((env.get_attr("setup")[0],))
+
+
 def make_card(
     config: PPOConfig,
     mixture: Mixture,
-    *,
     trainer: str,
-    packages: Sequence[str],
-    steps: int,
     seconds: float,
     last_episodes: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -46,8 +52,6 @@ def make_card(
         config: the run.
         mixture: the discretizations of the training environment; one where it is no mixture.
         trainer: ``"sb3"`` or ``"fleet"``.
-        packages: that the trainer used, beside integ-gym, gymnasium and numpy.
-        steps: decisions taken.
         seconds: wall time; for a fleet its chunk's, divided by the policies in it.
         last_episodes: see :func:`episode_summary`.
     """
@@ -76,10 +80,10 @@ def make_card(
             "rollout": config.rollout,
             "first_lane_seed": first_lane_seed(config.seed),
         },
-        "steps": steps,
+        "steps": config.rounded_steps,
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**last_episodes, "exploring": True},
-        "versions": installed_versions((*_PACKAGES, *packages)),
+        "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
         "platform": platform.platform(),
     }
 

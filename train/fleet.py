@@ -10,11 +10,8 @@ its own configuration alone, up to rounding, whatever else is trained beside it.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,18 +27,26 @@ from integ_gym.envs.jax_ops import jax
 from integ_gym.envs.mixture import Mixture
 from integ_gym.evidence.layout import Layout
 from integ_gym.train.card import LAST_EPISODES, episode_summary, make_card
-from integ_gym.train.fleet_evidence import EpisodeAssembler, TrainingEvidence, first_entries
-from integ_gym.train.fleet_plan import Chunk, Kind, kind_of, plan
+from integ_gym.train.fleet_evidence import EpisodeAssembler, first_entries
+from integ_gym.train.fleet_plan import Kind, kind_of, plan
 from integ_gym.train.fleet_program import FleetProgram
 from integ_gym.train.fleet_types import Algorithm, Knobs, Learner, Trail
 from integ_gym.train.fleet_worker import default_cache_dir, fleet_workers, prepare_worker
 from integ_gym.train.network import initial_stack, state_dict
-from integ_gym.train.ppo.config import PPOConfig
-from integ_gym.train.ppo.errors import TrainingError
+from integ_gym.train.ppo import PPOConfig, model_arguments
 from integ_gym.train.sb3_model import zip_of_weights
 from integ_gym.train.seeds import first_lane_seed
-from integ_gym.train.sidecar import TrainedPolicy, claim_folder, write_policy
-from integ_gym.train.worker import Progress, report_work
+from integ_gym.train.side_by_side import (
+    OnTrained,
+    Run,
+    checked_runs,
+    train_in_processes,
+    training_bar,
+    unheard,
+)
+from integ_gym.train.sidecar import TrainedPolicy, write_policy
+from integ_gym.train.training_evidence import TrainingEvidence
+from integ_gym.train.worker import report_work
 
 Array = NDArray[Any]
 
@@ -52,13 +57,11 @@ class Outcome:
 
     Attributes:
         weights: by stable-baselines3's names.
-        steps: decisions taken.
         seconds: wall time of the chunk, divided by its policies.
         last_episodes: the last episodes of training.
     """
 
     weights: dict[str, NDArray[np.float32]]
-    steps: int
     seconds: float
     last_episodes: dict[str, Any]
 
@@ -70,12 +73,12 @@ def train_fleet(
     evidence: Sequence[TrainingEvidence] | None = None,
     progress: bool = True,
     workers: int | None = None,
+    force: bool = False,
+    on_trained: OnTrained = unheard,
     memory_gib: float | None = None,
     cache_dir: str | Path | None = None,
-    force: bool = False,
-    on_trained: Callable[[int, TrainedPolicy], None] = lambda place, trained: None,
 ) -> list[TrainedPolicy]:
-    """Train policies and write each as `integ_gym.train.ppo.train` does.
+    """Train policies and write each as `integ_gym.train.ppo.train_ppo` does.
 
     Args:
         configs: the runs; they may differ in everything.
@@ -84,11 +87,11 @@ def train_fleet(
         progress: show a bar on stderr.
         workers: processes; by default one per GPU, or one per core. There is never more than one
             per GPU.
-        memory_gib: see :func:`integ_gym.train.fleet_plan.plan`.
-        cache_dir: compiled programs are kept there; by default in the user's cache folder.
         force: replace policies that are already there.
         on_trained: told the place of every policy in `configs` once it and its evidence are
             written.
+        memory_gib: see :func:`integ_gym.train.fleet_plan.plan`.
+        cache_dir: compiled programs are kept there; by default in the user's cache folder.
 
     Raises:
         OSError: if a folder cannot be used, or holds a policy and `force` is not given.
@@ -96,37 +99,21 @@ def train_fleet(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
         TrainingError: if a worker fails or is killed; finished policies stay.
     """
-    _need_extras()
-    if len(configs) != len(out_dirs) or (evidence is not None and len(evidence) != len(configs)):
-        raise ValueError(
-            f"`out_dirs` and `evidence` must have one entry per configuration ({len(configs)}), "
-            f"got {len(out_dirs)} and {'none' if evidence is None else len(evidence)}"
-        )
+    require("train", "fleet")
+    runs = checked_runs(configs, out_dirs, evidence, force)
     processes = fleet_workers(workers)
     chunks = plan(configs, processes, memory_gib)
-    folders = [claim_folder(out, force) for out in out_dirs]
-    if not chunks:
-        return []
-    prepare = partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device)
-    trained: dict[int, TrainedPolicy] = {}
-    shared = Progress()
-    with (
-        shared.pool(min(processes.count, len(chunks)), prepare) as pool,
-        _bar(sum(c.decisions for c in chunks), len(configs), progress) as bar,
-    ):
-        running = {pool.submit(_run, configs, evidence, chunk): chunk for chunk in chunks}
-        while running:
-            ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-            bar.update(min(bar.total, shared.total()) - bar.n)
-            for future in ended:
-                chunk = running.pop(future)
-                outcomes = _result(future, len(trained))
-                for place, outcome in zip(chunk.places, outcomes, strict=True):
-                    trained[place] = write_outcome(configs[place], outcome, folders[place])
-                for place in chunk.places:
-                    on_trained(place, trained[place])
-                bar.set_postfix_str(f"{len(trained)} of {len(configs)} policies", refresh=False)
-    return [trained[place] for place in range(len(configs))]
+    for _, folder, _ in runs:
+        folder.mkdir(parents=True, exist_ok=True)
+    return train_in_processes(
+        _run,
+        {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
+        processes.count,
+        training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
+        on_trained,
+        write=lambda place, outcome: write_outcome(configs[place], outcome, runs[place][1]),
+        prepare=partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device),
+    )
 
 
 def train_chunk(
@@ -222,11 +209,10 @@ class _Trainer:
         return [
             Outcome(
                 state_dict(stack, place),
-                config.rounded_steps,
                 seconds,
-                episode_summary(self._returns[place].returns, self._returns[place].successes),
+                episode_summary(of_policy.returns, of_policy.successes),
             )
-            for place, config in enumerate(self._configs)
+            for place, of_policy in enumerate(self._returns)
         ]
 
     def _begin(self) -> Learner:
@@ -240,21 +226,14 @@ class _Trainer:
         return self._program.begin(stack, keys, self._params)
 
     def _knobs(self) -> Knobs:
-        values = []
+        rows = []
         for config, setup in zip(self._configs, self._setups, strict=True):
-            given = vars(config)
-            end = config.learning_rate_end
-            values.append(
-                {
-                    **{name: given[name] for name in Knobs._fields if name in given},
-                    "learning_rate_end": config.learning_rate if end is None else end,
-                    "target_kl": config.target_kl or 0.0,
-                    "gamma": config.discount(setup.timing.control_period),
-                }
-            )
-        return Knobs(
-            *(np.array([value[name] for value in values], np.float32) for name in Knobs._fields)
-        )
+            values = {**vars(config), "gamma": config.discount(setup.timing.control_period)}
+            if config.learning_rate_end is None:
+                values["learning_rate_end"] = config.learning_rate
+            values["target_kl"] = config.target_kl or 0.0
+            rows.append([values[name] for name in Knobs._fields])
+        return Knobs(*np.array(rows, np.float32).T)
 
     def _take(self, trail: Trail) -> None:
         """Book a rollout's episodes."""
@@ -264,39 +243,14 @@ class _Trainer:
         if self._assemblers:
             rows, first_rows = np.asarray(trail.rows), np.asarray(trail.first_rows)
             for place, assembler in enumerate(self._assemblers):
-                assembler.add(
-                    rows[:, :, place],
-                    first_rows[:, :, place],
-                    begun[:, place],
-                    ended[:, place],
-                    member[:, place],
-                )
+                of_steps = (values[:, place] for values in (begun, ended, member))
+                assembler.add(rows[:, :, place], first_rows[:, :, place], *of_steps)
 
 
-def _run(
-    configs: Sequence[PPOConfig], evidence: Sequence[TrainingEvidence] | None, chunk: Chunk
-) -> list[Outcome]:
+def _run(runs: Sequence[Run]) -> list[Outcome]:
     """One chunk, in a worker process."""
-    chosen = None if evidence is None else [evidence[place] for place in chunk.places]
-    return train_chunk([configs[place] for place in chunk.places], chosen, report_work)
-
-
-def _result(future: Future[list[Outcome]], finished: int) -> list[Outcome]:
-    """What a worker returned.
-
-    Raises:
-        TrainingError: if it failed, or was killed.
-    """
-    kept = f"finished policies are kept ({finished})"
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        raise TrainingError(
-            "a worker process was killed, perhaps for want of memory; give a smaller `memory_gib` "
-            f"or fewer workers; {kept}"
-        ) from None
-    except Exception as error:
-        raise TrainingError(f"training failed: {error}; {kept}") from error
+    evidence = [told for _, _, told in runs if told is not None]
+    return train_chunk([config for config, _, _ in runs], evidence or None, report_work)
 
 
 def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedPolicy:
@@ -307,22 +261,14 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
     """
     env = functional.make(config.env_id, **config.env_arguments)
     zip_bytes = zip_of_weights(
-        config,
-        env.setup.timing.control_period,
-        env.observation_space,  # type: ignore[arg-type]
-        env.action_space,
+        model_arguments(config, env.setup.timing.control_period),
+        config.n_envs,
+        (env.observation_space, env.action_space),
         outcome.weights,
-        outcome.steps,
+        config.rounded_steps,
     )
-    card = make_card(
-        config,
-        Mixture(env.setups, env.shares),
-        trainer="fleet",
-        packages=("stable-baselines3", "torch", "jax", "jaxlib"),
-        steps=outcome.steps,
-        seconds=outcome.seconds,
-        last_episodes=outcome.last_episodes,
-    )
+    mixture = Mixture(env.setups, env.shares)
+    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
     return write_policy(folder, zip_bytes, card, env.action_space)
 
 
@@ -346,26 +292,3 @@ def _layout(env: FunctionalEnv, n_envs: int) -> Layout:
         lambda key: env.state_info(env.initial(key, lanes=(n_envs,))), jax.random.key(0)
     )
     return Layout(env.setup.plant, env.setup.task, info)
-
-
-def _bar(total: int, policies: int, shown: bool) -> Any:
-    from tqdm import tqdm
-
-    return tqdm(
-        total=total,
-        desc=f"PPO, {policies} {'policy' if policies == 1 else 'policies'}",
-        unit=" steps",
-        unit_scale=True,
-        disable=not shown,
-        mininterval=0.5 if sys.stderr.isatty() else 15.0,
-        smoothing=0.05,
-    )
-
-
-def _need_extras() -> None:
-    """Check that what writes policies is there too.
-
-    Raises:
-        ModuleNotFoundError: with the command that installs it.
-    """
-    require("train", "fleet")

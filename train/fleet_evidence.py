@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,33 +14,18 @@ from numpy.typing import NDArray
 from integ_gym.envs.info import quiet_status
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.versions import installed_versions
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeLog
 from integ_gym.evidence.fields import STATUS_CODES
 from integ_gym.evidence.layout import STATUS, Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import record_table
+from integ_gym.train.training_evidence import TrainingEvidence
 
 Array = NDArray[Any]
 
 
 ROWS_AT_ONCE = 1 << 13
 """Rows of finished episodes that are summarised together, for each policy."""
-
-
-@dataclass(frozen=True)
-class TrainingEvidence:
-    """Where the training episodes of one policy are recorded, and what is said about them.
-
-    Attributes:
-        store: directory of an `EvidenceStore`.
-        batch: name of the batch that holds them.
-        context: what they are for; its float width and packages are set by the trainer.
-    """
-
-    store: Path
-    batch: str
-    context: EpisodeContext
 
 
 def first_entries(layout: Layout) -> tuple[str, ...]:

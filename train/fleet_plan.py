@@ -18,7 +18,7 @@ from integ_gym.evidence.layout import Layout
 from integ_gym.train.fleet_evidence import ROWS_AT_ONCE
 from integ_gym.train.fleet_types import Algorithm
 from integ_gym.train.fleet_worker import Device, Workers
-from integ_gym.train.ppo.config import PPOConfig
+from integ_gym.train.ppo import PPOConfig
 
 LONGEST = 60.0
 """What a chunk should take at most on one core, s."""

@@ -1,76 +1,44 @@
-"""stable-baselines3's (SB3) PPO models: made from a configuration, or from trained weights."""
+"""What training with stable-baselines3 (SB3) needs beside its model."""
 
 from __future__ import annotations
 
 import io
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
-from gymnasium import spaces
+from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from integ_gym.train.ppo.config import PPOConfig
-
-
-def model_arguments(config: PPOConfig, control_period: float) -> dict[str, Any]:
-    """Keyword arguments of SB3's `PPO`, for a control period in s."""
-    import torch
-    from stable_baselines3.common.utils import LinearSchedule
-
-    rate, rate_end = config.learning_rate, config.learning_rate_end
-    return {
-        "learning_rate": rate if rate_end is None else LinearSchedule(rate, rate_end, 1.0),
-        "n_steps": config.n_steps,
-        "batch_size": config.batch_size,
-        "n_epochs": config.n_epochs,
-        "gamma": config.discount(control_period),
-        "gae_lambda": config.gae_lambda,
-        "clip_range": config.clip_range,
-        "normalize_advantage": config.normalize_advantage,
-        "ent_coef": config.ent_coef,
-        "vf_coef": config.vf_coef,
-        "max_grad_norm": config.max_grad_norm,
-        "target_kl": config.target_kl,
-        "policy_kwargs": {
-            "net_arch": {"pi": list(config.net_arch), "vf": list(config.net_arch)},
-            "activation_fn": getattr(torch.nn, config.activation),
-            "log_std_init": config.log_std_init,
-        },
-        "seed": config.seed,
-        "device": "cpu",
-    }
+from integ_gym.train.card import episode_summary, told
 
 
 def zip_of_weights(
-    config: PPOConfig,
-    control_period: float,
-    observation_space: spaces.Box,
-    action_space: spaces.Space[Any],
+    arguments: Mapping[str, Any],
+    n_envs: int,
+    spaces: tuple[Space[Any], Space[Any]],
     weights: Mapping[str, NDArray[np.float32]],
     steps: int,
 ) -> bytes:
     """What SB3 would have saved had it trained these weights; its optimizer starts anew.
 
     Args:
-        config: the training run.
-        control_period: of its environment, s.
-        observation_space: of a single environment.
-        action_space: of a single environment.
+        arguments: of SB3's `PPO`.
+        n_envs: environments that advanced together.
+        spaces: of observations and actions of a single environment.
         weights: by SB3's names.
         steps: decisions taken.
     """
     import torch
     from stable_baselines3 import PPO
 
-    arguments: Any = model_arguments(config, control_period)
     with reproducible():
-        model = PPO("MlpPolicy", None, **arguments, _init_setup_model=False)  # type: ignore[arg-type]
-        model.observation_space, model.action_space = observation_space, action_space
-        model.n_envs = config.n_envs
+        model: Any = PPO("MlpPolicy", None, **arguments, _init_setup_model=False)  # type: ignore[arg-type]
+        model.observation_space, model.action_space = spaces
+        model.n_envs = n_envs
         model._setup_model()
         model.policy.load_state_dict({k: torch.from_numpy(v) for k, v in weights.items()})
         model.num_timesteps = model._total_timesteps = steps
@@ -82,6 +50,41 @@ def saved(model: Any) -> bytes:
     buffer = io.BytesIO()
     model.save(buffer, exclude=["tensorboard_log"])
     return buffer.getvalue()
+
+
+Tell: TypeAlias = Callable[[int, str], object]
+"""Told, as training goes on, how many decisions were taken and how the last episodes went."""
+
+
+def telling(tell: Tell) -> Callable[[dict[str, Any], dict[str, Any]], bool]:
+    """A callback for SB3, which calls it after every step of the environments."""
+    done, words, ended = 0, "", False
+
+    def callback(variables: dict[str, Any], _: dict[str, Any]) -> bool:
+        nonlocal done, words, ended
+        model = variables["self"]
+        if ended:  # SB3 counts the episodes of a step after this call
+            words = told(last_episodes(model))
+        tell(model.num_timesteps - done, words)
+        done, ended = model.num_timesteps, variables["dones"].any()
+        return True
+
+    return callback
+
+
+def last_episodes(model: Any) -> dict[str, Any]:
+    """The last (up to 100) episodes of training."""
+    returns = [float(episode["r"]) for episode in model.ep_info_buffer]
+    return episode_summary(returns, [float(success) for success in model.ep_success_buffer])
+
+
+def logger(folder: Path | None) -> Any:
+    """SB3's logger to TensorBoard, or one that is silent."""
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+
+    if folder is None:
+        return Logger(None, [])
+    return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
 
 
 @contextmanager

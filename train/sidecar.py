@@ -48,11 +48,11 @@ class TrainedPolicy:
         return str(self.card["content_hash"])
 
 
-def claim_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
-    """Make the folder for a policy, unless it holds one.
+def check_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
+    """The folder for a policy, which need not be there yet.
 
     Raises:
-        OSError: if it cannot be made; or, unless ``force``, if there is a policy in it.
+        OSError: if it is a file; or, unless ``force``, if there is a policy in it.
     """
     folder = Path(out_dir)
     held = [name for name in (POLICY_FILE, SIDECAR_FILE) if (folder / name).exists()]
@@ -63,7 +63,6 @@ def claim_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
         )
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(f"{folder} is a file; give a folder for the policy")
-    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

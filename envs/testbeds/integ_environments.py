@@ -9,7 +9,7 @@ import gymnasium as gym
 from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.registration import environment_class, environment_setup, register_environments
+from integ_gym.envs.registration import environment_class, environment_setup
 from integ_gym.envs.testbeds.interface import Applied, Success
 from integ_gym.envs.timing import dividing_step
 
@@ -67,7 +67,6 @@ class IntegTestbed:
         self, discretization: Discretization, lanes: int, **arguments: Any
     ) -> DiscretizedVectorEnv:
         """As ``gymnasium.make_vec``."""
-        register_environments()
         given = {**self.arguments, **discretization.arguments(), **arguments}
         made = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
         assert isinstance(made, DiscretizedVectorEnv)

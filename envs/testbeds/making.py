@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.envs.discretization import DISCRETIZATION, Discretization
 from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.registration import ENVIRONMENTS, register_environments
+from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.testbeds.finding import testbed_of
 from integ_gym.envs.testbeds.interface import Applied, Testbed
 
@@ -68,7 +68,6 @@ def make_training_environments(
     """
     mode = AutoresetMode.SAME_STEP.value
     if env_id in ENVIRONMENTS:
-        register_environments()
         return gym.make_vec(  # type: ignore[return-value]
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )

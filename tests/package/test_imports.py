@@ -98,12 +98,12 @@ import gymnasium
 import integ_gym.envs.jax_ops
 import integ_gym.eval.panel
 from integ_gym.cli import main
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import PPOConfig, train_ppo
 out = Path(tempfile.mkdtemp())
 config = PPOConfig.of(
     "IntegPendulum-v0", total_steps=512, n_envs=4, n_steps=128, batch_size=128, n_epochs=1
 )
-train(config, out / "policy", progress=False, tensorboard=False)
+train_ppo([config], [out / "policy"], progress=False, tensorboard=False)
 main(["evaluate", str(out / "policy" / "policy.zip"), "--env", "IntegPendulum-v0", "--out",
       str(out / "run"), "--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"])
 print(json.dumps({

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from small_ppo import SMALL
+from small_ppo import SMALL, trained
 
-from integ_gym.train.ppo import train
 from integ_gym.train.sidecar import TrainedPolicy
 
 
@@ -28,4 +27,4 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> TrainedPolicy:
     """A policy after a short run."""
-    return train(SMALL, tmp_path_factory.mktemp("small"), progress=False)
+    return trained(SMALL, tmp_path_factory.mktemp("small"), tensorboard=True)

@@ -9,8 +9,8 @@ from typing import Any
 
 from integ_gym.evidence import EpisodeContext
 from integ_gym.train.fleet import train_chunk
-from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.training_evidence import TrainingEvidence
 from integ_gym.train.worker import peak_memory
 
 SMALL = {"n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 2, "net_arch": (16, 8)}

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from gymnasium.vector import VectorWrapper
 
-from integ_gym.train.ppo import PPOConfig
+from integ_gym.train import ppo
+from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.sidecar import TrainedPolicy
 
 SMALL = PPOConfig(
     env_arguments={"integrator": "rk4", "max_torque": 0.8, "duration": 2.5, "start": "hanging"},
@@ -27,6 +31,25 @@ FLAGS = [
     *("--batch-size", "64", "--n-epochs", "2", "--net-arch", "16", "8"),
 ]
 WRITTEN = {"policy.zip", "policy.json", "policy.safetensors"}
+
+
+def trained(config: PPOConfig, folder: Path, **options: Any) -> TrainedPolicy:
+    """One policy, trained without a word."""
+    (policy,) = train_ppo([config], [folder], **{"progress": False, "tensorboard": False} | options)
+    return policy
+
+
+def looked_on(monkeypatch: pytest.MonkeyPatch, wrap: Callable[[Any], Any]) -> list[Any]:
+    """Training environments are wrapped from now on; the list holds what wraps them."""
+    made: list[Any] = []
+    make = ppo.make_training_envs
+
+    def wrapped(config: PPOConfig) -> Any:
+        made.append(wrap(make(config)))
+        return made[-1]
+
+    monkeypatch.setattr(ppo, "make_training_envs", wrapped)
+    return made
 
 
 class Recorder(VectorWrapper[Any, Any, Any, Any, Any]):

@@ -22,8 +22,8 @@ from stable_baselines3.common.logger import Logger
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
 from integ_gym.train import fleet
+from integ_gym.train.command import main
 from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
-from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_network import ACTIVATIONS, log_prob_and_entropy, outputs
 from integ_gym.train.fleet_plan import kind_of
 from integ_gym.train.fleet_program import FleetProgram
@@ -32,11 +32,11 @@ from integ_gym.train.fleet_update import permutations, update
 from integ_gym.train.network import Stack, initial_stack, orthogonal, state_dict
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy import BoxActions, MlpPolicy
-from integ_gym.train.ppo import main, make_training_envs
+from integ_gym.train.ppo import make_training_envs, model_arguments
 from integ_gym.train.safetensors_file import FORMAT, read_safetensors, safetensors_bytes
-from integ_gym.train.sb3_model import model_arguments
 from integ_gym.train.sb3_zip import PolicyFileError
 from integ_gym.train.sidecar import read_trained
+from integ_gym.train.training_evidence import TrainingEvidence
 from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
 

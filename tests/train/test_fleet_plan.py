@@ -16,7 +16,7 @@ from integ_gym.train import fleet_plan, fleet_worker
 from integ_gym.train.fleet import train_fleet
 from integ_gym.train.fleet_plan import LONGEST, PROGRAM_BYTES, default_gib, kind_of, plan
 from integ_gym.train.fleet_worker import Workers, fleet_workers, prepare_worker
-from integ_gym.train.ppo import TrainingError
+from integ_gym.train.training_error import TrainingError
 from integ_gym.train.worker import Progress
 
 ONE, TWO = Workers(1, "cpu"), Workers(2, "cpu")

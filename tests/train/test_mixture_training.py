@@ -8,16 +8,17 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from small_ppo import trained
 
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.evidence import EpisodeContext, EvidenceStore
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.command import main
 from integ_gym.train.fleet import train_chunk, train_fleet, write_outcome
-from integ_gym.train.fleet_evidence import TrainingEvidence
 from integ_gym.train.fleet_plan import plan
 from integ_gym.train.fleet_worker import Workers
-from integ_gym.train.ppo import PPOConfig, main, train
+from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sidecar import read_trained
+from integ_gym.train.training_evidence import TrainingEvidence
 
 PERIOD, HORIZON, LANES = 0.05, 8, 8
 MIXTURE = [
@@ -53,16 +54,8 @@ CONTEXT = EpisodeContext(
 
 def _by_sb3(folder):
     """Train with stable-baselines3, evidence beside the policy."""
-    recorders = []
-
-    def recorded(env):
-        store = EvidenceStore(folder / "evidence")
-        recorders.append(RecordVectorEvidence(env, store, CONTEXT, commit_on_close=False))
-        return recorders[-1]
-
-    trained = train(CONFIG, folder, wrap=recorded, progress=False, tensorboard=False)
-    recorders[0].commit("training")
-    return trained
+    evidence = TrainingEvidence(folder / "evidence", "training", CONTEXT)
+    return trained(CONFIG, folder, evidence=[evidence])
 
 
 def _by_fleet(folder):
@@ -76,10 +69,10 @@ def _by_fleet(folder):
 def run(request, tmp_path_factory):
     """A policy trained on the mixture, and the records of its training episodes."""
     folder = tmp_path_factory.mktemp("run")
-    trained = request.param(folder)
+    policy = request.param(folder)
     store = EvidenceStore(folder / "evidence")
     assert store.verify() == []
-    return trained, sorted(store.records(), key=lambda r: r["episode_index"])
+    return policy, sorted(store.records(), key=lambda r: r["episode_index"])
 
 
 def test_every_record_says_what_its_episode_ran_on(run):
@@ -107,12 +100,12 @@ def _replay(record):
 
 
 def test_shares_are_those_of_the_mixture(run):
-    trained, records = run
+    policy, records = run
     count = len(records)
     assert count == CONFIG.total_steps // HORIZON
     by_integrator = Counter(r["integrator"] for r in records)
     coarse = [r["dt"] == 0.05 for r in records if r["integrator"] == "rk4"]
-    if trained.card["trainer"] == "fleet":
+    if policy.card["trainer"] == "fleet":
         assert by_integrator == {name: share * count for name, share in SHARES.items()}
     else:
         for name, share in SHARES.items():
@@ -123,13 +116,13 @@ def test_shares_are_those_of_the_mixture(run):
 
 def test_an_environment_draws_anew_at_its_resets(run):
     """The fleet's integrators stay with their lanes; steps, and SB3's integrators, do not."""
-    trained, records = run
+    policy, records = run
     lanes = {}
     for place, record in enumerate(records):
         lanes.setdefault(place % LANES, []).append((record["integrator"], record["dt"]))
     changed = [len({dt for _, dt in drawn}) > 1 for drawn in lanes.values()]
     moved = [len({name for name, _ in drawn}) > 1 for drawn in lanes.values()]
-    if trained.card["trainer"] == "fleet":
+    if policy.card["trainer"] == "fleet":
         assert sum(changed) == LANES // 2
         assert not any(moved)
     else:
@@ -138,8 +131,8 @@ def test_an_environment_draws_anew_at_its_resets(run):
 
 
 def test_the_sidecar_states_the_mixture(run):
-    trained, records = run
-    card = trained.card
+    policy, records = run
+    card = policy.card
     assert card["discretization"] is None
     stated = [(m["integrator"], m["dt"], m["share"]) for m in card["mixture"]]
     assert stated == [
@@ -150,7 +143,7 @@ def test_the_sidecar_states_the_mixture(run):
     assert not {"integrator", "dt", "engine"} & set(card["env_arguments"])
     assert card["env_arguments"]["control_period"] == PERIOD
     assert PPOConfig(**card["config"]) == CONFIG
-    assert read_trained(trained.policy)[0].policy_id == "ppo-mixture-seed0"
+    assert read_trained(policy.policy)[0].policy_id == "ppo-mixture-seed0"
     assert records[0]["training_discretization"].count("integrator") == len(MIXTURE)
 
 

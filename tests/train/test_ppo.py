@@ -16,9 +16,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of
+from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trained
 
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import PPOConfig, train_run
 from integ_gym.train.seeds import first_lane_seed
 from integ_gym.train.sidecar import TrainedPolicy, read_sidecar, read_trained
 
@@ -76,21 +76,18 @@ def test_sidecar_says_how_the_policy_came_about(small: TrainedPolicy) -> None:
     assert str(small.policy.parent) not in small.sidecar.read_text()
 
 
-def test_rewards_are_scaled_for_the_learner_only(tmp_path: Path) -> None:
-    seen: list[Recorder] = []
-
-    def wrap(env: Any) -> Any:
-        seen.append(Recorder(env))
-        return seen[-1]
-
+def test_rewards_are_scaled_for_the_learner_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = looked_on(monkeypatch, Recorder)
     config = replace(SMALL, reward_scale=1e-6)
-    trained = train(config, tmp_path, wrap=wrap, progress=False, tensorboard=False)
+    policy = trained(config, tmp_path)
     (recorder,) = seen
     rewards = np.array(recorder.rewards)
     assert rewards.shape == (128, 4)
     assert rewards.min() < -9.0  # near -π² while hanging
     episodes = rewards[:100].reshape(2, 50, 4).sum(axis=1)
-    assert trained.card["last_episodes"]["return_mean"] == pytest.approx(episodes.mean(), rel=1e-5)
+    assert policy.card["last_episodes"]["return_mean"] == pytest.approx(episodes.mean(), rel=1e-5)
     assert recorder.closed_by_trainer
     assert files_of(tmp_path) == WRITTEN
     lanes = first_lane_seed(config.seed)
@@ -100,21 +97,23 @@ def test_rewards_are_scaled_for_the_learner_only(tmp_path: Path) -> None:
 
 
 def test_steps_are_told_as_they_are_taken(small: TrainedPolicy, tmp_path: Path) -> None:
-    told: list[int] = []
-    trained = train(SMALL, tmp_path, progress=False, on_steps=told.append, tensorboard=False)
-    assert told == [4] * 128
-    assert trained.content_hash == small.content_hash
+    told: list[tuple[int, str]] = []
+    policy = train_run(SMALL, tmp_path, tell=lambda *news: told.append(news))
+    assert [steps for steps, _ in told] == [4] * 128
+    assert told[49][1] == ""
+    assert told[50][1].startswith("return -")
+    assert policy.content_hash == small.content_hash
 
 
 def test_a_mixture_is_told_apart(tmp_path: Path) -> None:
     mixture = [{"integrator": "rk4"}, {"integrator": "explicit_euler", "dt": 0.025}]
     arguments = {"control_period": 0.05, "duration": 0.5, "mixture": mixture}
     config = replace(SMALL, env_arguments=arguments, total_steps=256)
-    trained = train(config, tmp_path, progress=False, tensorboard=False)
-    assert trained.card["discretization"] is None
-    assert [member["integrator"] for member in trained.card["mixture"]] == ["rk4", "explicit_euler"]
-    assert [member["dt"] for member in trained.card["mixture"]] == [0.05, 0.025]
-    assert trained.card["policy_id"] == "ppo-mixture-seed3"
+    policy = trained(config, tmp_path)
+    assert policy.card["discretization"] is None
+    assert [member["integrator"] for member in policy.card["mixture"]] == ["rk4", "explicit_euler"]
+    assert [member["dt"] for member in policy.card["mixture"]] == [0.05, 0.025]
+    assert policy.card["policy_id"] == "ppo-mixture-seed3"
 
 
 def test_discrete_actions_and_options_of_the_learner(tmp_path: Path) -> None:
@@ -127,11 +126,11 @@ def test_discrete_actions_and_options_of_the_learner(tmp_path: Path) -> None:
         activation="ReLU",
         target_kl=0.01,
     )
-    trained = train(config, tmp_path, progress=False, tensorboard=False)
-    policy, card = read_trained(trained.policy)
+    policy = trained(config, tmp_path)
+    read, card = read_trained(policy.policy)
     assert card["action_bounds"] is None
-    assert policy.activation == "ReLU"
-    assert policy.act(np.zeros((3, 4))).dtype == np.int64
+    assert read.activation == "ReLU"
+    assert read.act(np.zeros((3, 4))).dtype == np.int64
 
 
 def test_another_process_gives_the_same_weights(small: TrainedPolicy, tmp_path: Path) -> None:
@@ -162,7 +161,7 @@ def test_seed_and_every_hyperparameter_that_matters_change_the_weights(
     for index, change in enumerate(changes):
         config = replace(SMALL, **change)
         folder = tmp_path / str(index)
-        hashes.add(train(config, folder, progress=False, tensorboard=False).content_hash)
+        hashes.add(trained(config, folder).content_hash)
     assert len(hashes) == 1 + len(changes)
 
 
@@ -193,6 +192,6 @@ def test_nothing_outside_the_run_changes(small: TrainedPolicy, tmp_path: Path) -
 
     torch.manual_seed(1)
     before = outside()
-    trained = train(SMALL, tmp_path, progress=False, tensorboard=False)
+    policy = trained(SMALL, tmp_path)
     assert outside() == before
-    assert trained.content_hash == small.content_hash
+    assert policy.content_hash == small.content_hash

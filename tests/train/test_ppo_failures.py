@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_ppo import FLAGS, SMALL, Recorder, files_of
+from small_ppo import FLAGS, SMALL, Recorder, files_of, looked_on, trained
 
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.train.ppo import main, train, training
+from integ_gym.train import ppo
+from integ_gym.train.command import main
 from integ_gym.train.sb3_model import saved
 
 torch = pytest.importorskip("torch")
@@ -41,13 +42,16 @@ def test_an_integrator_that_fails_is_one_line_and_exit_code_2(
     assert files_of(tmp_path) == set()
 
 
-def test_a_wrapper_that_fails_is_not_blamed_on_an_integrator(tmp_path: Path) -> None:
+def test_a_wrapper_that_fails_is_not_blamed_on_an_integrator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Failing(Recorder):
         def step(self, actions: Any) -> Any:
             raise KeyError("a mistake of its own")
 
+    looked_on(monkeypatch, Failing)
     with pytest.raises(KeyError, match="a mistake of its own"):
-        train(SMALL, tmp_path, progress=False, tensorboard=False, wrap=Failing)
+        trained(SMALL, tmp_path)
 
 
 @pytest.mark.parametrize("last", [False, True])
@@ -56,7 +60,7 @@ def test_weights_that_overflow_are_told_with_the_remedy(
 ) -> None:
     """On the way, or in the last update, which nothing is computed from before it is written."""
     if last:
-        monkeypatch.setattr(training, "saved", _with_overflow)
+        monkeypatch.setattr(ppo, "saved", _with_overflow)
     flags = [*FLAGS, "--learning-rate", "1e-3" if last else "1e6"]
     assert main([*flags, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 2
     error = capsys.readouterr().err

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of
+from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trained
 
 from integ_gym.train import sidecar
-from integ_gym.train.ppo import PPOConfig, main, train, training
+from integ_gym.train.command import main
 from integ_gym.train.sb3_zip import PolicyFileError
 from integ_gym.train.sidecar import TrainedPolicy, read_trained
 
@@ -23,14 +23,7 @@ sb3 = pytest.importorskip("stable_baselines3")
 def test_an_interrupted_run_leaves_no_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made: list[Recorder] = []
-    make = training.make_training_envs
-
-    def interrupted(config: PPOConfig) -> Any:
-        made.append(Recorder(make(config), fail_at=70))
-        return made[-1]
-
-    monkeypatch.setattr(training, "make_training_envs", interrupted)
+    made = looked_on(monkeypatch, lambda env: Recorder(env, fail_at=70))
     assert main([*FLAGS, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 130
     assert "interrupted; no policy was written" in capsys.readouterr().err
     assert files_of(tmp_path) == set()
@@ -57,7 +50,7 @@ def test_a_run_killed_while_writing_leaves_no_sidecar(
 
     monkeypatch.setattr(sidecar.os, "replace", killed)
     with pytest.raises(KeyboardInterrupt):
-        train(replace(SMALL, seed=9), tmp_path, progress=False, tensorboard=False, force=True)
+        trained(replace(SMALL, seed=9), tmp_path, force=True)
     assert files_of(tmp_path) == {"policy.zip"}
     with pytest.raises(PolicyFileError, match="keep the side-car beside the policy"):
         read_trained(tmp_path / "policy.zip")
@@ -66,9 +59,9 @@ def test_a_run_killed_while_writing_leaves_no_sidecar(
 def test_a_policy_is_replaced_only_by_force(small: TrainedPolicy, tmp_path: Path) -> None:
     (tmp_path / "policy.zip").write_bytes(b"something else")
     with pytest.raises(FileExistsError, match=r"already holds policy\.zip; .* or --force"):
-        train(SMALL, tmp_path, progress=False)
-    trained = train(SMALL, tmp_path, progress=False, tensorboard=False, force=True)
-    assert trained.content_hash == small.content_hash
+        trained(SMALL, tmp_path)
+    policy = trained(SMALL, tmp_path, force=True)
+    assert policy.content_hash == small.content_hash
     assert files_of(tmp_path) == WRITTEN
 
 

@@ -8,9 +8,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from small_ppo import trained
 
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.ppo import PPOConfig, train
+from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sidecar import read_trained
 
 torch = pytest.importorskip("torch")
@@ -34,8 +35,7 @@ def result_of(policy: Any, env_id: str, **arguments: Any) -> tuple[float, float]
 @pytest.mark.slow
 def test_learns_to_balance(tmp_path: Path) -> None:
     config = PPOConfig.of("IntegCartPole-v0", total_steps=35_000)
-    trained = train(config, tmp_path, progress=False, tensorboard=False)
-    policy, _ = read_trained(trained.policy)
+    policy, _ = read_trained(trained(config, tmp_path).policy)
     success, returned = result_of(policy, "IntegCartPole-v0", integrator="reference", dt=0.02)
     assert success >= 0.9
     assert returned >= 450.0  # random: 21
@@ -52,8 +52,7 @@ def test_learns_to_swing_up(tmp_path: Path) -> None:
         n_steps=128,
         gae_lambda=0.9,
     )
-    trained = train(config, tmp_path, progress=False, tensorboard=False)
-    policy, _ = read_trained(trained.policy)
+    policy, _ = read_trained(trained(config, tmp_path).policy)
     _, returned = result_of(policy, "IntegPendulum-v0", **arguments)
     random_policy = make_baseline("random", setup_of(arguments))
     _, chance = result_of(random_policy, "IntegPendulum-v0", **arguments)

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 import integ_gym  # noqa: F401  (registers the environments)
@@ -145,6 +145,38 @@ def test_equals_dummy_vec_env(case: str, wrapped: bool) -> None:
         assert ends["terminated"] >= LANES
     if case in ("cart-pole-short", "cart-pole-last-step"):
         assert ends["truncated"] >= LANES
+
+
+class Wandering(gym.Env[Any, Any]):
+    """Observations in float64, two actions, and ends at random: nothing of our own."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float64)
+    action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return self.np_random.normal(size=3), {"success": False}
+
+    def step(self, action: Any) -> Any:
+        told = {"success": bool(self.np_random.random() < 0.5), "work": float(action.sum())}
+        ended = self.np_random.random(2) < 0.1
+        return self.np_random.normal(size=3), action[0], bool(ended[0]), bool(ended[1]), told
+
+
+def test_any_vector_environment_equals_dummy_vec_env() -> None:
+    ours = Sb3VecEnv(SyncVectorEnv([Wandering] * LANES, autoreset_mode=AutoresetMode.SAME_STEP))
+    theirs = DummyVecEnv([Wandering] * LANES)
+    ours.seed(3)
+    theirs.seed(3)
+    assert_same_value(ours.reset(), theirs.reset(), "first observation")
+    ended = 0
+    for actions in actions_of(theirs, 100):
+        mine, other = ours.step(actions), theirs.step(actions)
+        for name, a, b in zip(("observation", "reward", "done"), mine, other, strict=False):
+            assert_same_value(a, b, name)
+        assert_same_infos(mine[3], other[3], other[2])
+        ended += other[2].sum()
+    assert ended > LANES
 
 
 def test_seeds_and_options_count_for_one_reset() -> None:

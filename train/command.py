@@ -14,10 +14,8 @@ from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 from integ_gym.evidence.command_line import CommandParser, named_value, sentence, whole_number
 from integ_gym.train.card import told
-from integ_gym.train.ppo.config import PPOConfig
-from integ_gym.train.ppo.errors import TrainingError
-from integ_gym.train.ppo.training import make_training_envs, need_extra, train
-from integ_gym.train.sidecar import TrainedPolicy, claim_folder
+from integ_gym.train.ppo import PPOConfig, make_training_envs, train_ppo
+from integ_gym.train.training_error import TrainingError
 
 _EXAMPLES = """\
 examples:
@@ -35,31 +33,27 @@ _OWN_FLAGS = ("env_id", "env_arguments")
 _ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, prog: str = "integ-gym train") -> int:
     """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
-    command = parser()
-    given = vars(command.parse_args(argv))
-    names = ("out", "force", "tensorboard", "progress", "trainer")
-    out, force, tensorboard, progress, trainer = (given.pop(name) for name in names)
+    given = vars(parser(prog).parse_args(argv))
+    fleet = given.pop("trainer") == "fleet"
+    out, tensorboard = given.pop("out"), given.pop("tensorboard")
+    options = {name: given.pop(name) for name in ("progress", "force")}
     try:
         config = _config(given)
-        if trainer == "sb3":
-            need_extra(tensorboard)
-        make_training_envs(config).close()
-        claim_folder(out, force)
-    except (ValueError, TypeError, OSError, ModuleNotFoundError) as error:
-        print(f"{command.prog}: error: {sentence(error)}", file=sys.stderr)
-        return 2
-    try:
-        if trainer == "fleet":
-            trained = _train_with_fleet(config, out, progress, force)
+        make_training_envs(config).close()  # what is wrong with them is told before there is a bar
+        folder = out or _default_folder(config)
+        if fleet:
+            from integ_gym.train.fleet import train_fleet
+
+            (trained,) = train_fleet([config], [folder], **options)
         else:
-            trained = train(config, out, progress=progress, tensorboard=tensorboard, force=force)
+            (trained,) = train_ppo([config], [folder], tensorboard=tensorboard, **options)
     except KeyboardInterrupt:
-        print(f"{command.prog}: interrupted; no policy was written", file=sys.stderr)
+        print(f"{prog}: interrupted; no policy was written", file=sys.stderr)
         return 130
-    except (TrainingError, ValueError, ModuleNotFoundError) as error:
-        print(f"{command.prog}: error: {sentence(error)}", file=sys.stderr)
+    except (TrainingError, ValueError, TypeError, OSError, ModuleNotFoundError) as error:
+        print(f"{prog}: error: {sentence(error)}", file=sys.stderr)
         return 2
     card = trained.card
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
@@ -70,22 +64,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _train_with_fleet(config: PPOConfig, out: Path, progress: bool, force: bool) -> TrainedPolicy:
-    from integ_gym.train.fleet import train_fleet
-
-    return train_fleet([config], [out], progress=progress, force=force)[0]
-
-
-def parser() -> argparse.ArgumentParser:
+def parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
-        prog="integ-gym train",
+        prog=prog,
         description="Train a policy with PPO on one discretization of an environment.",
-        epilog=_EXAMPLES,
+        epilog=_EXAMPLES.replace("integ-gym train", prog),
         argument_default=argparse.SUPPRESS,
     )
-    made.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
-    made.add_argument("--out", type=Path, required=True, help="folder for the policy")
+    made.add_argument(
+        "--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}, or a MuJoCo task"
+    )
+    made.add_argument(
+        "--out",
+        type=Path,
+        default=None,
+        help="folder for the policy (default: in runs/, named after environment, integrator, dt "
+        "and seed)",
+    )
     made.add_argument("--force", action="store_true", default=False, help="replace a policy")
     made.add_argument(
         "--trainer",
@@ -129,11 +125,8 @@ def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
         return
     if of.type == "tuple[int, ...]":
         described["nargs"] = "+"
-    group.add_argument(flag, type=_READERS[str(of.type)], metavar=_metavar(of), **described)
-
-
-def _metavar(of: Field[Any]) -> str:
-    return {"str": "NAME", "int": "N", "tuple[int, ...]": "N"}.get(str(of.type), "X")
+    read, metavar = _READERS[str(of.type)]
+    group.add_argument(flag, type=read, metavar=metavar, **described)
 
 
 def _number_or_none(word: str) -> float | None:
@@ -141,13 +134,20 @@ def _number_or_none(word: str) -> float | None:
 
 
 _number_or_none.__name__ = "number"
-_READERS: dict[str, Callable[[str], Any]] = {
-    "str": str,
-    "int": whole_number,
-    "float": float,
-    "float | None": _number_or_none,
-    "tuple[int, ...]": whole_number,
+_READERS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "str": (str, "NAME"),
+    "int": (whole_number, "N"),
+    "float": (float, "X"),
+    "float | None": (_number_or_none, "X"),
+    "tuple[int, ...]": (whole_number, "N"),
 }
+"""By a field's type: what reads a flag's value, and what stands for it in the help."""
+
+
+def _default_folder(config: PPOConfig) -> Path:
+    arguments = config.env_arguments
+    chosen = [str(arguments[name]) for name in ("integrator", "dt") if name in arguments]
+    return Path("runs") / "-".join([config.env_id, *chosen, f"seed{config.seed}"])
 
 
 def _config(given: dict[str, Any]) -> PPOConfig:

@@ -1,0 +1,267 @@
+"""Proximal policy optimization (PPO) with stable-baselines3 (SB3), from top to bottom.
+
+    python train/ppo.py --integrator rk4 --dt 0.05
+
+Hyperparameters, environments, model, learning, files: what decides a result is on this page. The
+same configuration gives the same weights bit by bit on one machine: one thread, fixed seeds, no
+GPU. `integ_gym.train.fleet` trains many policies at once from the same `PPOConfig`.
+
+Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gymnasium.vector import VectorEnv
+
+from integ_gym.envs.extras import require
+from integ_gym.envs.parameters import (
+    boolean,
+    finite,
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+    text,
+)
+from integ_gym.envs.testbeds import make_training_environments
+from integ_gym.train.card import make_card, mixture_of
+from integ_gym.train.config_checks import (
+    ENV_ARGUMENTS,
+    check_config,
+    check_names,
+    fraction,
+    layer_sizes,
+    whole,
+)
+from integ_gym.train.policy.activations import ACTIVATIONS
+from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
+from integ_gym.train.seeds import first_lane_seed
+from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
+from integ_gym.train.sidecar import TrainedPolicy, write_policy
+from integ_gym.train.training_error import explained
+from integ_gym.train.training_evidence import TrainingEvidence
+
+# ---------------------------------------------------------------------------------- hyperparameters
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Everything that decides a training run. `PPOConfig.of` has defaults for each environment.
+
+    Raises:
+        ValueError: for an impossible value, in one sentence.
+    """
+
+    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
+    env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
+    seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
+    total_steps: int = parameter(
+        300_000, "", "decisions of all environments together, rounded up to rollouts", whole(1)
+    )
+    n_envs: int = parameter(16, "", "environments that advance together", whole(1))
+    n_steps: int = parameter(256, "", "decisions per environment in a rollout", whole(1))
+    batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
+    n_epochs: int = parameter(10, "", "passes over each rollout", whole(1))
+    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
+    learning_rate_end: float | None = parameter(
+        None, "", "reached linearly at the end; None: constant", optional(nonnegative)
+    )
+    discount_time: float = parameter(
+        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
+    )
+    gae_lambda: float = parameter(0.95, "", "λ of generalized advantage estimation", fraction)
+    clip_range: float = parameter(0.2, "", "of the probability ratio, around 1", positive)
+    ent_coef: float = parameter(0.0, "", "weight of the entropy bonus", nonnegative)
+    vf_coef: float = parameter(0.5, "", "weight of the value loss", nonnegative)
+    max_grad_norm: float = parameter(0.5, "", "larger gradients are scaled to it", positive)
+    normalize_advantage: bool = parameter(True, "", "in each gradient step", boolean)
+    target_kl: float | None = parameter(
+        None, "", "stop a rollout's passes beyond 1.5 times this; None: never", optional(positive)
+    )
+    reward_scale: float = parameter(
+        0.1, "", "factor on rewards for the learner; all that is reported is unscaled", positive
+    )
+    net_arch: tuple[int, ...] = parameter(
+        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
+    )
+    activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
+    log_std_init: float = parameter(0.0, "", "log of the first exploration noise (Box)", finite)
+    trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
+
+    def __post_init__(self) -> None:
+        if isinstance(self.net_arch, list):
+            object.__setattr__(self, "net_arch", tuple(self.net_arch))
+        check_config(self)
+
+    @classmethod
+    def of(cls, env_id: str, **overrides: Any) -> PPOConfig:
+        """The defaults that are known to learn an environment, with some values replaced.
+
+        Raises:
+            TypeError, ValueError: for unknown or impossible values.
+        """
+        check_names(cls, overrides)
+        return cls(**{"env_id": env_id, **ENVIRONMENT_DEFAULTS.get(env_id, {}), **overrides})
+
+    @property
+    def rollout(self) -> int:
+        """Decisions between two updates, over all environments."""
+        return self.n_envs * self.n_steps
+
+    @property
+    def rounded_steps(self) -> int:
+        """Decisions that the run will take: whole rollouts."""
+        return math.ceil(self.total_steps / self.rollout) * self.rollout
+
+    def discount(self, control_period: float) -> float:
+        """γ, the discount per decision, for a control period in s."""
+        return math.exp(-control_period / self.discount_time)
+
+
+ENVIRONMENT_DEFAULTS: dict[str, dict[str, Any]] = {
+    "IntegPendulum-v0": {},
+    "IntegCartPole-v0": {"total_steps": 100_000, "n_steps": 64},
+}
+"""Where an environment's defaults differ from those of `PPOConfig`.
+
+Balancing learns from short rollouts, because episodes end early at first: 5 of 5 seeds hold every
+start for 10 s after 33 000 decisions, and after 50 000 to 98 000 with rollouts of 256.
+"""
+
+# ------------------------------------------------------------------------------------- environments
+
+
+def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
+    """The training environments, which reset within the step that ends an episode.
+
+    Raises:
+        TypeError, ValueError: for arguments that are not possible.
+    """
+    return make_training_environments(config.env_id, config.env_arguments, config.n_envs)
+
+
+# -------------------------------------------------------------------------------------------- model
+
+
+def model_arguments(config: PPOConfig, control_period: float) -> dict[str, Any]:
+    """Keyword arguments of SB3's `PPO`, for a control period in s."""
+    import torch
+    from stable_baselines3.common.utils import LinearSchedule
+
+    alike = (
+        *("n_steps", "batch_size", "n_epochs", "gae_lambda", "clip_range", "normalize_advantage"),
+        *("ent_coef", "vf_coef", "max_grad_norm", "target_kl", "seed"),
+    )
+    rate, rate_end = config.learning_rate, config.learning_rate_end
+    return {
+        **{name: getattr(config, name) for name in alike},
+        "learning_rate": rate if rate_end is None else LinearSchedule(rate, rate_end, 1.0),
+        "gamma": config.discount(control_period),
+        "policy_kwargs": {
+            "net_arch": {"pi": list(config.net_arch), "vf": list(config.net_arch)},
+            "activation_fn": getattr(torch.nn, config.activation),
+            "log_std_init": config.log_std_init,
+        },
+        "device": "cpu",
+    }
+
+
+# ------------------------------------------------------------------------------- learning and files
+
+
+def train_run(
+    config: PPOConfig,
+    folder: Path,
+    evidence: TrainingEvidence | None = None,
+    *,
+    tell: Tell = lambda steps, words: None,
+    tensorboard: bool = False,
+) -> TrainedPolicy:
+    """Train one policy in this process.
+
+    Nothing outside the run changes: torch's thread count and the global random states are put back.
+    """
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
+
+    vector_env: Any = make_training_envs(config)
+    mixture = mixture_of(vector_env)
+    folder.mkdir(parents=True, exist_ok=True)
+    if evidence is not None:
+        vector_env = evidence.recorder(vector_env)
+    try:
+        with reproducible():
+            episodes = VecMonitor(Sb3VecEnv(vector_env, info_keys=("success",)))
+            scaled = ScaledRewards(episodes, config.reward_scale)  # for the learner alone
+            arguments = model_arguments(config, mixture.setups[0].timing.control_period)
+            model = PPO("MlpPolicy", scaled, **arguments)
+            episodes.seed(first_lane_seed(config.seed))
+            model.set_logger(logger(folder / "tensorboard" if tensorboard else None))
+            start = time.perf_counter()
+            with explained(config, mixture):
+                model.learn(config.total_steps, callback=telling(tell))
+            seconds = time.perf_counter() - start
+            model.logger.close()
+            zip_bytes = saved(model)
+    finally:
+        vector_env.close()
+    card = make_card(config, mixture, "sb3", seconds, last_episodes(model))
+    trained = write_policy(folder, zip_bytes, card, vector_env.single_action_space)
+    if evidence is not None:
+        vector_env.commit(evidence.batch)
+    return trained
+
+
+def train_ppo(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[str | Path],
+    *,
+    evidence: Sequence[TrainingEvidence] | None = None,
+    progress: bool = True,
+    workers: int | None = None,
+    force: bool = False,
+    on_trained: OnTrained = unheard,
+    tensorboard: bool = True,
+) -> list[TrainedPolicy]:
+    """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.
+
+    Args:
+        configs: the runs; they may differ in everything.
+        out_dirs: a folder for each policy.
+        evidence: where the training episodes of each are recorded; None: nowhere.
+        progress: show a bar on stderr.
+        workers: processes; by default one per core. A single run, or the runs of a single worker
+            one after another, are trained in this process.
+        force: replace policies that are already there.
+        on_trained: told the place of every policy in `configs` once it and its evidence are
+            written.
+        tensorboard: write logs beside each policy.
+
+    Raises:
+        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for arguments that are not possible.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+        TrainingError: if a run fails or a worker is killed; finished policies stay.
+    """
+    require("train")
+    runs = checked_runs(configs, out_dirs, evidence, force)
+    run = partial(train_run, tensorboard=tensorboard)
+    return train_each(run, runs, progress, workers, on_trained)
+
+
+if __name__ == "__main__":
+    from integ_gym.train.command import main
+
+    sys.exit(main(prog="python train/ppo.py"))
