@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.testbeds import testbed_of
-from integ_gym.eval.cells import Cell, Home, environments_of
+from integ_gym.eval.cells import Home, environments_of
 from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.eval.spec.perturbations import standard_perturbations
@@ -63,11 +63,9 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     )
     for cell in spec.columns():
         environments_of(testbed, cell, 1).close()
-    at_home = environments_of(testbed, Cell(home, "grid"), 1)
-    at_home.close()
     return replace(
         spec,
-        perturbations=standard_perturbations(at_home.setups[0]),
+        perturbations=standard_perturbations(spec.nominal),
         baselines=possible_baselines(spec.nominal, testbed.controller),
     )
 
