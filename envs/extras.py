@@ -20,7 +20,7 @@ EXTRAS = {
     "pinocchio": ("pinocchio",),
     "pybullet": ("pybullet",),
     "render": ("pygame",),
-    "report": ("jinja2", "matplotlib", "tqdm"),
+    "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
     "sapien": ("sapien",),
     "train": (
         "stable_baselines3",

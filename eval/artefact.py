@@ -1,19 +1,34 @@
-"""``panel.json``: everything a panel found, in one file."""
+"""From rows, cells and outcomes to the panel that ``panel.json`` holds."""
 
 from __future__ import annotations
 
 import platform
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
 from integ_gym.envs.discretization import Discretization
 from integ_gym.eval.cells import Cell
+from integ_gym.eval.engine_agreement import agreement_answer
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.panel_model import Cell as PanelCell
+from integ_gym.eval.panel_model import (
+    Cost,
+    EngineAgreement,
+    Estimate,
+    Failure,
+    Panel,
+    Policy,
+    PolicyComparison,
+    TrainingCost,
+    Verdict,
+    build,
+)
+from integ_gym.eval.panel_model import Row as PanelRow
 from integ_gym.eval.remedy import remedies
-from integ_gym.eval.run_directory import package_versions
 from integ_gym.eval.statistics import rate_interval
 from integ_gym.eval.verdict import (
     LEARNED,
@@ -23,24 +38,46 @@ from integ_gym.eval.verdict import (
     judge_family,
 )
 
-SCHEMA_VERSION = 1
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""
 
 
-def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of ``panel.json``.
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What a panel says beside its outcome; see :class:`Panel` for what is not told here.
+
+    Attributes:
+        policies: by id.
+        files: evidence file that holds the records of a policy, by id, beside ``panel.json``.
+        training_steps: decisions that each policy was trained for; None where none was.
+        remark: a sentence that is added to the answer.
+    """
+
+    name: str
+    question: str
+    spec: dict[str, Any]
+    protocol_gaps: Sequence[str]
+    command: str
+    directory: str
+    versions: dict[str, str]
+    cost: Cost
+    policies: Mapping[str, Policy]
+    files: Mapping[str, str]
+    training_steps: int | None = None
+    training_costs: dict[str, TrainingCost] = field(default_factory=dict)
+    engine_agreement: tuple[EngineAgreement, ...] = ()
+    warnings: Sequence[str] = ()
+    remark: str = ""
+
+
+def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
+    """Everything that a panel found.
 
     Args:
         layout: rows and cells.
         matrix: outcomes.
-        facts: further entries: name, question, spec, command, cost, policies' files, …
+        facts: what else there is to say.
     """
-    entries = [
-        matrix.entry(row.name, cell, layout.native(cell), layout.reference_of(cell))
-        for row in layout.rows
-        for cell in layout.cells_of[row.name]
-    ]
     judgements = _judge(layout, matrix)
     failures = [
         failure
@@ -49,25 +86,45 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]
         for cell in layout.cells_of[row.name]
         for failure in matrix.failures(row.name, cell)
     ]
-    return {
-        "schema_version": SCHEMA_VERSION,
-        **facts,
-        "answer": _answer(layout, matrix, judgements),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "platform": platform.platform(),
-        "versions": package_versions(),
-        "rows": [_row(row, layout, matrix, facts) for row in layout.rows],
-        "cells": [_cell(cell) for cell in layout.cells.values()],
-        "matrix": entries,
-        "verdicts": [
-            {**asdict(j), "row": row, "cell": cell}
-            for j, (row, cell) in zip(judgements, layout.family, strict=True)
-        ],
-        "policy_comparisons": [_compare(layout, matrix, a, b) for a, b in layout.compare],
-        "remedies": remedies(layout, matrix),
-        "failures": _spread(failures),
-        "failures_total": len(failures),
-    }
+    answer = _answer(layout, matrix, judgements, facts.engine_agreement)
+    return Panel(
+        name=facts.name,
+        question=facts.question,
+        answer=f"{answer} {facts.remark}".rstrip(),
+        warnings=tuple(facts.warnings),
+        spec=facts.spec,
+        protocol_gaps=tuple(facts.protocol_gaps),
+        command=facts.command,
+        directory=facts.directory,
+        created=datetime.now(UTC).replace(microsecond=0),
+        platform=platform.platform(),
+        versions=facts.versions,
+        cost=facts.cost,
+        rows=tuple(_row(row, layout, matrix, facts) for row in layout.rows),
+        cells=tuple(_cell(cell) for cell in layout.cells.values()),
+        matrix=tuple(
+            matrix.entry(
+                row.name,
+                cell,
+                layout.native(cell),
+                layout.reference_of(cell),
+                tuple(dict.fromkeys(facts.files[policy] for policy in row.policies)),
+                _query(facts.directory, row, cell),
+            )
+            for row in layout.rows
+            for cell in layout.cells_of[row.name]
+        ),
+        verdicts=tuple(
+            build(Verdict, **vars(judgement), row=row, cell=cell)
+            for judgement, (row, cell) in zip(judgements, layout.family, strict=True)
+        ),
+        policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
+        remedies=remedies(layout, matrix),
+        training_costs=facts.training_costs,
+        engine_agreement=facts.engine_agreement,
+        failures=_spread(failures),
+        failures_total=len(failures),
+    )
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
@@ -75,7 +132,7 @@ def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
     return judge_family(comparisons) if comparisons else ()
 
 
-def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> dict[str, Any]:
+def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyComparison:
     """Policies of two rows, compared in every grid cell and on the reference.
 
     The finest step of both rows' own integrators decides, and so does the reference.
@@ -92,56 +149,76 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> dict[str, A
         if role == "quarter_step" and (place.engine, place.integrator) not in own:
             role = None
         cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
-    return {"a": a, "b": b, **asdict(compare_policies(cells))}
+    return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells)))
 
 
-def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Mapping[str, Any]) -> dict[str, Any]:
+def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Facts) -> PanelRow:
     trained = layout.homes.get(row.name)
     home = trained if isinstance(trained, Discretization) else None
     rates = matrix.home_rates(row.name)
-    return {
-        "name": row.name,
-        "kind": row.kind,
-        "home": row.home,
-        "shares": dict(row.shares),
-        "integrator": home.integrator if home else None,
-        "dt": home.dt if home else None,
-        "control_period": trained.control_period if trained else None,
-        "seeds": len(row.policies),
-        "policies": [facts["policies"][policy] for policy in row.policies],
-        "home_success": None if rates is None else asdict(rate_interval(rates)),
-        "learned": matrix.learned(row.name),
-        "training_steps": facts.get("training_steps") if row.kind == "trained" else None,
-    }
+    return PanelRow(
+        name=row.name,
+        kind=row.kind,
+        home=row.home,
+        shares=dict(row.shares),
+        integrator=home.integrator if home else None,
+        dt=home.dt if home else None,
+        control_period=trained.control_period if trained else None,
+        seeds=len(row.policies),
+        policies=tuple(facts.policies[policy] for policy in row.policies),
+        home_success=None if rates is None else Estimate.of(rate_interval(rates)),
+        learned=matrix.learned(row.name),
+        training_steps=facts.training_steps if row.kind == "trained" else None,
+    )
 
 
-def _cell(cell: Cell) -> dict[str, Any]:
-    return {
-        "name": cell.name,
+def _cell(cell: Cell) -> PanelCell:
+    return build(
+        PanelCell,
+        name=cell.name,
         **cell.discretization.arguments(),
-        "kind": cell.kind,
-        "perturbation": cell.perturbation.name if cell.perturbation else None,
-        "role": cell.role,
-    }
+        kind=cell.kind,
+        perturbation=cell.perturbation.name if cell.perturbation else None,
+        role=cell.role,
+    )
 
 
-def _spread(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _query(directory: str, row: Row, cell: str) -> str:
+    """The command that lists the records behind an entry."""
+    policies = ", ".join(_quoted(policy) for policy in row.policies)
+    sql = (
+        "SELECT record_id, episode_index, success, failure_label FROM records "
+        f"WHERE cell = {_quoted(cell)} AND policy_id IN ({policies})"
+    )
+    return shlex.join(["integ-gym", "evidence", "query", directory, sql])
+
+
+def _quoted(text: str) -> str:
+    """A string literal of SQL."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _spread(failures: Sequence[Failure]) -> tuple[Failure, ...]:
     """A sample that takes turns between cells and labels, in a fixed order."""
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, str, str], list[Failure]] = {}
     for failure in failures:
-        key = (failure["label"], failure["row"], failure["cell"])
-        groups.setdefault(key, []).append(failure)
-    sample: list[dict[str, Any]] = []
+        groups.setdefault((failure.label, failure.row, failure.cell), []).append(failure)
+    sample: list[Failure] = []
     depth = 0
     while len(sample) < min(FAILURE_SAMPLE, len(failures)):
         layer = [group[depth] for group in groups.values() if len(group) > depth]
         step = max(1, len(layer) // FAILURE_SAMPLE)
         sample += layer[::step][: FAILURE_SAMPLE - len(sample)]
         depth += 1
-    return sample
+    return tuple(sample)
 
 
-def _answer(layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement]) -> str:
+def _answer(
+    layout: PanelLayout,
+    matrix: Matrix,
+    judgements: Sequence[Judgement],
+    agreement: Sequence[EngineAgreement],
+) -> str:
     """The panel's question answered in one sentence with numbers."""
     judged = [
         (judgement, pair)
@@ -151,7 +228,7 @@ def _answer(layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement]
     if not judged:
         if judgements:
             return _unlearned_answer(dict.fromkeys(row for row, _ in layout.family), matrix)
-        return _range_answer(layout, matrix)
+        return agreement_answer(agreement) or _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].gap.estimate)
     fails = len(failed)

@@ -1,9 +1,26 @@
-"""Colours that stand for numbers, the same on the page and in figures."""
+"""Colours of pages and figures, and those that stand for numbers."""
 
 from __future__ import annotations
 
 import math
 from typing import Final
+
+PALETTE: Final = {
+    "page": ("#f6f6f3", "#0d1015"),
+    "card": ("#ffffff", "#161a21"),
+    "sunk": ("#efefeb", "#1f242d"),
+    "line": ("#dedfd9", "#2d343f"),
+    "ink": ("#14171c", "#eceef2"),
+    "soft": ("#565c66", "#a2a9b5"),
+    "accent": ("#2f4fb5", "#9db4ff"),
+    "fails": ("#b8400a", "#ff9966"),
+    "transfers": ("#00724f", "#4fd0a5"),
+    "inconclusive": ("#7a5a00", "#e6c15c"),
+    "not_learned": ("#626873", "#a5acb8"),
+    "warm": ("#e8783c", "#be541c"),
+    "cool": ("#5492d6", "#2664aa"),
+}
+"""What a colour is for, to the colours on light and on dark ground."""
 
 VIRIDIS: Final = [
     "440154",
@@ -34,24 +51,28 @@ def success_colour(rate: float) -> str:
     """Colour of a success rate, as ``#rrggbb``."""
     place = min(max(rate, 0.0), 1.0) * (len(VIRIDIS) - 1)
     below = min(int(place), len(VIRIDIS) - 2)
-    pair = (_channels(VIRIDIS[below]), _channels(VIRIDIS[below + 1]))
-    share = place - below
-    mixed = (round(one + share * (other - one)) for one, other in zip(*pair, strict=True))
-    return "#" + "".join(f"{channel:02x}" for channel in mixed)
+    return mixed(f"#{VIRIDIS[below]}", f"#{VIRIDIS[below + 1]}", place - below)
+
+
+def mixed(one: str, other: str, share: float) -> str:
+    """The colour at a share in [0, 1] of the way between two ``#rrggbb`` colours."""
+    pairs = zip(channels(one), channels(other), strict=True)
+    return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in pairs)
 
 
 def ink_on(background: str) -> str:
     """Black or white, whichever reads better on a ``#rrggbb`` background (WCAG contrast)."""
     linear = [
         channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
-        for channel in (value / 255.0 for value in _channels(background.lstrip("#")))
+        for channel in (value / 255.0 for value in channels(background))
     ]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
     return "#000000" if (luminance + 0.05) / 0.05 > 1.05 / (luminance + 0.05) else "#ffffff"
 
 
-def _channels(colour: str) -> tuple[int, int, int]:
-    return int(colour[:2], 16), int(colour[2:4], 16), int(colour[4:6], 16)
+def channels(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of a ``#rrggbb`` colour, 0 to 255."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 def symlog(value: float, floor: float, largest: float) -> float:

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis as PNG files, drawn from ``diagnose.json`` alone."""
+"""Figures of a diagnosis, drawn from ``diagnose.json`` alone."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from integ_gym.envs.extras import load
 from integ_gym.eval.diagnosis.draw_contact import draw_contact
 from integ_gym.eval.diagnosis.draw_curves import draw_convergence, draw_stability, draw_work
 from integ_gym.eval.diagnosis.draw_motion import draw_energy, draw_phase
-from integ_gym.eval.diagnosis.drawing import Curve, Schemes, plants_of, schemes_of
-from integ_gym.eval.figure_style import png
-from integ_gym.evidence.atomic import replace_file
+from integ_gym.eval.diagnosis.drawing import Curve, plants_of, schemes_of
+from integ_gym.eval.figure_style import write_figure
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[Path]:
-    """Write a diagnosis's figures as PNG files into a folder.
+    """Write a diagnosis's figures as PNG, SVG and PDF files into a folder.
 
     Args:
         result: content of ``diagnose.json``.
@@ -33,24 +33,24 @@ def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[
         ModuleNotFoundError: without matplotlib, with the command that installs it.
     """
     load("matplotlib", "report")
-    written = []
+    written: list[Path] = []
     schemes = schemes_of(result["integrators"])
     for name, (key, draw) in FIGURES.items():
         found = result["curves"].get(key)
         if found:
-            written.append(replace_file(directory / name, png(draw(found, schemes))))
+            written += write_figure(draw(found, schemes), directory / name)
     impacts = result["curves"].get("contact", [])
     for plant in plants_of(impacts):
         own = [c for c in impacts if c["plant"] == plant]
-        file = directory / f"contact_{re.sub(r'[^A-Za-z0-9._]+', '-', plant)}.png"
-        written.append(replace_file(file, png(draw_contact(own, schemes))))
+        name = f"contact_{re.sub(r'[^A-Za-z0-9._]+', '-', plant)}"
+        written += write_figure(draw_contact(own, schemes), directory / name)
     return written
 
 
 FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], Schemes], Figure]]]] = {
-    "energy.png": ("free_motion", draw_energy),
-    "phase_portraits.png": ("free_motion", draw_phase),
-    "stability.png": ("stiffness", draw_stability),
-    "convergence.png": ("refinement", draw_convergence),
-    "work_precision.png": ("refinement", draw_work),
+    "energy": ("free_motion", draw_energy),
+    "phase_portraits": ("free_motion", draw_phase),
+    "stability": ("stiffness", draw_stability),
+    "convergence": ("refinement", draw_convergence),
+    "work_precision": ("refinement", draw_work),
 }

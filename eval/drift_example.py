@@ -13,9 +13,8 @@ from integ_gym.envs.numerics import energies
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.drift_figure import draw_drift
-from integ_gym.eval.figure_style import png
+from integ_gym.eval.figure_style import write_figure
 from integ_gym.eval.formatting import compact
-from integ_gym.evidence.atomic import replace_file
 
 DT, STEPS = 0.05, 4000
 """Of the pendulum: 200 s."""
@@ -35,7 +34,7 @@ def drift_example(directory: Path) -> tuple[list[dict[str, str]], list[dict[str,
     """Measure the drift of every integrator and draw it.
 
     Args:
-        directory: where ``drift.png`` goes.
+        directory: where ``drift.png``, ``drift.svg`` and ``drift.pdf`` go.
 
     Returns:
         Rows of two tables, the pendulum's and the cart-pole's, and the picture's path.
@@ -47,7 +46,7 @@ def drift_example(directory: Path) -> tuple[list[dict[str, str]], list[dict[str,
         energy = energies(name, plant, start, DT, STEPS)
         changes[name] = energy / energy[0] - 1.0
     picture = draw_drift(changes, DT)
-    path = replace_file(directory / "drift.png", png(picture))
+    path, *_ = write_figure(picture, directory / "drift")
     return [_row(name, change) for name, change in changes.items()], _cart_pole(), path
 
 

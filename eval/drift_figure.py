@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from integ_gym.eval.diagnosis.drawing import Grid, Panels, named, scheme_style, schemes_of
+from integ_gym.eval.diagnosis.drawing import Grid, Panels, named
+from integ_gym.eval.figure_style import line_style
 from integ_gym.eval.formatting import compact, step
+from integ_gym.eval.scheme_style import styles_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +25,7 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
         changes: relative energy change at every step, by integrator.
         dt: step, s.
     """
-    schemes = schemes_of(changes)
+    styles = styles_of(changes)
     grid = Grid(
         "Energy drift of a released pendulum",
         f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; largest change within each "
@@ -35,12 +37,12 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
         count = len(change) // window
         envelope = 100.0 * np.abs(change[: count * window]).reshape(count, window).max(axis=1)
         time = (np.arange(count) + 0.5) * _WINDOW
-        style = {**scheme_style(name, schemes), "linewidth": 1.3}
-        axes.semilogy(time, envelope, **style)
+        style = styles[name]
+        axes.semilogy(time, envelope, **line_style(style, 1.3))
         label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"
         axes.annotate(
             label, (time[-1], envelope[-1]), xytext=(8, 0), textcoords="offset points",
-            size=8.5, color=style["color"], va="center", annotation_clip=False,
+            size=8.5, color=style.colour, va="center", annotation_clip=False,
         )  # fmt: skip
     axes.set_xlim(0.0, len(change) * dt)
     named(axes, "", "time, s", "|energy change|, %")

@@ -15,6 +15,7 @@ from integ_gym.eval.cells import Cell
 from integ_gym.eval.engine_cells import map_of
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.panel_model import EngineAgreement
 from integ_gym.eval.spec import PanelSpec
 
 VARIANTS = {
@@ -64,18 +65,13 @@ def _same_steps(first: str, second: str, plant: Plant, dt: float) -> bool:
     return max(map(largest_error, *steps)) < SAME
 
 
-def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> list[dict[str, Any]]:
+def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[EngineAgreement, ...]:
     """Every grid cell on a foreign engine beside its native twin.
 
     Args:
         layout: cells and rows.
         matrix: episodes of every row in every cell.
         spec: of the panel, whose plant has stops or friction, or has not.
-
-    Returns:
-        Per cell: its ``map``, its ``twin`` (null without one), ``success`` and ``twin_success``
-        over all rows, and how many of its ``episodes`` ended otherwise there, ``differing``;
-        of the rows, ``largest`` is the largest difference of success.
     """
     foreign = [
         cell
@@ -83,61 +79,59 @@ def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> list[dic
         if cell.kind == "grid" and cell.discretization.engine != NATIVE
     ]
     if not foreign or spec.reference is None:
-        return []
+        return ()
     nominal = spec.nominal
     twins = {
         cell.name: twin_of(cell, layout.cells, nominal.plant, nominal.system.steep)
         for cell in foreign
     }
-    return [_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign]
+    return tuple(_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign)
 
 
-def _agreement(cell: Cell, twin: str | None, layout: PanelLayout, matrix: Matrix) -> dict[str, Any]:
+def _agreement(
+    cell: Cell, twin: str | None, layout: PanelLayout, matrix: Matrix
+) -> EngineAgreement:
     rows = [row.name for row in layout.rows]
     here = [matrix.values(row, cell.name, "success") for row in rows]
-    found = {
-        "cell": cell.name,
+    there = [] if twin is None else [matrix.values(row, twin, "success") for row in rows]
+    pairs = list(zip(here, there, strict=False))
+    return EngineAgreement(
+        cell=cell.name,
         **cell.discretization.arguments(),
-        "map": map_of(cell.discretization),
-        "twin": twin,
-        "episodes": sum(values.size for values in here),
-        "success": _mean(here),
-        "twin_success": None,
-        "differing": None,
-        "largest": None,
-    }
-    if twin is None:
-        return found
-    there = [matrix.values(row, twin, "success") for row in rows]
-    pairs = list(zip(here, there, strict=True))
-    return {
-        **found,
-        "twin_success": _mean(there),
-        "differing": int(sum((a != b).sum() for a, b in pairs)),
-        "largest": float(max(abs(a.mean() - b.mean()) for a, b in pairs)),
-    }
+        map=map_of(cell.discretization),
+        twin=twin,
+        episodes=sum(values.size for values in here),
+        success=_mean(here),
+        twin_success=_mean(there) if there else None,
+        differing=int(sum((a != b).sum() for a, b in pairs)) if pairs else None,
+        largest=float(max(abs(a.mean() - b.mean()) for a, b in pairs)) if pairs else None,
+    )
 
 
 def _mean(values: Sequence[Any]) -> float:
     return float(np.concatenate([v.ravel() for v in values]).mean())
 
 
-def agreement_answer(found: Sequence[Mapping[str, Any]]) -> str | None:
+def agreement_answer(found: Sequence[EngineAgreement]) -> str | None:
     """In one sentence with numbers; None without an engine's cell that has a twin."""
-    paired = [one for one in found if one["twin"] is not None]
+    paired = [
+        (one, one.differing, one.largest)
+        for one in found
+        if one.differing is not None and one.largest is not None
+    ]
     if not paired:
         return None
-    same = [one for one in paired if one["differing"] == 0]
-    total = sum(one["episodes"] for one in paired)
-    if len(same) == len(paired):
+    same = sum(differing == 0 for _, differing, _ in paired)
+    total = sum(one.episodes for one, _, _ in paired)
+    if same == len(paired):
         return (
             f"Yes: on each of {len(paired)} cells of other engines all episodes, {total} in all, "
             "end as on the native engine with the same map, step and starts."
         )
-    worst = max(paired, key=lambda one: (one["largest"], one["differing"]))
+    worst, _, largest = max(paired, key=lambda one: (one[2], one[1]))
     return (
-        f"On {len(same)} of {len(paired)} cells of other engines every episode ends as on the "
+        f"On {same} of {len(paired)} cells of other engines every episode ends as on the "
         f"native engine with the same map, step and starts; of all {total} episodes "
-        f"{sum(one['differing'] for one in paired)} end otherwise, and no row's success differs "
-        f"by more than {worst['largest']:.2f} ({worst['cell']})."
+        f"{sum(differing for _, differing, _ in paired)} end otherwise, and no row's success "
+        f"differs by more than {largest:.2f} ({worst.cell})."
     )

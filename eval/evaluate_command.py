@@ -100,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         progress=not given.no_progress,
         on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
     )
-    say(panel["question"], sys.stdout)
-    say(panel["answer"], sys.stdout)
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0

@@ -1,4 +1,4 @@
-"""What all figures share: colours, markers, and how a figure is begun and written.
+"""What all figures share: lines and markers, and how a figure is begun and written.
 
 Everything goes through `matplotlib.figure.Figure` and the Agg canvas: pyplot is never imported
 and no global setting is changed, so figures can be drawn in any process.
@@ -9,9 +9,13 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from integ_gym.envs.extras import load
+from integ_gym.eval.colours import PALETTE
+from integ_gym.eval.scheme_style import MARKERS, Schemes, SchemeStyle
+from integ_gym.evidence.atomic import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,27 +24,36 @@ if TYPE_CHECKING:
 DPI: Final = 150
 """Dots per inch of every figure."""
 
-INK, SOFT, LINE, PAPER, SUNK = "#14171c", "#565c66", "#dedfd9", "#ffffff", "#efefeb"
-WARM, COOL = "#e8783c", "#5492d6"
-ACCENT: Final = "#2f4fb5"
+PAPER, SUNK, LINE, INK, SOFT, WARM, COOL = (
+    PALETTE[name][0] for name in ("card", "sunk", "line", "ink", "soft", "warm", "cool")
+)
 
-SCHEME_COLOURS: Final = (
-    "#c44e00", "#0067a5", "#008060", "#a8437c", "#8a6d00", "#6b9400", "#5b5f97",
-)  # fmt: skip
-"""Colours of integrators; markers tell them apart as well."""
+FORMATS: Final[dict[str, dict[str, str | None]]] = {
+    ".png": {"Software": "integ-gym"},
+    ".svg": {"Creator": "integ-gym", "Date": None},
+    ".pdf": {"Creator": "integ-gym", "Producer": None, "CreationDate": None},
+}
+"""Suffixes of the files of every figure, to what they say of themselves: nothing that changes."""
 
-SCHEME_MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
-"""Markers of integrators."""
 
+def write_figure(figure: Figure, path: Path) -> list[Path]:
+    """Write a figure in every format; the same figure gives the same bytes.
 
-def png(figure: Figure) -> bytes:
-    """A figure as the content of a PNG file."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    Args:
+        figure: the figure.
+        path: of the files, without a suffix.
 
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": "integ-gym"})
-    return buffer.getvalue()
+    Returns:
+        The files written, each complete as soon as it is there.
+    """
+    matplotlib = load("matplotlib", "report")
+    written = []
+    for suffix, metadata in FORMATS.items():
+        buffer = io.BytesIO()
+        with matplotlib.rc_context({"svg.hashsalt": "integ-gym", "pdf.fonttype": 42}):
+            figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=metadata)
+        written.append(replace_file(path.with_name(path.name + suffix), buffer.getvalue()))
+    return written
 
 
 def blank_figure(width: float, height: float) -> Figure:
@@ -111,20 +124,26 @@ class Entry(NamedTuple):
     marker: Mapping[str, Any] | None = None
 
 
-def scheme_entries(schemes: Mapping[str, int]) -> list[Entry]:
-    """One entry for each integrator, by its place."""
-    entries = []
-    for name, place in schemes.items():
-        colour = SCHEME_COLOURS[place % len(SCHEME_COLOURS)]
-        marker = SCHEME_MARKERS[place % len(SCHEME_MARKERS)]
-        line = {"color": colour, "linewidth": 1.6}
-        entries.append(Entry(name, line, {"color": colour, "marker": marker, "markersize": 5}))
-    return entries
+def line_style(style: SchemeStyle, width: float = 1.6) -> dict[str, Any]:
+    """Properties of an integrator's line, as Matplotlib takes them."""
+    dashes = (0, style.dashes) if style.dashes else "-"
+    return {"color": style.colour, "linewidth": width, "linestyle": dashes}
 
 
-def scheme_legend(canvas: Axes, schemes: Mapping[str, int], wide: float, y: float = 0.92) -> None:
-    """One entry for each integrator, on as many lines as it takes."""
-    draw_legend(canvas, scheme_entries(schemes), wide, y)
+def marker_style(style: SchemeStyle) -> dict[str, Any]:
+    """Properties of an integrator's marker, as Matplotlib takes them."""
+    corners = MARKERS[style.marker]
+    reach = max(abs(place) for corner in corners for place in corner)
+    edge = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
+    return {"marker": corners, "markersize": 7.2 * reach, **edge}
+
+
+def scheme_entries(schemes: Schemes) -> list[Entry]:
+    """One entry for each integrator."""
+    return [
+        Entry(name, line_style(style), {"color": style.colour, **marker_style(style)})
+        for name, style in schemes.items()
+    ]
 
 
 def draw_legend(canvas: Axes, entries: Sequence[Entry], wide: float, y: float = 0.92) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.eval.panel_model import Entry, Estimate, Failure, RowKind
 from integ_gym.eval.statistics import (
     Interval,
     iqm,
@@ -19,7 +20,7 @@ from integ_gym.eval.statistics import (
     rate_interval,
     unpaired_difference,
 )
-from integ_gym.eval.verdict import LEARNED, reference_class
+from integ_gym.eval.verdict import LEARNED, ReferenceClass, reference_class
 
 Array = npt.NDArray[Any]
 
@@ -43,7 +44,7 @@ class Row:
     """
 
     name: str
-    kind: str
+    kind: RowKind
     policies: tuple[str, ...]
     shares: Mapping[str, float] = field(default_factory=dict)
 
@@ -116,8 +117,14 @@ class Matrix:
         return None if home is None else bool(home.mean() >= LEARNED)
 
     def entry(
-        self, row: str, cell: str, native: str | None, reference: str | None
-    ) -> dict[str, Any]:
+        self,
+        row: str,
+        cell: str,
+        native: str | None,
+        reference: str | None,
+        file: Sequence[str] = (),
+        query: str = "",
+    ) -> Entry:
         """Everything that the panel says about one row in one cell.
 
         Args:
@@ -126,81 +133,80 @@ class Matrix:
             native: the row that was trained in this cell, if there is one.
             reference: name of the reference cell, or None where the cell's plant or control
                 period is another.
+            file: evidence files that hold the records.
+            query: command that lists them.
         """
         records = [record for group in self.records(row, cell) for record in group]
         rates = self.rates(row, cell)
-        return {
-            "row": row,
-            "cell": cell,
-            "episodes": len(records),
-            "success": asdict(rate_interval(rates)),
-            "success_by_seed": rates.tolist(),
-            "return": self._return(row, cell),
-            "time_to_success": self._mean(row, cell, "time_to_success"),
-            "time_to_success_episodes": sum(r["time_to_success"] is not None for r in records),
-            "energy_residual": self._mean(row, cell, "energy_residual_total"),
-            "energy_residual_abs": self._mean(row, cell, "energy_residual_abs_total"),
-            "diverged": sum(record["solver_status"] == "diverged" for record in records),
-            "not_converged": sum(r["solver_status"] == "not_converged" for r in records),
-            "home_drop": self._home_drop(row, cell),
-            "transfer_gap": self._transfer_gap(row, cell, native),
-            "reference_class": self._reference_class(row, cell, reference),
-            "labels": dict(Counter(record["failure_label"] for record in records)),
-        }
+        return Entry(
+            row=row,
+            cell=cell,
+            episodes=len(records),
+            success=Estimate.of(rate_interval(rates)),
+            success_by_seed=tuple(rates.tolist()),
+            returns=self._return(row, cell),
+            time_to_success=self._mean(row, cell, "time_to_success"),
+            time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
+            energy_residual=self._mean(row, cell, "energy_residual_total"),
+            energy_residual_abs=self._mean(row, cell, "energy_residual_abs_total"),
+            diverged=sum(record["solver_status"] == "diverged" for record in records),
+            not_converged=sum(r["solver_status"] == "not_converged" for r in records),
+            home_drop=self._home_drop(row, cell),
+            transfer_gap=self._transfer_gap(row, cell, native),
+            reference_class=self._reference_class(row, cell, reference),
+            labels=dict(Counter(record["failure_label"] for record in records)),
+            file=tuple(file),
+            query=query,
+        )
 
-    def failures(self, row: str, cell: str) -> list[dict[str, Any]]:
+    def failures(self, row: str, cell: str) -> list[Failure]:
         """Failed episodes with their labels and reasons."""
         return [
-            {
-                "row": row,
-                "cell": cell,
-                "policy": record["policy_id"],
-                "episode_index": record["episode_index"],
-                "record_id": record["record_id"],
-                "label": record["failure_label"],
-                "reason": record["failure_reason"],
-            }
+            Failure(
+                row=row,
+                cell=cell,
+                policy=record["policy_id"],
+                episode_index=record["episode_index"],
+                record_id=record["record_id"],
+                label=record["failure_label"],
+                reason=record["failure_reason"],
+            )
             for group in self.records(row, cell)
             for record in group
             if not record["success"]
         ]
 
-    def _return(self, row: str, cell: str) -> dict[str, Any] | None:
+    def _return(self, row: str, cell: str) -> Estimate | None:
         values = self.values(row, cell, "return")
         if not np.isfinite(values).all():
             return None
-        return _interval(iqm_interval(values)) or _point(iqm(values))
+        return _estimate(iqm_interval(values), iqm(values))
 
-    def _mean(self, row: str, cell: str, name: str) -> dict[str, Any] | None:
+    def _mean(self, row: str, cell: str, name: str) -> Estimate | None:
         """Mean over seeds of each seed's mean over its episodes that have a value."""
         values = self.values(row, cell, name)
         present = np.isfinite(values)
         means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
-        if not means:
-            return None
-        return _interval(mean_interval(means)) or _point(means[0])
+        return _estimate(mean_interval(means), means[0]) if means else None
 
-    def _home_drop(self, row: str, cell: str) -> dict[str, Any] | None:
+    def _home_drop(self, row: str, cell: str) -> Estimate | None:
         home = self.home_rates(row)
         if home is None or self.rows[row].home == cell:
             return None
-        return asdict(paired_difference(home, self.rates(row, cell)).interval)
+        return Estimate.of(paired_difference(home, self.rates(row, cell)).interval)
 
-    def _transfer_gap(self, row: str, cell: str, native: str | None) -> dict[str, Any] | None:
+    def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
             return None
-        return asdict(unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval)
+        gap = unpaired_difference(self.rates(native, cell), self.rates(row, cell))
+        return Estimate.of(gap.interval)
 
-    def _reference_class(self, row: str, cell: str, reference: str | None) -> str | None:
+    def _reference_class(self, row: str, cell: str, reference: str | None) -> ReferenceClass | None:
         if reference in (None, cell) or not self.has(row, str(reference)):
             return None
         return reference_class(self.rates(row, cell).mean(), self.rates(row, str(reference)).mean())
 
 
-def _interval(interval: Interval | None) -> dict[str, Any] | None:
-    return None if interval is None else asdict(interval)
-
-
-def _point(value: float) -> dict[str, Any]:
-    """An estimate without an interval: one seed says nothing about others."""
-    return {"estimate": float(value), "low": None, "high": None, "level": None}
+def _estimate(interval: Interval | None, alone: float) -> Estimate:
+    """An estimate; one seed alone, which says nothing about others, has no interval."""
+    return Estimate(float(alone)) if interval is None else Estimate.of(interval)

@@ -13,7 +13,9 @@ from importlib import resources
 from typing import Any, Final
 
 from integ_gym.envs.extras import load
+from integ_gym.eval.colours import PALETTE, channels
 from integ_gym.eval.formatting import compact, fixed, seconds, step
+from integ_gym.eval.scheme_style import HUES
 
 SCRIPT: Final = """
 (function () {
@@ -62,13 +64,31 @@ def page_environment() -> Any:
 def page_parts() -> dict[str, Any]:
     """`style`, `script` and `script_hash`, as templates name them."""
     markup = load("markupsafe", "report").Markup
-    style = resources.files("integ_gym.eval").joinpath("page.css").read_text("utf-8")
+    sheet = resources.files("integ_gym.eval").joinpath("page.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
     return {
-        "style": markup(style),
+        "style": markup(f"{_colours()}\n{sheet}"),
         "script": markup(SCRIPT),
         "script_hash": f"sha256-{digest}",
     }
+
+
+def _colours() -> str:
+    """The colours of both schemes as properties, with a class for each hue of integrators."""
+    grounds = []
+    for ground in (0, 1):
+        found = {name: pair[ground] for name, pair in PALETTE.items()}
+        found |= {f"h-{name}": pair[ground] for name, pair in HUES.items()}
+        # thinned out on the page, hence as channels
+        found |= {name: " ".join(map(str, channels(found[name]))) for name in ("warm", "cool")}
+        grounds.append(" ".join(f"--{name}: {value};" for name, value in found.items()))
+    light, dark = grounds
+    classes = " ".join(f".h-{name} {{ --c: var(--h-{name}); }}" for name in HUES)
+    return (
+        f":root {{ {light} --shadow: 0 1px 2px rgb(20 23 28 / .05), 0 6px 20px "
+        "rgb(20 23 28 / .05); }\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {dark} --shadow: none; }} }}\n{classes}"
+    )
 
 
 def _soft(text: Any) -> Any:

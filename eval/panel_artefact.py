@@ -2,64 +2,90 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.artefact import Facts, build_artefact
 from integ_gym.eval.cells import Home
-from integ_gym.eval.engine_agreement import agreement_answer, agreements
+from integ_gym.eval.engine_agreement import agreements
 from integ_gym.eval.evaluation_units import Evaluated, evaluated
 from integ_gym.eval.figures import write_figures
 from integ_gym.eval.matrix import COLUMNS, Matrix, Row
 from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.panel_model import Cost, Panel, Policy, write_panel
 from integ_gym.eval.report import write_report
-from integ_gym.eval.run_directory import RunDirectory, write_json
+from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.eval.training_cost import training_costs
 from integ_gym.eval.units import Unit, training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 
 
-def write_artefact(
-    spec: PanelSpec, directory: RunDirectory, command: str, workers: int
-) -> dict[str, Any]:
+def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, workers: int) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
-    layout = layout_of(spec)
+    layout, units = layout_of(spec), units_of(spec)
     matrix = Matrix(layout.rows, evaluation_records(directory), spec.episodes)
     held = evaluated(directory)
-    facts = {
+    facts = facts_of(
+        spec,
+        directory,
+        command,
+        workers,
+        {unit.policy: _policy(unit, held) for unit in units},
+        training=[unit.training for unit in units],
+        training_steps=_training_steps(spec),
+        training_costs=training_costs(
+            EvidenceStore(directory.evidence),
+            {row.name: row.policies for row in layout.rows if row.kind == "trained"},
+        ),
+        engine_agreement=agreements(layout, matrix, spec),
+    )
+    panel = build_artefact(layout, matrix, facts)
+    write_outputs(panel, directory)
+    return panel
+
+
+def facts_of(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    command: str,
+    workers: int,
+    policies: Mapping[str, Policy],
+    /,
+    *,
+    training: Sequence[str] = (),
+    **more: Any,
+) -> Facts:
+    """What a panel says beside its outcome.
+
+    Args:
+        spec: of the panel.
+        directory: of the finished run.
+        command: how to run it again, for the page.
+        workers: processes.
+        policies: by id.
+        training: names of the run's training units.
+        more: further attributes of :class:`Facts`, or others in place of these.
+    """
+    held = evaluated(directory)
+    own = {
         "name": spec.name,
         "question": spec.question,
         "spec": spec.to_json(),
         "protocol_gaps": spec.gaps(),
         "command": command,
-        "training_steps": _training_steps(spec),
-        "training_costs": training_costs(
-            EvidenceStore(directory.evidence),
-            {row.name: row.policies for row in layout.rows if row.kind == "trained"},
-        ),
-        "policies": {unit.policy: _policy(unit, held) for unit in units_of(spec)},
-        "cost": cost_of(directory, [unit.training for unit in units_of(spec)], workers),
         "directory": str(directory.path),
-        "seeds_total": len(spec.seeds),
+        "versions": directory.versions(),
+        "cost": cost_of(directory, training, workers),
+        "policies": policies,
+        "files": {policy: there.file for policy, there in held.items()},
     }
-    panel = build_artefact(layout, matrix, facts)
-    panel["versions"] = directory.versions()
-    panel["engine_agreement"] = agreements(layout, matrix, spec)
-    if not spec.family:
-        panel["answer"] = agreement_answer(panel["engine_agreement"]) or panel["answer"]
-    write_outputs(panel, layout, directory)
-    return panel
+    return Facts(**{**own, **more})
 
 
-def write_outputs(panel: dict[str, Any], layout: PanelLayout, directory: RunDirectory) -> None:
-    """Write ``panel.json``, with where its records are, the figures and the page."""
-    held = evaluated(directory)
-    for entry in panel["matrix"]:
-        entry.update(_whereabouts(entry, layout, held, directory.path))
-    write_json(directory.path / "panel.json", panel)
+def write_outputs(panel: Panel, directory: RunDirectory) -> None:
+    """Write ``panel.json``, the figures and the page."""
+    write_panel(panel, directory.path)
     write_figures(panel, directory.path / "figures")
     write_report(panel, directory.path)
 
@@ -122,14 +148,13 @@ def _training_steps(spec: PanelSpec) -> int:
     return training_config(spec, trained).total_steps
 
 
-def _policy(unit: Unit, held: Mapping[str, Evaluated]) -> dict[str, Any]:
+def _policy(unit: Unit, held: Mapping[str, Evaluated]) -> Policy:
     file = None if unit.home is None else f"policies/{unit.policy}/policy.zip"
-    policy_hash = held[unit.policy].policy_hash
-    return {"id": unit.policy, "seed": unit.seed, "hash": policy_hash, "file": file}
+    return Policy(id=unit.policy, seed=unit.seed, hash=held[unit.policy].policy_hash, file=file)
 
 
-def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> dict[str, Any]:
-    """What a run took, interrupted runs included, s.
+def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> Cost:
+    """What a run took, interrupted runs included.
 
     Args:
         directory: of the run.
@@ -137,28 +162,9 @@ def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> d
         workers: processes.
     """
     evaluation = sorted({there.unit for there in evaluated(directory).values()})
-    return {
-        "wall_seconds": round(directory.wall_seconds([*training, *evaluation]), 1),
-        "workers": workers,
-        "train_seconds": round(directory.seconds(training), 1),
-        "evaluate_seconds": round(directory.seconds(evaluation), 1),
-    }
-
-
-def _whereabouts(
-    entry: Mapping[str, Any], layout: PanelLayout, held: Mapping[str, Evaluated], path: Path
-) -> dict[str, Any]:
-    """Where the records behind an entry are, and the query that lists them."""
-    row = next(row for row in layout.rows if row.name == entry["row"])
-    files = list(dict.fromkeys(held[policy].file for policy in row.policies))
-    policies = ", ".join(_quoted(policy) for policy in row.policies)
-    sql = (
-        "SELECT record_id, episode_index, success, failure_label FROM records "
-        f"WHERE cell = {_quoted(entry['cell'])} AND policy_id IN ({policies})"
+    return Cost(
+        wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),
+        workers=workers,
+        train_seconds=round(directory.seconds(training), 1),
+        evaluate_seconds=round(directory.seconds(evaluation), 1),
     )
-    return {"file": files, "query": shlex.join(["integ-gym", "evidence", "query", str(path), sql])}
-
-
-def _quoted(text: str) -> str:
-    """A string literal of SQL."""
-    return "'" + text.replace("'", "''") + "'"

@@ -9,11 +9,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from integ_gym.envs.extras import require
 from integ_gym.eval.panel import run_panel
 from integ_gym.eval.panel_artefact import write_artefact
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, built_in_spec, read_spec
 from integ_gym.eval.spec.checks import TRAINERS
@@ -87,10 +87,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words += ["--trainer", arguments.trainer] if arguments.trainer else []
     words += ["--policies", str(arguments.policies)] if arguments.policies else []
     command = shlex.join([*words, "--out", str(arguments.out)])
-    panel: dict[str, Any] = {}
+    written: list[Panel] = []
 
     def report(directory: RunDirectory) -> None:
-        panel.update(write_artefact(spec, directory, command, arguments.workers or cores()))
+        written.append(write_artefact(spec, directory, command, arguments.workers or cores()))
 
     run_panel(
         spec,
@@ -100,11 +100,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         policies=arguments.policies,
         finish=report,
     )
-    say(panel["question"], sys.stdout)
-    say(panel["answer"], sys.stdout)
-    for verdict in panel["verdicts"]:
-        name = f"  {verdict['verdict']:<13}"
-        print(beside(name, f"{verdict['name']}: {verdict['reason']}", width_of(sys.stdout)))
+    (panel,) = written
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
+    for verdict in panel.verdicts:
+        name = f"  {verdict.verdict:<13}"
+        print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     return 0
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.eval.figures import write_figures
+from integ_gym.eval.panel_model import FILE_NAME, read_panel
 from integ_gym.eval.report import write_report
-from integ_gym.eval.run_directory import MANIFEST, read_json
+from integ_gym.eval.run_directory import MANIFEST
 from integ_gym.evidence.command_line import CommandParser
 
 
@@ -27,15 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     directory = parser().parse_args(argv).directory
     _check(directory)
-    panel = read_json(directory / "panel.json")
-    try:
-        write_figures(panel, directory / "figures")
-        page = write_report(panel, directory)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{directory / 'panel.json'} is damaged ({type(error).__name__}: {error}); run the "
-            "panel again to write it anew"
-        ) from error
+    panel = read_panel(directory / FILE_NAME)
+    write_figures(panel, directory / "figures")
+    page = write_report(panel, directory)
     print(f"Page: {page.resolve()}")
     return 0
 
@@ -46,7 +41,7 @@ def _check(directory: Path) -> None:
     Raises:
         ValueError: if not, with what to do.
     """
-    if (directory / "panel.json").exists():
+    if (directory / FILE_NAME).exists():
         return
     if not directory.is_dir():
         raise ValueError(f"there is no directory {directory}; give the directory of a panel")

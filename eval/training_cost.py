@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.eval.statistics import median_interval
+from integ_gym.eval.panel_model import Median, TrainingCost
+from integ_gym.eval.statistics import Interval, median_interval
 from integ_gym.evidence.store import EvidenceStore
 
 WINDOW = 100
@@ -41,7 +41,7 @@ def decisions_to_success(lengths: Array, successes: Array) -> float:
 
 def training_costs(
     store: EvidenceStore, policies: Mapping[str, Sequence[str]]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, TrainingCost]:
     """Cost of every row, from the records of its training episodes.
 
     Args:
@@ -49,8 +49,7 @@ def training_costs(
         policies: policy ids by row.
 
     Returns:
-        By row: decisions of every seed (null: not reached), how many reached it, and the median
-        over seeds with its interval (null where it is not reached).
+        By row.
     """
     table = store.query(
         "SELECT policy_id, length, success FROM records WHERE phase = 'training' "
@@ -65,16 +64,21 @@ def training_costs(
     return costs
 
 
-def _cost(by_seed: Sequence[float]) -> dict[str, Any]:
-    median = median_interval(by_seed)
-    interval = {} if median is None else asdict(median)
-    return {
-        "window": WINDOW,
-        "rate": RATE,
-        "by_seed": [_known(value) for value in by_seed],
-        "reached": int(np.isfinite(by_seed).sum()),
-        "median": {name: _known(value) for name, value in interval.items()} or None,
-    }
+def _cost(by_seed: Sequence[float]) -> TrainingCost:
+    return TrainingCost(
+        window=WINDOW,
+        rate=RATE,
+        by_seed=tuple(_known(value) for value in by_seed),
+        reached=int(np.isfinite(by_seed).sum()),
+        median=_median(median_interval(by_seed)),
+    )
+
+
+def _median(found: Interval | None) -> Median | None:
+    if found is None:
+        return None
+    estimate, low, high = (_known(value) for value in (found.estimate, found.low, found.high))
+    return Median(estimate=estimate, low=low, high=high, level=found.level)
 
 
 def _known(value: float) -> float | None:

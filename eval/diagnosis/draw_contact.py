@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from integ_gym.eval.diagnosis.drawing import Curve, Grid, Panels, Schemes, named, numbers
+from integ_gym.eval.diagnosis.drawing import Curve, Grid, Panels, named, numbers
 from integ_gym.eval.diagnosis.theory import THEORY
 from integ_gym.eval.figure_style import COOL, INK, PAPER, SOFT, WARM, Entry, axes_at
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,17 +12,16 @@ from integ_gym.eval.diagnosis.drawing import (
     Curve,
     Grid,
     Panels,
-    Schemes,
     entries,
     named,
     numbers,
     plants_of,
-    scheme_marker,
     scheme_style,
 )
 from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.diagnosis.theory import THEORY
-from integ_gym.eval.figure_style import INK, SOFT, Entry
+from integ_gym.eval.figure_style import INK, SOFT, Entry, marker_style
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,7 +86,7 @@ def _curves(
 def _curve(axes: Axes, curve: Curve, across: str, schemes: Schemes) -> None:
     name, errors = curve["integrator"], np.maximum(numbers(curve["errors"]), _SMALLEST)
     if name != TRUTH:
-        style = {**scheme_style(name, schemes), **scheme_marker(name, schemes)}
+        style = {**scheme_style(name, schemes), **marker_style(schemes[name])}
         axes.loglog(numbers(curve[across]), errors, **style)
     elif across == "steps":
         axes.axhline(errors[0], **scheme_style(name, schemes))
@@ -139,7 +138,7 @@ def _growth(axes: Axes, curve: Curve, schemes: Schemes) -> None:
     name = curve["integrator"]
     style = scheme_style(name, schemes)
     axes.plot(numbers(curve["h_omega"]), numbers(curve["radius"]), **style)
-    markers = {**scheme_marker(name, schemes), "color": style["color"], "linestyle": "none"}
+    markers = {**marker_style(schemes[name]), "color": style["color"], "linestyle": "none"}
     axes.plot(numbers(curve["followed"]), numbers(curve["growth"]), zorder=3, **markers)
 
 

@@ -11,7 +11,6 @@ from integ_gym.eval.diagnosis.drawing import (
     Curve,
     Grid,
     Panels,
-    Schemes,
     entries,
     named,
     numbers,
@@ -21,6 +20,7 @@ from integ_gym.eval.diagnosis.drawing import (
 from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.figure_style import plain
 from integ_gym.eval.formatting import step
+from integ_gym.eval.scheme_style import Schemes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis share: colours of integrators, and grids of plots."""
+"""What the figures of a diagnosis share: lines of integrators, and grids of plots."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from integ_gym.eval.diagnosis.section import TRUTH
 from integ_gym.eval.figure_style import (
     INK,
     LINE,
-    PAPER,
-    SCHEME_COLOURS,
-    SCHEME_MARKERS,
     SOFT,
     Entry,
     axes_at,
@@ -24,9 +21,11 @@ from integ_gym.eval.figure_style import (
     draw_legend,
     inch_canvas,
     legend_lines,
+    line_style,
     plain,
     scheme_entries,
 )
+from integ_gym.eval.scheme_style import Schemes, styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
 
 Curve = Mapping[str, Any]
 """One curve of ``diagnose.json``."""
-
-Schemes = Mapping[str, int]
-"""Integrator to the place of its colour and marker."""
 
 NARROWEST: Final = 8.4
 """Inches of the narrowest figure: its heading needs them."""
@@ -48,24 +44,17 @@ _HEADING: Final = 0.8
 _LINE: Final = 0.2
 
 
-def schemes_of(names: Iterable[str]) -> dict[str, int]:
-    """Place of every integrator's colour and marker; the truth is drawn in ink."""
-    return {name: place for place, name in enumerate(n for n in names if n != TRUTH)}
+def schemes_of(names: Iterable[str]) -> Schemes:
+    """Styles of all integrators but the truth, which is drawn by itself."""
+    return styles_of(name for name in names if name != TRUTH)
 
 
 def scheme_style(name: str, schemes: Schemes) -> dict[str, Any]:
     """The line of an integrator; later ones are thinner, so that none hides another."""
     if name == TRUTH:
         return {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
-    place = schemes[name]
-    thick = 1.2 + 0.3 * max(0, len(schemes) - 1 - place)
-    return {"color": SCHEME_COLOURS[place % len(SCHEME_COLOURS)], "linewidth": thick}
-
-
-def scheme_marker(name: str, schemes: Schemes) -> dict[str, Any]:
-    """The marker of an integrator."""
-    marker = SCHEME_MARKERS[schemes[name] % len(SCHEME_MARKERS)]
-    return {"marker": marker, "markersize": 5, "markeredgecolor": PAPER, "markeredgewidth": 0.6}
+    later = len(schemes) - 1 - list(schemes).index(name)
+    return line_style(schemes[name], 1.2 + 0.3 * max(0, later))
 
 
 def entries(schemes: Schemes, truth: Mapping[str, Any] | None = None) -> list[Entry]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from integ_gym.eval.artefact import build_artefact
 from integ_gym.eval.cells import Cell
@@ -16,18 +15,20 @@ from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel import baseline_of
 from integ_gym.eval.panel_artefact import (
-    cost_of,
     evaluation_records,
+    facts_of,
     make_layout,
     shares_of,
     write_outputs,
 )
-from integ_gym.eval.panel_layout import PanelLayout
+from integ_gym.eval.panel_model import Panel
+from integ_gym.eval.panel_model import Policy as PanelPolicy
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.eval.work import working
 from integ_gym.evidence.atomic import replace_file
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy.interface import Policy
 from integ_gym.train.sidecar import POLICY_FILE
 from integ_gym.train.worker import cores
 
@@ -43,7 +44,7 @@ def evaluate_existing(
     *,
     progress: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
-) -> dict[str, Any]:
+) -> Panel:
     """Evaluate a policy and the baselines, and write the usual directory.
 
     Args:
@@ -55,12 +56,13 @@ def evaluate_existing(
         on_doubt: called at the end, with each sentence that casts doubt on the result.
 
     Returns:
-        The content of ``panel.json``; ``warnings`` lists the doubts.
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
         PanelError: if an evaluation fails; what was finished stays.
     """
+    row = existing.policy.policy_id
     content = {**spec.to_json(), "policy": existing.policy.content_hash}
     directory = RunDirectory(out, content, spec.engine_versions())
     subjects = [
@@ -71,68 +73,42 @@ def evaluate_existing(
     workers = 0 if seconds < SHORT else cores()
     with directory.opened():
         for name, source in existing.files.items():
-            replace_file(directory.policies / existing.policy.policy_id / name, source.read_bytes())
+            replace_file(directory.policies / row / name, source.read_bytes())
         with working("evaluate", seconds, workers, progress) as work:
             evaluate_all(spec, directory, subjects, work, max(1, workers))
-        layout, matrix = outcome(existing, spec, directory)
-        facts = facts_of(existing, spec, directory, command, max(1, workers))
-        panel = build_artefact(layout, matrix, facts)
-        if spec.reference is None:
-            panel["answer"] += f" {_returns(existing, spec, matrix)}"
-        panel["warnings"] = [
-            *_no_better(existing, matrix),
-            *_cannot_fail(spec, EvidenceStore(directory.evidence)),
-        ]
-        for doubt in panel["warnings"]:
+        rows = (
+            Row(row, "given", (row,), shares_of(existing.home)),
+            *(Row(name, "baseline", (name,)) for name in spec.baselines),
+        )
+        layout = make_layout(spec, rows, {row: existing.home})
+        matrix = Matrix(rows, evaluation_records(directory), spec.episodes)
+        facts = facts_of(
+            spec,
+            directory,
+            command,
+            max(1, workers),
+            {subject.policy.policy_id: _told(existing, subject.policy) for subject in subjects},
+            spec={**spec.to_json(), "home": existing.origin},
+            remark="" if spec.reference else _returns(existing, spec, matrix),
+            warnings=[
+                *_no_better(existing, matrix),
+                *_cannot_fail(spec, EvidenceStore(directory.evidence)),
+            ],
+        )
+        for doubt in facts.warnings:
             on_doubt(doubt)
-        write_outputs(panel, layout, directory)
+        panel = build_artefact(layout, matrix, facts)
+        write_outputs(panel, directory)
     return panel
 
 
-def outcome(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory
-) -> tuple[PanelLayout, Matrix]:
-    """Rows and cells of a finished evaluation, and what came out."""
-    homes = {existing.policy.policy_id: existing.home}
-    layout = make_layout(spec, _rows(existing, spec), homes)
-    return layout, Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-
-
-def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
-    row = existing.policy.policy_id
-    return (
-        Row(row, "given", (row,), shares_of(existing.home)),
-        *(Row(name, "baseline", (name,)) for name in spec.baselines),
-    )
-
-
-def facts_of(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory, command: str, workers: int = 1
-) -> dict[str, Any]:
-    """What the artefact says of the evaluation beside its outcome."""
-    row = existing.policy.policy_id
-    return {
-        "name": spec.name,
-        "question": spec.question,
-        "spec": {**spec.to_json(), "home": existing.origin},
-        "protocol_gaps": spec.gaps(),
-        "command": command,
-        "directory": str(directory.path),
-        "training_steps": None,
-        "policies": {
-            row: {
-                "id": row,
-                "seed": existing.seed,
-                "hash": existing.policy.content_hash,
-                "file": f"policies/{row}/{POLICY_FILE}",
-            },
-            **{
-                name: {"id": name, "seed": None, "hash": None, "file": None}
-                for name in spec.baselines
-            },
-        },
-        "cost": cost_of(directory, [], workers),
-    }
+def _told(existing: Existing, policy: Policy) -> PanelPolicy:
+    """What the panel says of a policy; of a baseline no more than its name."""
+    name = policy.policy_id
+    if policy is not existing.policy:
+        return PanelPolicy(id=name, seed=None, hash=None, file=None)
+    file = f"policies/{name}/{POLICY_FILE}"
+    return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)
 
 
 def _home_cell(existing: Existing) -> str:

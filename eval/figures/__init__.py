@@ -1,4 +1,4 @@
-"""Figures of a panel as PNG files."""
+"""Figures of a panel as files."""
 
 from integ_gym.eval.figures.write import write_figures
 

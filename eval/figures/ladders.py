@@ -3,115 +3,81 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 from integ_gym.eval.figure_style import (
     INK,
     LINE,
-    PAPER,
-    SCHEME_COLOURS,
-    SCHEME_MARKERS,
     SOFT,
+    Entry,
     axes_at,
     bare,
     blank_figure,
     draw_heading,
+    draw_legend,
     inch_canvas,
+    legend_lines,
+    line_style,
+    marker_style,
     plain,
-    scheme_legend,
+    scheme_entries,
 )
-from integ_gym.eval.formatting import step
-from integ_gym.eval.report_data.estimate import Estimate
-from integ_gym.eval.report_data.ladders import Ladder, Rung, ladders_of
-from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.ladders import LadderPlot, LadderPlots, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Rungs: TypeAlias = Mapping[str, tuple[Rung, ...]]
-"""For every scheme, rungs from coarse to fine."""
-
-MAX_LADDERS: Final = 12
-"""Rows whose refinement ladders are drawn."""
+_WIDTH, _HEIGHT, _SIDE, _BELOW = 2.55, 1.75, 0.62, 1.02  # inches of a plot, and between two
+_ASIDE = 0.011  # of the width, by which lines are moved
+_TRUTH: Final[dict[str, Any]] = {"color": INK, "linewidth": 1.3, "linestyle": (0, (4, 3))}
 
 
-def draw_ladders(panel: Panel) -> Figure | None:
-    """Success against the step: control period fixed on the left, following it on the right."""
-    ladders = ladders_of(panel)[:MAX_LADDERS]
-    if not ladders:
-        return None
-    follows = any(ladder.following for ladder in ladders)
-    names = dict.fromkeys(name for ladder in ladders for name in (*ladder.fixed, *ladder.following))
-    schemes = {name: place for place, name in enumerate(names)}
-    across = 2 if len(ladders) > 1 else 1
-    plots = 2 if follows else 1
-    down = math.ceil(len(ladders) / across)
-    width, height, side, top = 2.55, 1.75, 0.62, 1.5
-    unit = plots * (width + side) + 0.3
-    figure = blank_figure(max(0.3 + across * unit, 6.9), top + down * (height + 1.02) + 0.1)
-    high = float(figure.get_size_inches()[1])
+def draw_ladders(ladders: LadderPlots) -> Figure:
+    """Every row's plots side by side, two rows across."""
+    across = 2 if len(ladders.rows) > 1 else 1
+    down = math.ceil(len(ladders.rows) / across)
+    unit = (2 if ladders.follows else 1) * (_WIDTH + _SIDE) + 0.3
+    wide = max(0.3 + across * unit, 6.9)
+    legend = [*scheme_entries(ladders.schemes), Entry("truth", _TRUTH)]
+    top = 1.3 + 0.2 * legend_lines(legend, wide)
+    high = top + down * (_HEIGHT + _BELOW) + 0.1
+    figure = blank_figure(wide, high)
     canvas = inch_canvas(figure)
     about = "success of the same policies as the step shrinks; finer to the right"
-    about += "" if panel.truth is None else ", dashed: truth"
     draw_heading(canvas, 0.3, "Refinement ladder", about)
-    scheme_legend(canvas, schemes, float(figure.get_size_inches()[0]))
-    for number, ladder in enumerate(ladders):
+    draw_legend(canvas, legend, wide)
+    for number, (row, plots) in enumerate(ladders.rows):
         x = 0.3 + (number % across) * unit
-        y = top + (number // across) * (height + 1.02)
-        canvas.text(x, y - 0.02, plain(ladder.row.name), size=10, color=INK, weight="bold")
-        for place, (words, rungs, truth) in enumerate(_ladder_plots(ladder)):
-            if rungs:
-                left = x + 0.42 + place * (width + side)
-                axes = axes_at(figure, left, high - y - 0.32 - height, width, height)
-                _ladder_axes(axes, rungs, schemes, truth, words)
+        y = top + (number // across) * (_HEIGHT + _BELOW)
+        canvas.text(x, y - 0.02, plain(row), size=10, color=INK, weight="bold")
+        for place, plot in enumerate(plots):
+            left = x + 0.42 + place * (_WIDTH + _SIDE)
+            axes = axes_at(figure, left, high - y - 0.32 - _HEIGHT, _WIDTH, _HEIGHT)
+            _draw_plot(axes, plot)
     return figure
 
 
-def _ladder_plots(ladder: Ladder) -> tuple[tuple[str, Rungs, Estimate | None], ...]:
-    truth = None if ladder.truth is None else ladder.truth.success
-    period = "" if ladder.control_period is None else f" at {step(ladder.control_period)} s"
-    return (
-        (f"control period fixed{period}", ladder.fixed, truth),
-        ("control period follows the step", ladder.following, None),
-    )
-
-
-def _ladder_axes(
-    axes: Axes,
-    rungs: Rungs,
-    schemes: dict[str, int],
-    truth: Estimate | None,
-    words: str,
-) -> None:
-    steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
-    axes.set(ylim=(-0.04, 1.06), xlim=(-0.35, math.log2(steps[0] / steps[-1]) + 0.35))
-    axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
-    ticks = steps if len(steps) < 6 else steps[:: math.ceil(len(steps) / 5)]
-    axes.set_xticks([math.log2(steps[0] / dt) for dt in ticks], [step(dt) for dt in ticks])
+def _draw_plot(axes: Axes, plot: LadderPlot) -> None:
+    axes.set(ylim=(-0.04, 1.06), xlim=(-0.15, 1.15))
+    axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], [text for _, text in RATE_AXIS.ticks])
+    axes.set_xticks([share for share, _ in plot.ticks], [text for _, text in plot.ticks])
     axes.grid(axis="y", color=LINE, linewidth=0.7)
     axes.set_axisbelow(True)
-    axes.set_title(words, size=8, color=SOFT, loc="left", pad=3)
+    axes.set_title(plot.about, size=8, color=SOFT, loc="left", pad=3)
     axes.set_xlabel("step, s", size=8, color=SOFT, labelpad=1)
     bare(axes)
-    if truth is not None:
-        axes.axhline(truth.estimate, color=INK, linewidth=1.3, linestyle=(0, (4, 3)), zorder=1.5)
-    for name, line in rungs.items():
-        _ladder_line(axes, line, schemes[name], len(schemes), steps[0])
+    if plot.truth is not None:
+        axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)
+    for series in plot.series:
+        _draw_series(axes, series)
 
 
-def _ladder_line(axes: Axes, line: Sequence[Rung], place: int, count: int, coarsest: float) -> None:
-    """One integrator, moved aside a little so that equal rates stay visible."""
-    colour = SCHEME_COLOURS[place % len(SCHEME_COLOURS)]
-    marker = SCHEME_MARKERS[place % len(SCHEME_MARKERS)]
-    aside = (place - (count - 1) / 2.0) * 0.028
-    rates = [rung.entry.success for rung in line]
-    xs = [math.log2(coarsest / rung.dt) + aside for rung in line]
-    known = [(x, rate) for x, rate in zip(xs, rates, strict=True) if rate is not None]
-    for x, rate in known:
-        axes.plot([x, x], rate.ends, color=colour, linewidth=1.1, alpha=0.45)
-    axes.plot(
-        [x for x, _ in known], [rate.estimate for _, rate in known], color=colour, marker=marker,
-        linewidth=1.6, markersize=5, markeredgecolor=PAPER, markeredgewidth=0.6, clip_on=False,
-    )  # fmt: skip
+def _draw_series(axes: Axes, series: Series) -> None:
+    xs = [point.x + _ASIDE * series.aside for point in series.points]
+    for x, point in zip(xs, series.points, strict=True):
+        axes.plot([x, x], point.value.ends, color=series.style.colour, linewidth=1.1, alpha=0.45)
+    rates = [point.value.estimate for point in series.points]
+    style = {**line_style(series.style), **marker_style(series.style)}
+    axes.plot(xs, rates, clip_on=False, **style)

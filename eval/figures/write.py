@@ -1,39 +1,37 @@
-"""All figures of a panel, drawn from ``panel.json`` alone."""
+"""All figures of a panel, drawn from what ``panel.json`` holds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 from integ_gym.envs.extras import load
-from integ_gym.eval.figure_style import png
-from integ_gym.eval.figures.checks import draw_checks
-from integ_gym.eval.figures.energy import draw_energy
-from integ_gym.eval.figures.gaps import draw_gaps
+from integ_gym.eval.figure_style import FORMATS, write_figure
+from integ_gym.eval.figures.forest import draw_forest
 from integ_gym.eval.figures.ladders import draw_ladders
-from integ_gym.eval.figures.remedy import draw_remedy
-from integ_gym.eval.figures.success import draw_success
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Json
-from integ_gym.evidence.atomic import replace_file
+from integ_gym.eval.figures.matrix import draw_matrix
+from integ_gym.eval.panel_model import Panel
+from integ_gym.eval.report_data.checks import check_forest
+from integ_gym.eval.report_data.gaps import gap_forest
+from integ_gym.eval.report_data.ladders import ladder_plots
+from integ_gym.eval.report_data.matrices import energy_matrix, return_matrix, success_matrix
+from integ_gym.eval.report_data.remedy import remedy_forest
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_FIGURES: Final[dict[str, Callable[[Panel], Figure | None]]] = {
-    "success_matrix.png": draw_success,
-    "transfer_gaps.png": draw_gaps,
-    "energy_residual.png": draw_energy,
-    "refinement_ladder.png": draw_ladders,
-    "perturbations.png": draw_checks,
-    "remedy.png": draw_remedy,
+FIGURES: Final[dict[str, tuple[Any, Any]]] = {
+    "success_matrix": (success_matrix, draw_matrix),
+    "return_matrix": (return_matrix, draw_matrix),
+    "transfer_gaps": (gap_forest, draw_forest),
+    "energy_residual": (energy_matrix, draw_matrix),
+    "refinement_ladder": (ladder_plots, draw_ladders),
+    "perturbations": (check_forest, draw_forest),
+    "remedy": (remedy_forest, draw_forest),
 }
+"""Name of a figure to what describes it, as for the page, and what draws that."""
 
 
-def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
-    """Write a panel's figures as PNG files into a folder.
+def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
+    """Write a panel's figures as PNG, SVG and PDF files into a folder.
 
     A figure for which the panel has no numbers is not written, and one left there by an earlier
     run under the same name is removed.
@@ -41,7 +39,7 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
     Parameters
     ----------
     panel
-        Content of ``panel.json``, schema version 1.
+        What ``panel.json`` holds.
     directory
         The folder the files go to; made if it does not exist.
 
@@ -53,17 +51,14 @@ def write_figures(panel: Json, directory: str | PathLike[str]) -> list[Path]:
     ------
     ModuleNotFoundError
         If matplotlib is not installed, with the command that installs it.
-    ValueError
-        If ``panel`` is of another schema version or contradicts itself.
     """
     load("matplotlib", "report")
-    parsed, folder = Panel(panel), Path(directory)
-    written = []
-    for name, draw in _FIGURES.items():
-        figure = draw(parsed)
-        path = folder / name
-        if figure is None:
-            path.unlink(missing_ok=True)
+    written: list[Path] = []
+    for name, (describe, draw) in FIGURES.items():
+        path, described = Path(directory) / name, describe(panel)
+        if described is not None:
+            written += write_figure(draw(described), path)
         else:
-            written.append(replace_file(path, png(figure)))
+            for suffix in FORMATS:
+                path.with_suffix(suffix).unlink(missing_ok=True)
     return written

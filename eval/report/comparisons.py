@@ -4,36 +4,39 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.eval.formatting import true_minus
-from integ_gym.eval.report.axes import difference_axis
-from integ_gym.eval.report_data.estimate import estimate
-from integ_gym.eval.report_data.parts import Json
+from integ_gym.eval.formatting import fixed, true_minus
+from integ_gym.eval.panel_model import CellFinding, PolicyComparison
+from integ_gym.eval.report_data.axes import difference_axis
+from integ_gym.eval.report_data.forest import Line, Mark, Tone
+
+_ROLES = {"quarter_step": "dt/4", "reference": "truth"}
+_TONES: dict[str, Tone] = {
+    "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
+}  # fmt: skip
+_SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
 
 
-def comparison_of(raw: Json) -> dict[str, Any]:
+def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
     """One comparison of two policies."""
-    cells = []
-    differences = [estimate(cell.get("difference")) for cell in raw.get("cells") or []]
-    axis = difference_axis([value for value in differences if value is not None], 0.5)
-    for cell, value in zip(raw.get("cells") or [], differences, strict=True):
-        cells.append(
-            {
-                "name": str(cell.get("name")),
-                "role": {"quarter_step": "dt/4", "reference": "truth"}.get(str(cell.get("role"))),
-                "status": str(cell.get("status") or "undecided").replace("_", " "),
-                "value": value,
-                "bar": None if value is None else axis.bar(value),
-            }
-        )
-    outcome = str(raw.get("outcome") or "uninformative")
-    tones = {"accepted": "transfers", "rejected": "fails"}
+    tone = _TONES[compared.outcome]
     return {
-        "a": str(raw.get("a")),
-        "b": str(raw.get("b")),
-        "outcome": outcome,
-        "tone": tones.get(outcome, "inconclusive"),
-        "mark": {"accepted": "✓", "rejected": "✕"}.get(outcome, "?"),
-        "reason": true_minus(str(raw.get("reason") or "")),
-        "cells": cells,
-        "axis": axis,
+        "compared": compared,
+        "tone": tone,
+        "sign": _SIGNS[compared.outcome],
+        "reason": true_minus(compared.reason),
+        "lines": [_line(compared, cell, tone) for cell in compared.cells],
+        "axis": difference_axis([cell.difference for cell in compared.cells], 0.5),
     }
+
+
+def _line(compared: PolicyComparison, cell: CellFinding, tone: Tone) -> Line:
+    return Line(
+        "",
+        cell.name,
+        (compared.a, cell.name),
+        (Mark(cell.difference, tone),),
+        fixed(cell.difference.estimate, 2, True),
+        cell.status.replace("_", " "),
+        f"A − B {cell.difference}",
+        _ROLES.get(cell.role or "", ""),
+    )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from typing import Any, Final
 
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Json
+from integ_gym.eval.panel_model import Panel
 
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
@@ -22,53 +22,29 @@ LABEL_WORDS: Final = {
 
 def failure_table(panel: Panel) -> dict[str, Any] | None:
     """Failures by row and label, with the share of each label in its row."""
-    if not panel.labels:
+    by_row: dict[str, Counter[str]] = {row.name: Counter() for row in panel.ordered_rows}
+    for entry in panel.matrix:
+        by_row[entry.row].update(entry.labels)
+    for counts in by_row.values():
+        counts.pop("none", None)
+    failed = {row: counts for row, counts in by_row.items() if counts.total()}
+    if not failed:
         return None
-    names = [name for name in LABEL_WORDS if any(name in c for c in panel.labels.values())]
-    others = {name for counts in panel.labels.values() for name in counts} - set(names)
-    names += sorted(others)
+    found = {name for counts in failed.values() for name in counts}
+    names = [*(name for name in LABEL_WORDS if name in found), *sorted(found - set(LABEL_WORDS))]
     lines = []
-    for row, counts in panel.labels.items():
-        total = sum(counts.values())
-        shares = [(counts.get(name, 0), counts.get(name, 0) / total) for name in names]
-        lines.append({"row": row, "total": total, "shares": shares})
-    return {"labels": names, "lines": lines}
+    for row, counts in failed.items():
+        shares = [(counts[name], counts[name] / counts.total()) for name in names]
+        lines.append({"row": row, "total": counts.total(), "shares": shares})
+    return {"labels": names, "lines": lines, "total": sum(c.total() for c in failed.values())}
 
 
 def failures_of(panel: Panel) -> list[dict[str, Any]]:
     """The sample of failing episodes, by label, each with the command that shows its record."""
     by_label: dict[str, list[dict[str, Any]]] = {}
-    for raw in panel.items("failures"):
-        label = str(raw.get("label") or "unattributed")
-        by_label.setdefault(label, []).append(_failure(panel, raw))
+    for failure in panel.failures:
+        words = ("integ-gym", "evidence", "show", panel.directory, failure.record_id)
+        record = {"failure": failure, "command": shlex.join(words)}
+        by_label.setdefault(failure.label, []).append(record)
     labels = sorted(by_label, key=lambda name: -len(by_label[name]))
     return [{"label": label, "records": by_label[label]} for label in labels]
-
-
-def _failure(panel: Panel, raw: Json) -> dict[str, Any]:
-    row, cell = str(raw.get("row")), str(raw.get("cell"))
-    entry = panel.entries.get((row, cell))
-    words = ("integ-gym", "evidence", "show", _folder(panel), str(raw.get("record_id")))
-    return {
-        "row": row,
-        "cell": cell,
-        "anchor": None if entry is None else entry.anchor,
-        "policy": raw.get("policy"),
-        "episode": raw.get("episode_index"),
-        "reason": str(raw.get("reason") or "no reason recorded"),
-        "command": " ".join(shlex.quote(word) for word in words),
-    }
-
-
-def _folder(panel: Panel) -> str:
-    """The panel's directory as its command names it, else the one that holds the report."""
-    try:
-        words = shlex.split(panel.text("command"))
-    except ValueError:
-        return "."
-    for place, word in enumerate(words):
-        if word == "--out" and place + 1 < len(words):
-            return words[place + 1]
-        if word.startswith("--out="):
-            return word.removeprefix("--out=")
-    return "."

@@ -8,7 +8,7 @@ from typing import Any
 
 from integ_gym.eval import verdict as rules
 from integ_gym.eval.formatting import plural
-from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.panel_model import Panel
 
 
 def limits_of(panel: Panel) -> list[str]:
@@ -35,7 +35,7 @@ def limits_of(panel: Panel) -> list[str]:
             f"Not learned, hence without a verdict: {', '.join(unlearned)} (home success below "
             f"{rules.LEARNED})."
         )
-    limits += [str(gap) for gap in panel.raw.get("protocol_gaps") or []]
+    limits += panel.protocol_gaps
     limits.append(
         "Everything outside the declared family is exploratory: its intervals are not adjusted "
         "for how many there are."
@@ -45,7 +45,7 @@ def limits_of(panel: Panel) -> list[str]:
 
 def settings_of(panel: Panel) -> list[tuple[str, str]]:
     """Entries of the spec that are plain values, and the environment's own arguments."""
-    spec = panel.mapping("spec")
+    spec = panel.spec
     flat = [(str(name), _plain(value)) for name, value in spec.items() if _is_plain(value)]
     for group in ("environment", "training"):
         inner = spec.get(group)

@@ -14,22 +14,23 @@ from integ_gym.eval import verdict as rules
 from integ_gym.eval.colours import VIRIDIS
 from integ_gym.eval.formatting import plural
 from integ_gym.eval.page import page_environment, page_parts
-from integ_gym.eval.report.axes import RATE_AXIS
-from integ_gym.eval.report.checks import check_blocks
+from integ_gym.eval.panel_model import Panel
+from integ_gym.eval.report import drawing
+from integ_gym.eval.report.cards import card_of
 from integ_gym.eval.report.comparisons import comparison_of
-from integ_gym.eval.report.engines import engine_lines
 from integ_gym.eval.report.failures import LABEL_WORDS, failure_table, failures_of
-from integ_gym.eval.report.gaps import gap_parts
-from integ_gym.eval.report.ladders import ladder_plots
-from integ_gym.eval.report.matrices import energy_matrix, return_matrix, success_matrix
 from integ_gym.eval.report.method import limits_of, settings_of
 from integ_gym.eval.report.records import records_of
 from integ_gym.eval.report.tiles import tiles_of
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.checks import check_forest
 from integ_gym.eval.report_data.findings import findings_of
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Json
-from integ_gym.eval.report_data.remedy import costs_of, line_words, remedies_of, success_of
-from integ_gym.eval.report_data.trust import CLASS_WORDS, trust_of
+from integ_gym.eval.report_data.gaps import gap_forest, ordered_verdicts
+from integ_gym.eval.report_data.ladders import ladder_plots
+from integ_gym.eval.report_data.matrices import energy_matrix, return_matrix, success_matrix
+from integ_gym.eval.report_data.remedy import costs_of, mixtures_of
+from integ_gym.eval.report_data.trust import trust_of
+from integ_gym.eval.report_data.words import CLASS_WORDS
 from integ_gym.evidence.atomic import replace_file
 
 FILE_NAME: Final = "report.html"
@@ -39,13 +40,13 @@ SHOWN_FINDINGS: Final = 7
 """Conclusions that are shown at once; the others are one click away."""
 
 
-def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
+def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
     """Write ``report.html`` into a panel's directory.
 
     Parameters
     ----------
     panel
-        Content of ``panel.json``, schema version 1.
+        What ``panel.json`` holds.
     directory
         The panel's directory; made if it does not exist.
 
@@ -57,28 +58,33 @@ def write_report(panel: Json, directory: str | PathLike[str]) -> Path:
     ------
     ModuleNotFoundError
         If jinja2 is not installed, with the command that installs it.
-    ValueError
-        If ``panel`` is of another schema version or contradicts itself.
     """
     return replace_file(Path(directory) / FILE_NAME, render(panel).encode())
 
 
-def render(panel: Json) -> str:
+def render(panel: Panel) -> str:
     """The report's HTML.
 
     Raises
     ------
-    ModuleNotFoundError, ValueError
+    ModuleNotFoundError
         As `write_report`.
     """
-    text: str = _template().render(_context(Panel(panel)))
+    text: str = _template().render(_context(panel))
     return text
 
 
 @cache
 def _template() -> Any:
     environment = page_environment()
-    environment.filters.update(href=_href, success_of=success_of, line_words=line_words)
+    environment.filters.update(
+        href=_href,
+        percent=drawing.percent,
+        across=drawing.across,
+        up=drawing.up,
+        corners=drawing.corners,
+        shading=drawing.shading,
+    )
     source = resources.files("integ_gym.eval.report").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
@@ -87,27 +93,32 @@ def _context(panel: Panel) -> dict[str, Any]:
     trusts = trust_of(panel)
     return {
         **page_parts(),
-        **gap_parts(panel),
         "panel": panel,
+        "created": f"{panel.created:%Y-%m-%d %H:%M} UTC",
         "tiles": tiles_of(panel, trusts),
         "success": success_matrix(panel),
         "returns": return_matrix(panel),
         "energy": energy_matrix(panel),
-        "remedies": remedies_of(panel),
-        "engine_lines": engine_lines(panel),
+        "cards": [card_of(judged) for judged in ordered_verdicts(panel)],
+        "gaps": gap_forest(panel),
+        "remedies": mixtures_of(panel),
+        "engine_lines": sorted(
+            panel.engine_agreement, key=lambda one: (one.map, one.engine, -one.dt)
+        ),
         "costs": costs_of(panel),
         "rate_axis": RATE_AXIS,
         "ladders": ladder_plots(panel),
-        "checks": check_blocks(panel),
+        "checks": check_forest(panel),
+        "frame": drawing,
         "trust": trusts,
         "findings": findings_of(panel, trusts),
         "failure_table": failure_table(panel),
         "failures": failures_of(panel),
-        "comparisons": [comparison_of(raw) for raw in panel.items("policy_comparisons")],
+        "comparisons": [comparison_of(one) for one in panel.policy_comparisons],
         "records": records_of(panel),
         "limits": limits_of(panel),
         "settings": settings_of(panel),
-        "spec_json": json.dumps(panel.mapping("spec"), indent=2, ensure_ascii=False, default=str),
+        "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
         "rules": rules,
         "pass_line": rules.PASS,
         "class_words": CLASS_WORDS,

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.eval.formatting import compact, fixed
-from integ_gym.eval.report.axes import RATE_AXIS
-from integ_gym.eval.report_data.estimate import Estimate
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry
-from integ_gym.eval.report_data.trust import CLASS_WORDS
+from integ_gym.eval.panel_model import Entry, Estimate, Panel
+from integ_gym.eval.report.drawing import percent
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.words import CLASS_WORDS
 
 
 def records_of(panel: Panel) -> list[dict[str, Any]]:
@@ -18,8 +17,8 @@ def records_of(panel: Panel) -> list[dict[str, Any]]:
     order = {cell.name: place for place, cell in enumerate(panel.columns)}
     blocks = []
     for row in panel.ordered_rows:
-        entries = [entry for entry in panel.entries.values() if entry.row == row]
-        entries.sort(key=lambda entry: order.get(entry.cell.name, len(order)))
+        entries = [entry for entry in panel.matrix if entry.row == row.name]
+        entries.sort(key=lambda entry: order.get(entry.cell, len(order)))
         if entries:
             blocks.append({"row": row, "entries": [_record(entry) for entry in entries]})
     return blocks
@@ -42,7 +41,7 @@ def _record(entry: Entry) -> dict[str, Any]:
     return {
         "entry": entry,
         "facts": [(name, text) for name, text in facts if text],
-        "seeds": [RATE_AXIS.at(rate) for rate in entry.success_by_seed],
+        "seeds": [percent(RATE_AXIS, rate) for rate in entry.success_by_seed],
         "labels": sorted(entry.labels.items(), key=lambda item: -item[1]),
     }
 
@@ -50,8 +49,8 @@ def _record(entry: Entry) -> dict[str, Any]:
 def _time_to_success(entry: Entry) -> str | None:
     """The mean over successful episodes, and how many they are."""
     text = _long(entry.time_to_success, _three, " s")
-    if text is None or entry.time_to_success_episodes is None:
-        return text
+    if text is None:
+        return None
     return f"{text}, {entry.time_to_success_episodes} of {entry.episodes} episodes"
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from integ_gym.eval.formatting import finite, plural, seconds
-from integ_gym.eval.report_data.panel import Panel
+from integ_gym.eval.formatting import plural, seconds
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.report_data.trust import Trust
 
 
@@ -25,10 +25,9 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     tiles += [
         (f"{policies}", "policies" if policies != 1 else "policy"),
         (f"{discretizations}", f"evaluation discretizations{more_cells}"),
-        (f"{panel.episodes:,}", "episodes, each on record"),
+        (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
     ]
     if trusts:
         tiles.append((f"{len(wrong)}", "answers the reference contradicts"))
-    if finite(panel.mapping("cost").get("wall_seconds")) is not None:
-        tiles.append((seconds(panel.mapping("cost")["wall_seconds"]), "to train and evaluate"))
+    tiles.append((seconds(panel.cost.wall_seconds), "to train and evaluate"))
     return tiles

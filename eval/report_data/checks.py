@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry, Row, close
+from integ_gym.eval.formatting import NONE, fixed
+from integ_gym.eval.panel_model import Cell, Entry, Panel, Row
+from integ_gym.eval.report_data.axes import RATE_AXIS
+from integ_gym.eval.report_data.forest import Block, Forest, Line, Mark
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,8 @@ def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]
     checks: dict[str, list[Check]] = {}
     for row in rows:
         for cell in panel.cells:
-            after = panel.entry(row, cell)
-            if after is not None and after.success is not None and not cell.plain:
+            after = panel.entry(row.name, cell.name)
+            if after is not None and not cell.plain:
                 label = cell.perturbation or cell.name
                 checks.setdefault(label, []).append(Check(_before(panel, after), after))
     return {label: tuple(found) for label, found in checks.items()}
@@ -36,10 +39,45 @@ def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]
 
 def _before(panel: Panel, after: Entry) -> Entry | None:
     """The same row and discretization without the perturbation."""
-    cell = after.cell
-    for other in panel.cells:
-        same = (other.engine, other.integrator) == (cell.engine, cell.integrator)
-        steps = close(other.dt, cell.dt) and close(other.control_period, cell.control_period)
-        if other.plain and same and steps:
-            return panel.entry(after.row, other)
-    return None
+    cell = panel.cell(after.cell)
+    same = (other for other in panel.cells if other.plain and _alike(other, cell))
+    return next((panel.entry(after.row, other.name) for other in same), None)
+
+
+def check_forest(panel: Panel) -> Forest | None:
+    """Success before and after every change of the plant or its delays; None without any."""
+    blocks = [Block(label, [_line(c) for c in found]) for label, found in checks_of(panel).items()]
+    if not blocks:
+        return None
+    about = "success with its interval over seeds: ring as specified, dot with the change"
+    return Forest("Perturbations and latency", about, RATE_AXIS, tuple(blocks))
+
+
+def _line(check: Check) -> Line:
+    after = check.after.success
+    before = None if check.before is None else check.before.success
+    was, marks = NONE, [Mark(after, "accent", down=0.35)]
+    if before is not None:
+        was = fixed(before.estimate)
+        marks.insert(0, Mark(before, "soft", filled=False, down=-0.35))
+    change = None if before is None else after.estimate - before.estimate
+    return Line(
+        check.after.row,
+        check.after.cell if check.before is None else check.before.cell,
+        (check.after.row, check.after.cell),
+        tuple(marks),
+        fixed(change, sign=True),
+        f"{was} → {fixed(after.estimate)}",
+        f"{check.after.row}: success {before or 'not known'} before, {after} on {check.after.cell}",
+    )
+
+
+def _alike(one: Cell, other: Cell) -> bool:
+    """Whether two cells are of the same discretization."""
+    names = (one.engine, one.integrator) == (other.engine, other.integrator)
+    return names and close(one.dt, other.dt) and close(one.control_period, other.control_period)
+
+
+def close(one: float, other: float) -> bool:
+    """Whether two times, s, are the same up to rounding."""
+    return math.isclose(one, other, rel_tol=1e-9)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from integ_gym.eval.formatting import NONE, fixed, plural
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry, Row
-from integ_gym.eval.report_data.trust import CLASS_WORDS, Trust
+from integ_gym.eval.panel_model import Entry, Panel, Row
+from integ_gym.eval.report_data.trust import Trust
+from integ_gym.eval.report_data.words import CLASS_WORDS
 from integ_gym.eval.verdict import PASS
 
 _NAMED: Final = 5  # names in one sentence
@@ -28,14 +28,14 @@ class Finding:
         The sentence.
     close
         Whether seed noise alone could move a rate in it across the line.
-    anchors
-        Places of the cells it speaks of.
+    entries
+        How many entries of the matrix it speaks of.
     """
 
     kind: str
     lead: str
     close: bool = False
-    anchors: tuple[str, ...] = ()
+    entries: int = 0
 
 
 def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
@@ -60,7 +60,7 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
     passes = (_false_passes(panel, trusts, row) for row in panel.ordered_rows)
     fails = (_false_fails(panel, trust) for trust in trusts)
     found = [finding for finding in (*passes, *fails) if finding]
-    found.sort(key=lambda finding: (finding.close, -len(finding.anchors)))
+    found.sort(key=lambda finding: (finding.close, -finding.entries))
     return (_agreement(judged), *found)
 
 
@@ -72,7 +72,7 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
             f"Every pass and every fail agrees with the reference, in all {len(judged)} "
             f"pairs of policies and discretizations compared{_none_passes(judged)}.",
         )
-    counts = Counter(entry.reference_class for entry in wrong)
+    counts = Counter(str(entry.reference_class) for entry in wrong)
     parts = [
         plural(counts[kind], CLASS_WORDS[kind], more)
         for kind, more in (("false_pass", "false passes"), ("false_fail", "false fails"))
@@ -92,12 +92,12 @@ def _none_passes(judged: Sequence[Entry]) -> str:
 
 def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | None:
     """Where a row that fails on the reference passes."""
-    wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row]
+    wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
     if not wrong:
         return None
-    truth = panel.entry(row, panel.truth)
-    at_home = next((entry for entry in wrong if entry.home and not row.mixed), None)
-    others = _and([f"{e.cell.name} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
+    truth = panel.on_truth(row.name)
+    at_home = next((entry for entry in wrong if entry.cell == row.home), None)
+    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
     if at_home is None:
         text = f"{row.name} reaches {_rate(truth)} on the reference, but passes on {others}."
     else:
@@ -107,7 +107,7 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | 
             "the physics."
         ) + (f" They also pass on {others}." if others else "")
     close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
-    return Finding("false_pass", text, close, tuple(entry.anchor for entry in wrong))
+    return Finding("false_pass", text, close, len(wrong))
 
 
 def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
@@ -115,29 +115,24 @@ def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
     wrong = trust.of("false_fail")
     if not wrong:
         return None
-    pairs = [f"{e.row.name} ({_rate(e)} against {_rate(_on_truth(panel, e))})" for e in wrong]
+    pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]
     rows = _and(pairs, "rows")
     text = (
         f"{trust.cell.name} fails what passes on the reference: {rows}. Judged there, "
         f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
         "thrown away."
     )
-    close = any(_undecided(entry) or _undecided(_on_truth(panel, entry)) for entry in wrong)
-    return Finding("false_fail", text, close, tuple(entry.anchor for entry in wrong))
-
-
-def _on_truth(panel: Panel, entry: Entry) -> Entry | None:
-    """The same row on the reference."""
-    return panel.entry(entry.row, panel.truth)
+    close = any(_undecided(entry) or _undecided(panel.on_truth(entry.row)) for entry in wrong)
+    return Finding("false_fail", text, close, len(wrong))
 
 
 def _rate(entry: Entry | None) -> str:
-    return NONE if entry is None or entry.success is None else fixed(entry.success.estimate)
+    return NONE if entry is None else fixed(entry.success.estimate)
 
 
 def _undecided(entry: Entry | None) -> bool:
     """Whether the interval of the rate reaches across the line between pass and fail."""
-    if entry is None or entry.success is None:
+    if entry is None:
         return False
     low, high = entry.success.ends
     return low < PASS <= high

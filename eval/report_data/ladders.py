@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Entry, Row, close
+from integ_gym.eval.formatting import step
+from integ_gym.eval.panel_model import Entry, Estimate, Panel, Row
+from integ_gym.eval.report_data.checks import close
+from integ_gym.eval.scheme_style import Schemes, SchemeStyle, styles_of
 
 
 @dataclass(frozen=True)
@@ -16,6 +20,10 @@ class Rung:
 
     dt: float
     entry: Entry
+
+
+Rungs: TypeAlias = Mapping[str, tuple[Rung, ...]]
+"""For every scheme, rungs from coarse to fine."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +42,102 @@ class Ladder:
 
     row: Row
     control_period: float | None
-    fixed: Mapping[str, tuple[Rung, ...]]
-    following: Mapping[str, tuple[Rung, ...]]
+    fixed: Rungs
+    following: Rungs
     truth: Entry | None
+
+
+@dataclass(frozen=True)
+class Point:
+    """Success at one step; ``x`` is its place in [0, 1] from the coarsest step to the finest."""
+
+    x: float
+    value: Estimate
+    words: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """One scheme's line; ``aside``: widths of a line by which it is moved, to stay visible."""
+
+    name: str
+    style: SchemeStyle
+    aside: float
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class LadderPlot:
+    """One plot of success against the step, equal factors equally far apart.
+
+    Attributes:
+        about: what happens to the control period.
+        ticks: place in [0, 1] and step, s, as it is written.
+        series: one for each scheme.
+        truth: success on the reference; None where it is not drawn.
+    """
+
+    about: str
+    ticks: tuple[tuple[float, str], ...]
+    series: tuple[Series, ...]
+    truth: Estimate | None
+
+
+@dataclass(frozen=True)
+class LadderPlots:
+    """The plots of all rows that have a ladder.
+
+    Attributes:
+        schemes: styles of the schemes in them.
+        rows: names of rows, each with its plots.
+        follows: whether the control period follows the step in some.
+    """
+
+    schemes: Schemes
+    rows: tuple[tuple[str, tuple[LadderPlot, ...]], ...]
+    follows: bool
+
+
+def ladder_plots(panel: Panel) -> LadderPlots | None:
+    """Plots of all ladders; None if the panel has none."""
+    ladders = ladders_of(panel)
+    if not ladders:
+        return None
+    schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
+    rows = tuple((ladder.row.name, _plots(ladder, schemes)) for ladder in ladders)
+    return LadderPlots(schemes, rows, any(ladder.following for ladder in ladders))
+
+
+def _plots(ladder: Ladder, schemes: Schemes) -> tuple[LadderPlot, ...]:
+    truth = None if ladder.truth is None else ladder.truth.success
+    period = "" if ladder.control_period is None else f" at {step(ladder.control_period)} s"
+    plots = []
+    if ladder.fixed:
+        plots.append(_plot(f"control period fixed{period}", ladder.fixed, schemes, truth))
+    if ladder.following:
+        plots.append(_plot("control period follows the step", ladder.following, schemes, None))
+    return tuple(plots)
+
+
+def _plot(about: str, rungs: Rungs, schemes: Schemes, truth: Estimate | None) -> LadderPlot:
+    steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
+    span = math.log(steps[0] / steps[-1])
+    places = {dt: math.log(steps[0] / dt) / span for dt in steps}
+    ticks = steps if len(steps) < 6 else steps[:: math.ceil(len(steps) / 5)]
+    order = list(schemes)
+    series = []
+    for name, line in rungs.items():
+        points = tuple(
+            Point(
+                places[rung.dt],
+                rung.entry.success,
+                f"{name}, step {step(rung.dt)} s: success {rung.entry.success}",
+            )
+            for rung in line
+        )
+        aside = order.index(name) - (len(order) - 1) / 2.0
+        series.append(Series(name, schemes[name], aside, points))
+    return LadderPlot(about, tuple((places[dt], step(dt)) for dt in ticks), tuple(series), truth)
 
 
 def ladders_of(panel: Panel) -> tuple[Ladder, ...]:
@@ -54,20 +155,21 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     period = row.control_period if row.control_period is not None else _usual_period(panel)
     fixed_period: dict[str, list[Rung]] = {}
     following: dict[str, list[Rung]] = {}
-    engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.homes)}
+    engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
     for cell in panel.cells:
-        entry = panel.entry(row, cell) if cell.engine in engines else None
-        if entry is None or entry.success is None or not cell.plain or cell.dt is None:
+        entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
+        if entry is None or not cell.plain:
             continue
         if close(cell.control_period, cell.dt):
             following.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
-        if close(cell.control_period, period) and not cell.reference:
+        if period is not None and close(cell.control_period, period) and not cell.reference:
             fixed_period.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
     at_fixed, along = _ladder_rungs(fixed_period), _ladder_rungs(following)
     if not at_fixed and not along:
         return None
-    truth = [c for c in panel.cells if c.reference and close(c.control_period, period)]
-    on_truth = panel.entry(row, truth[0] if truth else panel.truth)
+    same = (c for c in panel.cells if c.reference and period and close(c.control_period, period))
+    truth = next(same, panel.truth)
+    on_truth = None if truth is None else panel.entry(row.name, truth.name)
     return Ladder(row, period, at_fixed, along, on_truth)
 
 

@@ -3,18 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
-from integ_gym.eval.report_data.panel import Panel
-from integ_gym.eval.report_data.parts import Cell, Entry
-
-CLASS_WORDS: Final = {
-    "true_pass": "true pass",
-    "false_pass": "false pass",
-    "false_fail": "false fail",
-    "true_fail": "true fail",
-}
-"""The classes against the reference in words."""
+from integ_gym.eval.panel_model import Cell, Entry, Panel
 
 
 @dataclass(frozen=True)
@@ -40,7 +30,7 @@ def trust_of(panel: Panel) -> tuple[Trust, ...]:
     for cell in panel.columns:
         if cell.reference:
             continue
-        entries = (panel.entry(row, cell) for row in panel.ordered_rows)
+        entries = (panel.entry(row.name, cell.name) for row in panel.ordered_rows)
         judged = tuple(e for e in entries if e is not None and e.reference_class)
         if judged:
             found.append(Trust(cell, judged))

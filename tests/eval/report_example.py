@@ -33,7 +33,7 @@ def base_panel(
     rng = np.random.default_rng(seed)
     skipped = {"perturbation", "ladder"}
     panel: dict[str, Any] = {
-        "schema_version": 1,
+        "schema_version": 2,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
         "answer": (
@@ -65,6 +65,7 @@ def base_panel(
             "workers": 2,
         },
         "command": "integ-gym panel specs/quick.toml --out runs/panel",
+        "directory": "runs/panel",
         "rows": rows,
         "cells": cells,
         "matrix": [
@@ -135,20 +136,21 @@ def nothing_learned_panel() -> dict[str, Any]:
 def none_panel() -> dict[str, Any]:
     """The full panel with null wherever null is allowed, and what may be empty empty."""
     panel = full_panel(seeds=2)
-    keep = {"row", "cell", "episodes", "diverged"}
     for entry in panel["matrix"]:
-        entry.update({name: None for name in entry if name not in keep})
+        entry.update(dict.fromkeys(("return", "time_to_success", "reference_class")))
+        entry.update(energy_residual=None, energy_residual_abs=None, labels={}, file=[])
+        entry.update(home_drop=None, transfer_gap=None, success_by_seed=[])
+        entry["success"].update(low=None, high=None, level=None)
     for line in panel["rows"]:
         line.update(home=None, integrator=None, dt=None, control_period=None)
-        line.update(home_success=None, learned=None, training_steps=None, policies=[], shares=None)
+        line.update(home_success=None, learned=None, training_steps=None, policies=[], shares={})
     for place in panel["cells"]:
-        place.update(dt=None, role=None)
+        place.update(role=None)
     for judged in panel["verdicts"]:
         judged.update(p_exceeds=None, p_equivalent=None)
         judged.update(p_exceeds_adjusted=None, p_equivalent_adjusted=None)
-    panel.update(remedies=None, training_costs=None)
-    panel.update(spec={}, versions={}, cost={}, failures=[], policy_comparisons=[])
-    panel.update(platform=None, created=None, command=None, answer=None, failures_total=None)
+    panel.update(remedies=[], training_costs={}, spec={}, versions={})
+    panel.update(failures=[], failures_total=0, policy_comparisons=[])
     return panel
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.image
+import msgspec
 import pytest
 import report_example as example
 
+from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.report import render
 
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
@@ -63,9 +65,19 @@ class Page(HTMLParser):
         return [attributes[name] for _, attributes in self.tags if name in attributes]
 
 
+def panel_from(raw: dict[str, Any]) -> Panel:
+    """A panel from what ``panel.json`` would hold."""
+    return msgspec.convert(raw, Panel)
+
+
 @cache
-def panel_of(name: str) -> dict[str, Any]:
+def raw_of(name: str) -> dict[str, Any]:
     return PANELS[name]()
+
+
+@cache
+def panel_of(name: str) -> Panel:
+    return panel_from(raw_of(name))
 
 
 @cache

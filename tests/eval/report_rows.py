@@ -190,11 +190,12 @@ def matrix_entry(
         "energy_residual": spread(residual, line, rng),
         "energy_residual_abs": spread(abs(residual) * 1.2, line, rng),
         "diverged": diverged,
+        "not_converged": 0,
         "home_drop": None,
         "transfer_gap": None,
         "reference_class": None,
         "labels": {name: count for name, count in labels.items() if count},
-        "file": f"evidence/eval-{line['name']}-{place['name']}.parquet".replace(" ", "_"),
+        "file": [f"evidence/eval-{line['name']}-{place['name']}.parquet".replace(" ", "_")],
         "query": (
             'integ-gym evidence query runs/panel "SELECT episode, success, failure_label '
             f"FROM evidence WHERE policy_row = '{line['name']}' AND cell = '{place['name']}'\""

@@ -76,30 +76,30 @@ def test_home_of_a_mixture_is_the_mean_over_its_members_by_their_shares():
     assert (matrix.rows["both"].home, matrix.rows["rk4 dt=0.05"].home) == (None, "rk4 dt=0.05")
     home = [0.875] * SEEDS
     drop = matrix._home_drop("both", D.name)
-    assert drop["estimate"] == paired_difference(home, [0.5] * SEEDS).interval.estimate
-    assert matrix._home_drop("both", A.name)["estimate"] == -0.125
+    assert drop.estimate == paired_difference(home, [0.5] * SEEDS).interval.estimate
+    assert matrix._home_drop("both", A.name).estimate == -0.125
     assert layout.native(A.name) == A.name
     gap = matrix._transfer_gap("both", B.name, layout.native(B.name))
-    assert gap["estimate"] == unpaired_difference([1.0] * SEEDS, [0.5] * SEEDS).interval.estimate
+    assert gap.estimate == unpaired_difference([1.0] * SEEDS, [0.5] * SEEDS).interval.estimate
 
 
 def test_a_remedy_counts_where_others_lose_and_it_does_not():
     layout, matrix = _panel()
     (found,) = remedies(layout, matrix)
-    assert found["row"] == "both"
-    assert found["singles"] == [A.name, B.name]
-    cells = {cell["cell"]: cell for cell in found["cells"]}
-    assert [one["row"] for one in cells[A.name]["lost"]] == [B.name]
-    assert [one["row"] for one in cells[TRUTH.name]["lost"]] == [A.name]
-    assert [one["row"] for one in cells[C.name]["lost"]] == [A.name, B.name]
-    assert [name for name, cell in cells.items() if cell["member"]] == [A.name, B.name]
-    assert [name for name, cell in cells.items() if not cell["solved"]] == [C.name]
-    assert cells[B.name]["quantity"] == "transfer_gap"
-    assert cells[C.name]["quantity"] == "home_drop"
-    (lost,) = cells[A.name]["lost"]
-    assert lost["difference"]["estimate"] == 0.5
-    assert lost["difference"]["low"] < 0.5 < lost["difference"]["high"] <= 1.0
-    assert found["summary"] == (
+    assert found.row == "both"
+    assert found.singles == (A.name, B.name)
+    cells = {cell.cell: cell for cell in found.cells}
+    assert [one.row for one in cells[A.name].lost] == [B.name]
+    assert [one.row for one in cells[TRUTH.name].lost] == [A.name]
+    assert [one.row for one in cells[C.name].lost] == [A.name, B.name]
+    assert [name for name, cell in cells.items() if cell.member] == [A.name, B.name]
+    assert [name for name, cell in cells.items() if not cell.solved] == [C.name]
+    assert cells[B.name].quantity == "transfer_gap"
+    assert cells[C.name].quantity == "home_drop"
+    (lost,) = cells[A.name].lost
+    assert lost.difference.estimate == 0.5
+    assert lost.difference.low < 0.5 < lost.difference.high <= 1.0
+    assert found.summary == (
         "In 4 of the 4 discretizations that somebody solves, policies trained on another single "
         "one lose more than 0.2 of success; those trained on both lose no more than that in 2 of "
         f"these, 1 of which they were trained in; they lose more in {B.name}, {D.name}. On the "
@@ -111,21 +111,21 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
 def test_a_mixture_that_did_not_learn_is_no_remedy():
     failing = {key: 0.0 if key[0] == "both" else rate for key, rate in SUCCESS.items()}
     (found,) = remedies(*_panel(failing))
-    assert found["summary"] == "Policies trained on both did not learn, so they are no remedy here."
+    assert found.summary == "Policies trained on both did not learn, so they are no remedy here."
 
 
 def test_where_nobody_loses_there_is_nothing_to_remedy():
     perfect = {key: float(key[0] != C.name) for key in SUCCESS}
     (found,) = remedies(*_panel(perfect))
-    assert "nothing for both to remedy" in found["summary"]
-    assert all(not cell["lost"] for cell in found["cells"])
+    assert "nothing for both to remedy" in found.summary
+    assert all(not cell.lost for cell in found.cells)
 
 
 def test_a_panel_without_mixtures_has_no_remedy():
     layout, matrix = _panel()
     rows = tuple(row for row in layout.rows if row.name != "both")
     single = PanelLayout(rows, layout.homes, layout.cells, layout.cells_of, layout.reference)
-    assert remedies(single, matrix) == []
+    assert remedies(single, matrix) == ()
 
 
 def test_decisions_until_most_training_episodes_succeed():
