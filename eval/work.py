@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from contextlib import contextmanager
 from typing import Any
 
 from tqdm import tqdm
 
-from integ_gym.train.worker import Progress, reporting_to
+from integ_gym.train.worker import Progress
 
 
 class PanelError(RuntimeError):
@@ -35,7 +35,7 @@ class Work:
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
         self._skipped += seconds
-        self.show()
+        self._show()
 
     def do(
         self, phase: str, task: Callable[..., Any], arguments: Mapping[str, tuple[Any, ...]]
@@ -55,18 +55,17 @@ class Work:
                 if isinstance(error, Exception):
                     named = f"{phase} {futures[future]} failed: {error}"
                     raise PanelError(f"{named}; the rest is kept") from error
-            self.show()
+            self._show()
         return [future.result() for future in futures]
 
-    def show(self) -> None:
-        """Bring the bar up to date."""
+    def _show(self) -> None:
         done = self._done() + self._skipped
         self._bar.update(min(self._bar.total, done) - self._bar.n)
 
 
 @contextmanager
 def working(label: str, total: float, workers: int, shown: bool) -> Iterator[Work]:
-    """Worker processes and a bar.
+    """What runs tasks, and a bar.
 
     Args:
         label: of the bar.
@@ -82,29 +81,6 @@ def working(label: str, total: float, workers: int, shown: bool) -> Iterator[Wor
         smoothing=0.05,
         bar_format="{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}",  # ", phase"
     ) as bar:
-        if workers:
-            shared = Progress()
-            with shared.pool(workers) as pool:
-                yield Work(pool, shared.total, bar)
-            return
-        reported: list[float] = []
-        work = Work(_Here(), lambda: sum(reported), bar)
-
-        def report(amount: float) -> None:
-            reported.append(amount)
-            work.show()
-
-        with reporting_to(report):
-            yield work
-
-
-class _Here(Executor):
-    """Runs tasks in this process, as they are submitted."""
-
-    def submit(self, task: Callable[..., Any], /, *given: Any, **named: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(task(*given, **named))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+        shared = Progress()
+        with shared.pool(workers) if workers else shared.here() as executor:
+            yield Work(executor, shared.total, bar)

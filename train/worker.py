@@ -5,9 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -50,6 +49,10 @@ class Progress:
             initargs=(watched, self._done, self._context.Value("i", 0), prepare),
         )
 
+    def here(self) -> Executor:
+        """One thread of this process that reports here, for work that is not worth a pool."""
+        return ThreadPoolExecutor(1, initializer=_report_to, initargs=(self._done,))
+
 
 class _Pool(ProcessPoolExecutor):
     def __init__(self, stopped: Any, **arguments: Any) -> None:
@@ -75,17 +78,6 @@ def report_work(amount: float) -> None:
         _report(amount)
 
 
-@contextmanager
-def reporting_to(tell: Callable[[float], None]) -> Iterator[None]:
-    """Tell of work that is reported in this process."""
-    global _report
-    before, _report = _report, tell
-    try:
-        yield
-    finally:
-        _report = before
-
-
 def peak_memory() -> int | None:
     """Most memory that this process has held, bytes; None where the system does not tell.
 
@@ -107,13 +99,7 @@ def cores() -> int:
 def _start_worker(
     watched: tuple[int, Any], done: Any, started: Any, prepare: Callable[[int], None] | None
 ) -> None:
-    global _report
-
-    def add(amount: float) -> None:
-        with done.get_lock():
-            done.value += amount
-
-    _report = add
+    _report_to(done)
     threading.Thread(target=_end_with, args=watched, daemon=True).start()
     _limit_threads()
     if prepare is not None:
@@ -121,6 +107,17 @@ def _start_worker(
             number = started.value
             started.value += 1
         prepare(number)
+
+
+def _report_to(done: Any) -> None:
+    """Have work added up in a shared number."""
+    global _report
+
+    def add(amount: float) -> None:
+        with done.get_lock():
+            done.value += amount
+
+    _report = add
 
 
 def _end_with(parent: int, stopped: Any) -> None:

@@ -33,26 +33,16 @@ class MujocoTestbed:
 
     Args:
         env_id: its id.
-        success_return: an episode succeeds if its return reaches this; None: if it is not
-            terminated.
-        arguments: of its ``gymnasium.make``.
+        arguments: of its ``gymnasium.make``, and ``success_return``: an episode succeeds if its
+            return reaches this; without it, if it is not terminated.
     """
 
     batched = False
     controller = None
 
-    def __init__(
-        self, env_id: str, *, success_return: float | None = None, **arguments: Any
-    ) -> None:
+    def __init__(self, env_id: str, **arguments: Any) -> None:
         self.env_id = env_id
-        self._success_return = success_return
-        self._task_arguments = arguments
-
-    @property
-    def arguments(self) -> Mapping[str, Any]:
-        """The task's, and ``success_return`` where it is given."""
-        goal = {} if self._success_return is None else {"success_return": self._success_return}
-        return {**self._task_arguments, **goal}
+        self.arguments = arguments
 
     @cached_property
     def _setup(self) -> TaskSetup:
