@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,7 +18,6 @@ import numpy as np
 from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import (
     Conditions,
-    OnCell,
     Subject,
     conditions_of,
     evaluate,
@@ -130,11 +130,11 @@ def evaluate_all(
     work.skip(evaluation_seconds(spec, subjects) - evaluation_seconds(spec, waiting))
     batches = batches_of(spec, waiting, workers)
     if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
-        given = {_named(batch): (spec, directory, batch) for batch in batches}
-        work.do("evaluating", _evaluate_here, given)
+        tables = partial(_tables, spec)
+        work.do("evaluating", _commit, {_named(b): (spec, directory, b, tables) for b in batches})
         return
     for batch in batches:
-        _commit(spec, directory, batch, partial(_in_parts, spec, work, workers))
+        _commit(spec, directory, batch, partial(_divided, spec, work, workers))
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
@@ -142,11 +142,21 @@ def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     return sum(cells_seconds(spec, subject.cells) for subject in subjects)
 
 
-def _evaluate_here(spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject]) -> None:
-    _commit(spec, directory, batch, partial(evaluate, on_cell=_reporting(spec, 1.0)))
+def _tables(
+    spec: PanelSpec, batch: Sequence[Subject], conditions: Conditions, store: EvidenceStore
+) -> Iterator[Any]:
+    """The tables of a batch, its work being reported."""
+    share = conditions.episodes / spec.episodes
+    return evaluate(
+        batch, conditions, store, lambda cell, n: report_work(share * n * cell_seconds(spec, cell))
+    )
 
 
-def _in_parts(
+def _listed(*given: Any) -> list[Any]:
+    return list(_tables(*given))
+
+
+def _divided(
     spec: PanelSpec,
     work: Work,
     workers: int,
@@ -159,20 +169,7 @@ def _in_parts(
         f"{_named(batch)} from episode {part.first}": (spec, batch, part, store)
         for part in conditions.divided(workers)
     }
-    for tables in work.do("evaluating", _part, parts):
-        yield from tables
-
-
-def _part(
-    spec: PanelSpec, batch: Sequence[Subject], conditions: Conditions, store: EvidenceStore
-) -> list[Any]:
-    share = conditions.episodes / spec.episodes
-    return list(evaluate(batch, conditions, store, _reporting(spec, share)))
-
-
-def _reporting(spec: PanelSpec, share: float) -> OnCell:
-    """Report a share of every cell's expected time as done."""
-    return lambda cell, policies: report_work(share * policies * cell_seconds(spec, cell))
+    return chain.from_iterable(work.do("evaluating", _listed, parts))
 
 
 def _commit(

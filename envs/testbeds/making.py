@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.envs.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization, agrees
 from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.envs.testbeds.finding import testbed_of
@@ -40,16 +41,16 @@ def make_checked(
 
 
 def _check(asked: Discretization, applied: Applied) -> None:
-    """Hold what was asked for against what is applied."""
+    """Hold what was asked for against what is applied, sub-steps included."""
     found = applied.discretization
-    whole = Discretization(found.integrator, found.dt, applied.substeps * found.dt, found.engine)
-    for name, told in ((n, made) for made in (found, whole) for n in DISCRETIZATION):
-        wanted, given = asked.arguments()[name], told.arguments()[name]
-        if Discretization(**{**asked.arguments(), name: given}) != asked:
-            raise ValueError(
-                f"`{name}`={wanted} was asked for, but the environment applies {given}; ask for "
-                "what it can apply"
-            )
+    whole = replace(found, control_period=applied.substeps * found.dt)
+    for made in (found.arguments(), whole.arguments()):
+        for name, wanted in asked.arguments().items():
+            if not agrees({name: wanted}, made):
+                raise ValueError(
+                    f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
+                    "ask for what it can apply"
+                )
 
 
 def make_training_environments(
