@@ -61,7 +61,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             **type(self).metadata,
             "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
         }
-        self.action_space = action_space(self.setup)
+        self.action_space = self.setup.action_space
         self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
         self._discrete = self.setup.task.discrete
         self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
@@ -226,14 +226,6 @@ def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None
     if render_mode is not None and render_mode not in modes:
         raise ValueError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
     return render_mode
-
-
-def action_space(setup: Setup) -> spaces.Box | spaces.Discrete:
-    """`Discrete`, or a `Box` of shape (1,) in N or N m."""
-    if setup.task.discrete is not None:
-        return spaces.Discrete(setup.task.discrete)
-    limit = np.max(setup.task.control_limit)
-    return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
 
 
 def observation_space(setup: Setup) -> spaces.Box:

@@ -9,11 +9,9 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import Any
 
+from integ_gym.envs.discretization import DISCRETIZATION
 from integ_gym.envs.parameters import positive, unknown_name
 from integ_gym.envs.settings import Setup
-
-DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
-"""What the members of a mixture may differ in, though all have one control period."""
 
 WEIGHT = "weight"
 """Key of a member's weight: its share is its weight over the sum of all; 1 where it is left out."""

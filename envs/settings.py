@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED, Engine
@@ -93,6 +94,14 @@ class Setup:
     def fingerprinted(self) -> str:
         """The plant on which the engine's fingerprint is taken."""
         return self.task.plant
+
+    @property
+    def action_space(self) -> spaces.Box | spaces.Discrete:
+        """`Discrete`, or a `Box` of shape (1,) in N or N m."""
+        if self.task.discrete is not None:
+            return spaces.Discrete(self.task.discrete)
+        limit = np.max(self.task.control_limit)
+        return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
 
     def arguments(self) -> dict[str, Any]:
         """All constructor arguments with their values, defaults included."""

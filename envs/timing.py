@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
@@ -12,10 +14,27 @@ MOST = 1e9
 """No time is a larger multiple of another."""
 
 
+FINEST_DIVISION = 1000
+"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
+
+
 def is_multiple(value: float, unit: float) -> bool:
     """Whether ``value`` is a whole multiple of ``unit``, 0 included, within the tolerance."""
     ratio = value / unit
     return abs(ratio - round(ratio)) <= TOLERANCE * max(1, round(ratio))
+
+
+def dividing_step(arguments: Mapping[str, Any]) -> float:
+    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+
+    The reference may take any step, for its result does not depend on it.
+    """
+    dt = float(arguments["dt"])
+    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
+    for parts in range(1, FINEST_DIVISION + 1):
+        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
+            return dt / parts
+    return dt
 
 
 def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: int = 1) -> int:

@@ -10,13 +10,13 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from integ_gym.envs.array_ops import ARRAY
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.envs.environment import (
     IntegEnv,
-    action_space,
     checked_render_mode,
     make_setup,
     observation_space,
@@ -49,7 +49,7 @@ from integ_gym.envs.transition import EnvState, initial_state, quiet_status
 from integ_gym.envs.vector_info import Info, LaneInfo, kept
 
 
-class IntegVectorEnv(VectorEnv[Any, Any, Any]):
+class IntegVectorEnv(DiscretizedVectorEnv):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
 
     Arrays of `info` that hold one value for all lanes, and its masks, are read-only.
@@ -94,7 +94,7 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         self.setup = self.setups[0]
         self.render_mode = checked_render_mode(render_mode, type(self).metadata["render_modes"])
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_action_space = action_space(self.setup)
+        self.single_action_space = self.setup.action_space
         self.single_observation_space = observation_space(self.setup)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -126,11 +126,6 @@ class IntegVectorEnv(VectorEnv[Any, Any, Any]):
         """The lanes' seeds."""
         self._seed_if_needed()
         return tuple(self._seeds)
-
-    @property
-    def state(self) -> npt.NDArray[np.float64]:
-        """True states in Gymnasium's order, SI units, shape (num_envs, n)."""
-        return np.stack(self.state_components, axis=1)
 
     @property
     def state_components(self) -> Components:

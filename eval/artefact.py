@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from integ_gym.eval.cells import Cell, Discretization
+from integ_gym.envs.discretization import Discretization
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.engine_agreement import agreement_answer
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel_layout import PanelLayout

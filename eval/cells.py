@@ -1,51 +1,18 @@
-"""What a panel varies: discretizations, mixtures of them to train on, and cells to evaluate in."""
+"""What a panel varies: mixtures of discretizations to train on, and cells to evaluate in."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.envs.mixture import WEIGHT
-from integ_gym.envs.timing import is_multiple
-
-FINEST_DIVISION = 1000
-"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
-
-
-@dataclass(frozen=True)
-class Discretization:
-    """What a panel varies: engine, integrator, dt (s) and control period (s)."""
-
-    integrator: str
-    dt: float
-    control_period: float
-    engine: str = "native"
-
-    @property
-    def name(self) -> str:
-        """Short name, without the control period; see :attr:`Cell.name`."""
-        engine = "" if self.engine == "native" else f"{self.engine} "
-        return f"{engine}{self.integrator} dt={self.dt:g}"
-
-    @property
-    def shares(self) -> dict[Discretization, float]:
-        """Share of each discretization that training draws from: this one alone."""
-        return {self: 1.0}
-
-    def arguments(self) -> dict[str, Any]:
-        """As constructor arguments of an environment."""
-        return {
-            "engine": self.engine,
-            "integrator": self.integrator,
-            "dt": self.dt,
-            "control_period": self.control_period,
-        }
-
-    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
-        """Constructor arguments of the training environment."""
-        return Cell(self, "grid").arguments(environment)
+from integ_gym.envs.testbeds import Testbed, make_checked
+from integ_gym.envs.timing import dividing_step
 
 
 @dataclass(frozen=True)
@@ -74,14 +41,6 @@ class DiscretizationMixture:
     def arguments(self) -> list[dict[str, Any]]:
         """The members, each as constructor arguments of an environment."""
         return [member.arguments() for member, _ in self.weights]
-
-    def training_arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
-        """Constructor arguments of the training environment."""
-        own = ("engine", "integrator", "dt")
-        cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in self.weights]
-        mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
-        common = {name: value for name, value in cells[0][0].items() if name not in own}
-        return {**common, "mixture": mixture}
 
 
 Home: TypeAlias = Discretization | DiscretizationMixture
@@ -124,17 +83,43 @@ class Cell:
         return values
 
 
-def dividing_step(arguments: Mapping[str, Any]) -> float:
-    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+def environments_of(testbed: Testbed, cell: Cell, lanes: int) -> DiscretizedVectorEnv:
+    """A cell's environments.
 
-    The reference may take any step, for its result does not depend on it.
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
     """
-    dt = float(arguments["dt"])
-    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
-    for parts in range(1, FINEST_DIVISION + 1):
-        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
-            return dt / parts
-    return dt
+    given = cell.arguments(testbed.arguments)
+    asked = Discretization(**{name: given.pop(name) for name in DISCRETIZATION})
+    return make_checked(testbed, asked, lanes, **given)
+
+
+@lru_cache(maxsize=16)
+def nominal_setup(testbed: Testbed, control_period: float) -> Any:
+    """The setup of the undisturbed task on its truth, or at home where there is none.
+
+    Baselines are designed from its parameters.
+    """
+    cell = Cell(testbed.truth(control_period) or testbed.home, "grid")
+    environments = environments_of(testbed, cell, 1)
+    environments.close()
+    return environments.setups[0]
+
+
+def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Constructor arguments of a training environment.
+
+    Args:
+        home: what is trained on.
+        environment: arguments common to all discretizations.
+    """
+    if isinstance(home, Discretization):
+        return Cell(home, "grid").arguments(environment)
+    own = ("engine", "integrator", "dt")
+    cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in home.weights]
+    mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
+    common = {name: value for name, value in cells[0][0].items() if name not in own}
+    return {**common, "mixture": mixture}
 
 
 def file_name(row: str) -> str:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.discretization import NATIVE, Discretization
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.matching import cases_of, largest_error, mapped
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization
-from integ_gym.eval.engine_cells import NATIVE, map_of
+from integ_gym.eval.cells import Cell
+from integ_gym.eval.engine_cells import map_of
 from integ_gym.eval.matrix import Matrix
 from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.panel_model import EngineAgreement
@@ -78,11 +78,12 @@ def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[En
         for cell in layout.cells.values()
         if cell.kind == "grid" and cell.discretization.engine != NATIVE
     ]
-    if not foreign:
+    if not foreign or spec.reference is None:
         return ()
-    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
+    nominal = spec.nominal
     twins = {
-        cell.name: twin_of(cell, layout.cells, truth.plant, truth.system.steep) for cell in foreign
+        cell.name: twin_of(cell, layout.cells, nominal.plant, nominal.system.steep)
+        for cell in foreign
     }
     return tuple(_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign)
 

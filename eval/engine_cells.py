@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from integ_gym.envs.discretization import NATIVE, Discretization
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.maps import map_names
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.versions import package_version
-from integ_gym.eval.cells import Discretization
-
-NATIVE = "native"
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""
@@ -48,15 +46,13 @@ def integrator_applying(engine: str, maps: Sequence[str]) -> str | None:
 
 def map_of(discretization: Discretization) -> str:
     """The one-step map that a discretization applies."""
-    if discretization.engine == NATIVE:
-        return discretization.integrator
     maps = ENGINES.load(discretization.engine).maps
     return str(maps.get(discretization.integrator, discretization.integrator))
 
 
 def engine_versions(engines: Iterable[str]) -> dict[str, str]:
-    """Distribution and version behind each engine; the native one is the package itself."""
-    packages = {ENGINES.load(name).package for name in engines if name != NATIVE}
+    """Distribution and version behind each engine, this package itself left out."""
+    packages = {ENGINES.load(name).package for name in engines} - {"integ-gym"}
     return {package: package_version(package) or "unknown" for package in sorted(packages)}
 
 

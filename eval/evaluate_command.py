@@ -5,20 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-
-from tqdm import tqdm
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.registration import ENVIRONMENTS
 from integ_gym.eval.existing.evaluate import evaluate_existing
-from integ_gym.eval.existing.plan import Grid, plan, work
+from integ_gym.eval.existing.plan import Grid, plan
 from integ_gym.eval.existing.policy import read_existing
-from integ_gym.eval.mujoco_task import plan_task, read_for_task
-from integ_gym.eval.panel_model import Panel
-from integ_gym.eval.task_evaluation import evaluate_task
 from integ_gym.evidence.command_line import CommandParser, named_value, whole_number
 from integ_gym.evidence.text_table import say
 
@@ -87,43 +81,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    ours = given.env in ENVIRONMENTS
-    total, evaluate = _planned(given) if ours else _planned_task(given)
-    command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
-    with tqdm(
-        total=total, unit=" cells", desc="evaluate", disable=given.no_progress, delay=0.5
-    ) as bar:
-        panel = evaluate(given.out, command, bar.update, _warn)
-    say(panel.question, sys.stdout)
-    say(panel.answer, sys.stdout)
-    print(f"Page: {(given.out / 'report.html').resolve()}")
-    return 0
-
-
-def _planned(given: argparse.Namespace) -> tuple[int, Callable[..., Panel]]:
-    """Cells to run in one of our environments, and what runs them."""
-    if given.success_return is not None:
+    if given.success_return is not None and given.env in ENVIRONMENTS:
         raise ValueError(
             f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
             "units; leave it out"
         )
-    existing = read_existing(
-        given.policy, given.env, dict(given.env_arg), given.obs_stats, given.own_code
+    arguments = dict(given.env_arg)
+    if given.success_return is not None:
+        arguments["success_return"] = given.success_return
+    existing = read_existing(given.policy, given.env, arguments, given.obs_stats, given.own_code)
+    spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
+    command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
+    panel = evaluate_existing(
+        existing,
+        spec,
+        given.out,
+        command,
+        progress=not given.no_progress,
+        on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
     )
-    spec = plan(existing, given.env, _grid(given))
-    return work(spec, existing.home), partial(evaluate_existing, existing, spec)
-
-
-def _planned_task(given: argparse.Namespace) -> tuple[int, Callable[..., Panel]]:
-    """Cells to run in a MuJoCo task, and what runs them."""
-    existing = read_for_task(given.policy, given.env, dict(given.env_arg), given.obs_stats)
-    spec = plan_task(existing, given.env, _grid(given), given.success_return)
-    return work(spec, existing.home), partial(evaluate_task, existing, spec)
-
-
-def _grid(given: argparse.Namespace) -> Grid:
-    return Grid(given.integrator, given.dt, given.episodes)
-
-
-def _warn(doubt: str) -> None:
-    tqdm.write(f"warning: {doubt}", file=sys.stderr)
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
+    print(f"Page: {(given.out / 'report.html').resolve()}")
+    return 0

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.eval.cells import Cell, Home
+from integ_gym.envs.testbeds import Testbed, testbed_of
+from integ_gym.eval.cells import Cell, Home, environments_of
 from integ_gym.eval.replays import Successes
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.evidence.context import EpisodeContext
@@ -60,6 +60,7 @@ class Conditions:
         environment: constructor arguments common to all cells.
         episodes: paired starts; episode k starts from seed ``episode_seed + k`` in every cell.
         episode_seed: seed of episode 0.
+        first: the first episode that is run.
     """
 
     run_id: str
@@ -67,19 +68,26 @@ class Conditions:
     environment: Mapping[str, Any]
     episodes: int
     episode_seed: int
+    first: int = 0
+
+    @property
+    def testbed(self) -> Testbed:
+        """What makes the environments."""
+        return testbed_of(self.env_id, self.environment)
+
+    def divided(self, parts: int) -> list[Conditions]:
+        """Parts with a share of the episodes each.
+
+        Only where lanes are run one by one does a record not depend on the division: how many
+        observations a network is given at once shows in the last bits of its actions.
+        """
+        shares = np.array_split(np.arange(self.episodes), min(parts, self.episodes))
+        return [replace(self, first=int(own[0]), episodes=len(own)) for own in shares]
 
 
 def conditions_of(spec: PanelSpec) -> Conditions:
     """What all cells of a panel's evaluation share."""
     return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
-
-
-@dataclass(frozen=True)
-class Outcomes:
-    """What paired episodes came to, arrays of shape (policies, episodes)."""
-
-    success: Array
-    returns: Array
 
 
 class _Played(NamedTuple):
@@ -100,35 +108,25 @@ def evaluate(
     subjects: Sequence[Subject],
     conditions: Conditions,
     store: EvidenceStore,
-    batch: str,
     on_cell: OnCell = quiet,
-) -> None:
-    """Run all policies side by side, cell by cell, and commit all records as one batch.
+) -> Iterator[Any]:
+    """Run all policies side by side, cell by cell; the records of every cell as a table.
 
-    A record does not depend on which policies are evaluated together.
+    A table comes as soon as the replays are known that label its failures. A record does not
+    depend on which policies are evaluated together.
 
     Args:
         subjects: the policies.
         conditions: what all cells share.
-        store: where the records go.
-        batch: name of the batch, which must not exist yet.
+        store: where the records are meant for; nothing is written.
         on_cell: told after every cell which it was and how many policies were in it.
     """
-    store.commit_all(batch, _tables(subjects, conditions, store, on_cell))
-
-
-def _tables(
-    subjects: Sequence[Subject],
-    conditions: Conditions,
-    store: EvidenceStore,
-    on_cell: OnCell,
-) -> Iterator[Any]:
-    """The records of every cell, as soon as the replays are known that label its failures."""
     latencies = inference_latencies(subjects, conditions)
     successes = Successes(
         [subject.home for subject in subjects],
         [subject.cells for subject in subjects],
         conditions.environment,
+        conditions.first,
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
@@ -137,7 +135,7 @@ def _tables(
         ]
         recorder = _recorder(cell, contexts, conditions, store)
         policies = [subjects[place].policy for place in places]
-        successes.note(cell, places, roll_out(recorder, policies, conditions).success)
+        successes.note(cell, places, roll_out(recorder, policies, conditions))
         recorder.close()
         on_cell(cell, len(places))
         waiting.append(_Played(cell, places, recorder))
@@ -163,52 +161,65 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
 def _recorder(
     cell: Cell, contexts: list[EpisodeContext], conditions: Conditions, store: EvidenceStore
 ) -> RecordVectorEvidence:
+    """Lanes for every start of every policy, or for one at a time where each lane costs its own."""
+    testbed = conditions.testbed
+    together = conditions.episodes if testbed.batched else 1
     return RecordVectorEvidence(
-        _environment(cell, conditions, len(contexts) * conditions.episodes),
+        environments_of(testbed, cell, len(contexts) * together),
         store,
         contexts,
-        episodes=[*range(conditions.episodes)] * len(contexts),
+        episodes=[*range(together)] * len(contexts),
         commit_on_close=False,
     )
 
 
-def roll_out(environment: Any, policies: Sequence[Policy], conditions: Conditions) -> Outcomes:
-    """One episode per lane: for each policy one from every paired start."""
-    lanes = (len(policies), conditions.episodes)
-    stack = PolicyStack(policies)
-    first = conditions.episode_seed
-    seeds = [*range(first, first + conditions.episodes)] * len(policies)
-    observation, _ = environment.reset(seed=seeds)
+def roll_out(
+    recorder: RecordVectorEvidence, policies: Sequence[Policy], conditions: Conditions
+) -> Array:
+    """Success of each policy's episode from every paired start, shape (policies, episodes).
+
+    As many starts are run side by side as there are lanes for each policy, the rest after them.
+    """
+    together = recorder.num_envs // len(policies)
+    stack, first = PolicyStack(policies), conditions.first
+    rounds = [
+        _round(recorder, stack, len(policies), range(start, start + together), conditions)
+        for start in range(first, first + conditions.episodes, together)
+    ]
+    return np.concatenate(rounds, axis=1)
+
+
+def _round(
+    recorder: RecordVectorEvidence,
+    stack: PolicyStack,
+    policies: int,
+    episodes: range,
+    conditions: Conditions,
+) -> Array:
+    """One episode per lane: for each policy one from each of some starts."""
+    recorder.assign([*episodes] * policies)
+    seeds = [conditions.episode_seed + episode for episode in episodes] * policies
+    observation, _ = recorder.reset(seed=seeds)
     running = np.ones(len(seeds), dtype=bool)
     success = np.zeros(len(seeds), dtype=bool)
-    returns = np.zeros(len(seeds))
     while running.any():
-        actions = stack.act(observation.reshape(*lanes, -1))
-        observation, reward, terminated, truncated, info = environment.step(
-            actions.reshape(environment.action_space.shape)
+        actions = stack.act(observation.reshape(policies, len(episodes), -1))
+        observation, _, terminated, truncated, info = recorder.step(
+            actions.reshape(recorder.action_space.shape)
         )
-        returns[running] += reward[running]
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
         running &= ~ended
-    return Outcomes(success.reshape(lanes), returns.reshape(lanes))
-
-
-def outcomes_in(cell: Cell, policies: Sequence[Policy], conditions: Conditions) -> Outcomes:
-    """The paired episodes of one cell, without evidence."""
-    environment = _environment(cell, conditions, len(policies) * conditions.episodes)
-    outcomes = roll_out(environment, policies, conditions)
-    environment.close()
-    return outcomes
+    return success.reshape(policies, len(episodes))
 
 
 def inference_latencies(
     subjects: Sequence[Subject], conditions: Conditions
 ) -> list[tuple[float, float]]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy."""
-    environment = _environment(subjects[0].cells[0], conditions, 1)
-    observation, _ = environment.reset(seed=conditions.episode_seed)
-    environment.close()
+    environments = environments_of(conditions.testbed, subjects[0].cells[0], 1)
+    observation, _ = environments.reset(seed=conditions.episode_seed)
+    environments.close()
     return [inference_latency(subject.policy, observation) for subject in subjects]
 
 
@@ -220,10 +231,6 @@ def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]
         policy.act(observation)
         times.append(time.perf_counter_ns() - start)
     return float(np.mean(times)), float(np.percentile(times, 99))
-
-
-def _environment(cell: Cell, conditions: Conditions, lanes: int) -> Any:
-    return gym.make_vec(conditions.env_id, num_envs=lanes, **cell.arguments(conditions.environment))
 
 
 def context_of(

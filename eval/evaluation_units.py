@@ -8,26 +8,27 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import (
     Conditions,
-    OnCell,
     Subject,
     conditions_of,
     evaluate,
-    quiet,
 )
-from integ_gym.eval.expected_time import cell_seconds, cell_timing
+from integ_gym.eval.expected_time import cell_seconds, cell_timing, cells_seconds
 from integ_gym.eval.run_directory import RunDirectory, key_of
 from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.work import Work
 from integ_gym.evidence.layout import Layout
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.worker import report_work
 
 PREFIX = "evaluate-"
 
@@ -41,7 +42,10 @@ COPIES = 6
 """How often a cell's rows are in memory: as they come, by episode, as a table, as a row group."""
 
 
-Evaluation: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore, str, OnCell], None]
+ENOUGH = 4
+"""Batches per worker that keep all workers busy to the end."""
+
+Tables: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore], Iterable[Any]]
 """See :func:`integ_gym.eval.evaluation.evaluate`."""
 
 
@@ -106,28 +110,83 @@ def batches_of(
     return [tuple(subjects[place] for place in part) for part in np.array_split(order, count)]
 
 
-def evaluate_batch(
+def evaluate_all(
     spec: PanelSpec,
     directory: RunDirectory,
-    batch: Sequence[Subject],
-    on_cell: OnCell = quiet,
-    run: Evaluation = evaluate,
+    subjects: Sequence[Subject],
+    work: Work,
+    workers: int,
 ) -> None:
-    """Evaluate policies in all their cells and mark that as finished.
+    """Evaluate all subjects that have not been, each batch finished by one commit.
 
     Args:
         spec: the panel.
         directory: held by the caller.
-        batch: the policies.
-        on_cell: told after every cell which it was and how many policies were in it.
-        run: what evaluates them.
+        subjects: the policies.
+        work: what runs the batches.
+        workers: processes that it has.
     """
+    waiting = not_evaluated(spec, directory, subjects)
+    work.skip(evaluation_seconds(spec, subjects) - evaluation_seconds(spec, waiting))
+    batches = batches_of(spec, waiting, workers)
+    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
+        tables = partial(_tables, spec)
+        work.do("evaluating", _commit, {_named(b): (spec, directory, b, tables) for b in batches})
+        return
+    for batch in batches:
+        _commit(spec, directory, batch, partial(_divided, spec, work, workers))
+
+
+def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    """Time that the evaluation of all subjects takes one worker, s."""
+    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
+
+
+def _tables(
+    spec: PanelSpec, batch: Sequence[Subject], conditions: Conditions, store: EvidenceStore
+) -> Iterator[Any]:
+    """The tables of a batch, its work being reported."""
+    share = conditions.episodes / spec.episodes
+    return evaluate(
+        batch, conditions, store, lambda cell, n: report_work(share * n * cell_seconds(spec, cell))
+    )
+
+
+def _listed(*given: Any) -> list[Any]:
+    return list(_tables(*given))
+
+
+def _divided(
+    spec: PanelSpec,
+    work: Work,
+    workers: int,
+    batch: Sequence[Subject],
+    conditions: Conditions,
+    store: EvidenceStore,
+) -> Iterator[Any]:
+    """The tables of a batch whose episodes are divided among all workers."""
+    parts = {
+        f"{_named(batch)} from episode {part.first}": (spec, batch, part, store)
+        for part in conditions.divided(workers)
+    }
+    return chain.from_iterable(work.do("evaluating", _listed, parts))
+
+
+def _commit(
+    spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject], tables: Tables
+) -> None:
+    """Evaluate policies in all their cells and mark that as finished."""
     hashes = _hashes(batch)
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
     start = time.time()
-    run(batch, conditions_of(spec), EvidenceStore(directory.evidence), unit, on_cell)
+    store = EvidenceStore(directory.evidence)
+    store.commit_all(unit, tables(batch, conditions_of(spec), store))
     directory.finish(unit, _key(spec, hashes), start, policies=hashes)
+
+
+def _named(batch: Sequence[Subject]) -> str:
+    return ", ".join(subject.policy.policy_id for subject in batch)
 
 
 def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
@@ -139,7 +198,9 @@ def _key(spec: PanelSpec, hashes: Mapping[str, str]) -> str:
 
 
 def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
-    """How many policies fit a batch."""
+    """How many policies fit a batch: one where each lane costs its own."""
+    if not spec.testbed.batched:
+        return 1
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
     seconds = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
@@ -149,6 +210,5 @@ def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
 
 def _bytes(spec: PanelSpec, cell: Cell) -> int:
     """Size of the rows of one episode in a cell."""
-    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
-    columns = len(Layout(truth.plant, truth.task))
+    columns = len(Layout(spec.nominal.plant, spec.nominal.task))
     return 8 * columns * (cell_timing(spec, cell).horizon + 1)

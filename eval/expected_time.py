@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.registration import environment_setup
 from integ_gym.envs.timing import Timing
-from integ_gym.eval.cells import Cell, Discretization
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.spec import PanelSpec
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""
+
+TASK_SECONDS = 1e-4
+"""Time of one recorded decision in a testbed that advances lanes one by one, s."""
 
 FOREIGN_STEP_SECONDS = 1e-5
 """Time of one step of an engine that advances lanes one by one, s."""
@@ -19,15 +22,15 @@ FOREIGN_STEP_SECONDS = 1e-5
 
 def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:
     """Sub-steps and horizon in a cell; no engine is built for it."""
-    truth = environment_setup(spec.env_id, spec.columns()[-1].arguments(spec.environment))
-    given = {"duration": truth.settings.duration, **cell.arguments(spec.environment)}
+    given = {"duration": spec.nominal.settings.duration, **cell.arguments(spec.environment)}
     return Timing.of(given["dt"], given["control_period"], 0.0, None, given["duration"])
 
 
 def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
     """Time of one policy's episodes in a cell, s."""
     timing = cell_timing(spec, cell)
-    decision = DECISION_SECONDS + _engine_seconds(cell.discretization, timing.substeps)
+    recorded = DECISION_SECONDS if spec.testbed.batched else TASK_SECONDS
+    decision = recorded + _engine_seconds(cell.discretization, timing.substeps)
     return spec.episodes * timing.horizon * decision
 
 

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from tqdm import tqdm
-
-from integ_gym.envs.registration import environment_setup
 from integ_gym.eval.evaluation import Subject
-from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
-from integ_gym.eval.expected_time import cell_seconds, cells_seconds
+from integ_gym.eval.evaluation_units import evaluate_all, evaluation_seconds
 from integ_gym.eval.panel_training import check_training, train_units
 from integ_gym.eval.reuse import FinishedPolicies
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec, SpecError
 from integ_gym.eval.units import Unit, units_of
+from integ_gym.eval.work import PanelError, working
 from integ_gym.train.baselines import make_baseline
+from integ_gym.train.policy.interface import Policy
 from integ_gym.train.sidecar import POLICY_FILE, read_trained
-from integ_gym.train.worker import Progress, cores, report_work
-
-
-class PanelError(RuntimeError):
-    """A unit of work that failed, in one sentence."""
+from integ_gym.train.worker import cores
 
 
 def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
@@ -49,16 +40,19 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
     try:
         for unit in units_of(spec):
             if unit.home is None:
-                make_baseline(unit.row, nominal_setup(spec))
+                baseline_of(spec, unit.row)
         check_training(spec, workers)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
-def nominal_setup(spec: PanelSpec) -> Any:
-    """The unperturbed reference environment, from whose parameters baselines are designed."""
-    truth = spec.columns()[-1]
-    return environment_setup(spec.env_id, truth.arguments(spec.environment))
+def baseline_of(spec: PanelSpec, name: str) -> Policy:
+    """A baseline of a panel.
+
+    Raises:
+        ValueError: for one that cannot be made.
+    """
+    return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
 
 
 def run_panel(
@@ -100,92 +94,17 @@ def _run_units(
 ) -> None:
     units, workers = units_of(spec), requested or cores()
     train_units(spec, directory, units, requested, progress)
-    shared = Progress()
-    with shared.pool(workers) as pool, _bar(spec, units, progress) as bar:
-        work = _Work(pool, shared, bar)
-        subjects = [subject_of(spec, directory, unit) for unit in units]
-        waiting = not_evaluated(spec, directory, subjects)
-        work.skip(_evaluation_seconds(spec, subjects) - _evaluation_seconds(spec, waiting))
-        batches = batches_of(spec, waiting, workers)
-        work.do("evaluating", _evaluate, {_named(b): (spec, directory, b) for b in batches})
-
-
-def _bar(spec: PanelSpec, units: Sequence[Unit], shown: bool) -> Any:
-    total = sum(cells_seconds(spec, spec.cells_of(unit.home)) for unit in units)
-    return tqdm(
-        total=total,
-        desc=f"panel {spec.name}",
-        disable=not shown,
-        mininterval=0.5 if sys.stderr.isatty() else 15.0,
-        smoothing=0.05,
-        bar_format="{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}",  # ", phase"
-    )
-
-
-class _Work:
-    """Tasks given to a pool, and the bar that shows what is done of them.
-
-    Args:
-        pool: the pool.
-        shared: what its workers report.
-        bar: the bar.
-    """
-
-    def __init__(self, pool: ProcessPoolExecutor, shared: Progress, bar: Any) -> None:
-        self._pool = pool
-        self._shared = shared
-        self._bar = bar
-        self._skipped = 0.0
-
-    def skip(self, seconds: float) -> None:
-        """Count work that was done before."""
-        self._skipped += seconds
-        self._show()
-
-    def do(
-        self, phase: str, task: Callable[..., None], arguments: Mapping[str, tuple[Any, ...]]
-    ) -> None:
-        """Run one task for each of ``arguments``, by name.
-
-        Raises:
-            PanelError: if one fails.
-        """
-        running = {self._pool.submit(task, *given): name for name, given in arguments.items()}
-        self._bar.set_postfix_str(phase, refresh=False)
-        while running:
-            ended, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in ended:
-                name = running.pop(future)
-                try:
-                    future.result()
-                except Exception as error:
-                    raise PanelError(f"{phase} {name} failed: {error}; the rest is kept") from error
-            self._show()
-
-    def _show(self) -> None:
-        done = self._shared.total() + self._skipped
-        self._bar.update(min(self._bar.total, done) - self._bar.n)
-
-
-def _named(batch: Sequence[Subject]) -> str:
-    return ", ".join(subject.policy.policy_id for subject in batch)
-
-
-def _evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
-    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
-
-
-def _evaluate(spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject]) -> None:
-    evaluate_batch(
-        spec, directory, batch, lambda cell, n: report_work(n * cell_seconds(spec, cell))
-    )
+    subjects = [subject_of(spec, directory, unit) for unit in units]
+    seconds = evaluation_seconds(spec, subjects)
+    with working(f"panel {spec.name}", seconds, workers, progress) as work:
+        evaluate_all(spec, directory, subjects, work, workers)
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     """The policy of a unit, read from its file or built."""
     cells = spec.cells_of(unit.home)
     if unit.home is None:
-        return Subject(make_baseline(unit.row, nominal_setup(spec)), cells)
+        return Subject(baseline_of(spec, unit.row), cells)
     policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
     marker = directory.marker(unit.training)
     if marker is None or marker.get("policy") != card["content_hash"]:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.settings import Settings
-from integ_gym.eval.cells import Cell, Discretization, Home
+from integ_gym.eval.cells import Cell, Home
 from integ_gym.evidence.labels import Home as HomeReplay
 from integ_gym.evidence.labels import Replays
 
@@ -31,6 +32,7 @@ class Successes:
         homes: training discretization or mixture of every policy, or None.
         cells: cells that every policy is evaluated in.
         environment: constructor arguments common to all cells.
+        first: index of the first episode of every cell.
     """
 
     def __init__(
@@ -38,9 +40,11 @@ class Successes:
         homes: Sequence[Home | None],
         cells: Sequence[Sequence[Cell]],
         environment: Mapping[str, Any],
+        first: int = 0,
     ) -> None:
         self._homes = homes
         self._environment = environment
+        self._first = first
         self._awaited = [{_key(cell) for cell in own} for own in cells]
         self._known: dict[tuple[int, Key], Flags] = {}
 
@@ -61,7 +65,7 @@ class Successes:
     def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
         said = {"home": self._said_at_home(cell, place), **self._undisturbed(cell, place)}
         return {
-            k: Replays(**{name: _episode(x, k) for name, x in said.items()})
+            self._first + k: Replays(**{name: _episode(x, k) for name, x in said.items()})
             for k in range(len(self._known[place, _key(cell)]))
         }
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from integ_gym.eval.cells import Home, file_name
-from integ_gym.eval.engine_cells import NATIVE, engine_versions
+from integ_gym.eval.cells import Home, file_name, training_arguments
+from integ_gym.eval.engine_cells import engine_versions
 from integ_gym.eval.run_directory import RunDirectory, key_of
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.train.ppo import PPOConfig
@@ -49,7 +49,7 @@ def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
     assert unit.home is not None
     return PPOConfig.of(
         spec.env_id,
-        env_arguments=unit.home.training_arguments(spec.environment),
+        env_arguments=training_arguments(unit.home, spec.environment),
         seed=unit.seed,
         **spec.training,
     )
@@ -59,7 +59,7 @@ def training_key(config: PPOConfig) -> str:
     """Hash of all that a training run depends on."""
     arguments = config.env_arguments
     members = (arguments, *arguments.get("mixture", ()))
-    engines = {str(member.get("engine", NATIVE)) for member in members}
+    engines = {member["engine"] for member in members if "engine" in member}
     return key_of(engine_versions(engines), config=asdict(config))
 
 

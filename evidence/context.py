@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from integ_gym.envs.discretization import DISCRETIZATION, agrees
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.labels import Home, Replays
 
-Discretization = Mapping[str, Any]
+Stated = Mapping[str, Any]
 """Some of ``engine``, ``integrator``, ``dt`` (s) and ``control_period`` (s)."""
-
-_DISCRETIZATION_KEYS = ("engine", "integrator", "dt", "control_period")
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class EpisodeContext:
     phase: str = "evaluation"
     policy_id: str = ""
     policy_hash: str = ""
-    training_discretization: Discretization | Sequence[Discretization] | None = None
+    training_discretization: Stated | Sequence[Stated] | None = None
     training_seed: int | None = None
     perturbation: Mapping[str, Any] | None = None
     first_episode: int = 0
@@ -72,15 +70,15 @@ class EpisodeContext:
                 f"{self.trace_every}"
             )
         for member in self.homes:
-            unknown = sorted(set(member) - set(_DISCRETIZATION_KEYS))
+            unknown = sorted(set(member) - set(DISCRETIZATION))
             if unknown or not member:
                 raise ValueError(
                     f"`training_discretization` must have some of "
-                    f"{', '.join(_DISCRETIZATION_KEYS)}, got {dict(member)!r}"
+                    f"{', '.join(DISCRETIZATION)}, got {dict(member)!r}"
                 )
 
     @property
-    def homes(self) -> tuple[Discretization, ...]:
+    def homes(self) -> tuple[Stated, ...]:
         """The training discretizations."""
         given = self.training_discretization
         if given is None:
@@ -92,7 +90,7 @@ class EpisodeContext:
 
         Keys that the training discretization does not state are not compared.
         """
-        if self.phase == "training" or any(_same(home, episode) for home in self.homes):
+        if self.phase == "training" or any(agrees(home, episode) for home in self.homes):
             return "is home"
         return None if self.homes else "no home"
 
@@ -104,13 +102,3 @@ class EpisodeContext:
         """Hash of cell, policy and episode index, 32 hexadecimal digits."""
         identity = [self.cell, self.policy_id, self.policy_hash, episode_index]
         return hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:32]
-
-
-def _same(home: Discretization, episode: Mapping[str, Any]) -> bool:
-    return all(_equal(value, episode[key]) for key, value in home.items())
-
-
-def _equal(a: Any, b: Any) -> bool:
-    if isinstance(a, str) or isinstance(b, str):
-        return bool(a == b)
-    return math.isclose(a, b, rel_tol=1e-9)

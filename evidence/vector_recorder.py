@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from integ_gym.envs.vector import IntegVectorEnv
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead
 from integ_gym.evidence.lane_buffer import LaneBuffer
@@ -28,14 +28,15 @@ _SPACES = (
 
 
 class RecordVectorEvidence(Recorder, VectorWrapper):
-    """Records every finished episode of an integ-gym vector environment.
+    """Records every finished episode of a testbed's vector environment.
 
     Spaces, spec, observations, rewards and info pass through unchanged, in all three autoreset
     modes. Episodes are kept in memory and written as one batch by :meth:`commit` or :meth:`close`;
     episodes that are not finished are not written.
 
     Args:
-        env: an integ-gym vector environment, with no wrapper that changes what a policy sees.
+        env: a vector environment that a testbed made, with no wrapper that changes what a policy
+            sees.
         store: an :class:`EvidenceStore` or its directory.
         context: what the episodes are for; of several, each has an equal share of the lanes, in
             their order.
@@ -61,7 +62,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         commit_on_close: bool = True,
     ) -> None:
         super().__init__(env)
-        self._inner = recorded(env, (IntegVectorEnv,), _SPACES)
+        self._inner = recorded(env, (DiscretizedVectorEnv,), _SPACES)
         self._mode: AutoresetMode = self._inner.autoreset_mode
         setups = all_setups(self._inner.setups, self.num_envs)
         self._per_member = len(setups) // len(self._inner.setups)

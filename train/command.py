@@ -72,7 +72,9 @@ def parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
         epilog=_EXAMPLES.replace("integ-gym train", prog),
         argument_default=argparse.SUPPRESS,
     )
-    made.add_argument("--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}")
+    made.add_argument(
+        "--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}, or a MuJoCo task"
+    )
     made.add_argument(
         "--out",
         type=Path,

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
+
 from integ_gym.envs.parameters import check_values, nonnegative, unknown_name
 from integ_gym.envs.registration import ENVIRONMENTS
 
@@ -72,7 +74,7 @@ def check_config(config: PPOConfig) -> None:
         ValueError: for an impossible value, in one sentence.
     """
     check_values(type(config), vars(config))
-    if config.env_id not in ENVIRONMENTS:
+    if not (config.env_id in ENVIRONMENTS or config.env_id in gym.registry or ":" in config.env_id):
         raise ValueError(unknown_name("environment", config.env_id, ENVIRONMENTS))
     for name in _GIVEN_BY_THE_TRAINER:
         if name in config.env_arguments:

@@ -20,8 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.extras import require
 from integ_gym.envs.parameters import (
@@ -34,6 +33,7 @@ from integ_gym.envs.parameters import (
     positive,
     text,
 )
+from integ_gym.envs.testbeds import make_training_environments
 from integ_gym.train.card import make_card, mixture_of
 from integ_gym.train.config_checks import (
     ENV_ARGUMENTS,
@@ -147,13 +147,7 @@ def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
     Raises:
         TypeError, ValueError: for arguments that are not possible.
     """
-    return gym.make_vec(
-        config.env_id,
-        num_envs=config.n_envs,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP.value,
-        **config.env_arguments,
-    )
+    return make_training_environments(config.env_id, config.env_arguments, config.n_envs)
 
 
 # -------------------------------------------------------------------------------------------- model

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -48,6 +48,10 @@ class Progress:
             initializer=_start_worker,
             initargs=(watched, self._done, self._context.Value("i", 0), prepare),
         )
+
+    def here(self) -> Executor:
+        """One thread of this process that reports here, for work that is not worth a pool."""
+        return ThreadPoolExecutor(1, initializer=_report_to, initargs=(self._done,))
 
 
 class _Pool(ProcessPoolExecutor):
@@ -95,13 +99,7 @@ def cores() -> int:
 def _start_worker(
     watched: tuple[int, Any], done: Any, started: Any, prepare: Callable[[int], None] | None
 ) -> None:
-    global _report
-
-    def add(amount: float) -> None:
-        with done.get_lock():
-            done.value += amount
-
-    _report = add
+    _report_to(done)
     threading.Thread(target=_end_with, args=watched, daemon=True).start()
     _limit_threads()
     if prepare is not None:
@@ -109,6 +107,17 @@ def _start_worker(
             number = started.value
             started.value += 1
         prepare(number)
+
+
+def _report_to(done: Any) -> None:
+    """Have work added up in a shared number."""
+    global _report
+
+    def add(amount: float) -> None:
+        with done.get_lock():
+            done.value += amount
+
+    _report = add
 
 
 def _end_with(parent: int, stopped: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from integ_gym.envs.engines._stepped import SteppedEngine
@@ -25,13 +26,15 @@ class NativeEngine(SteppedEngine):
     """
 
     name: ClassVar[str] = "native"
+    package: ClassVar[str] = "integ-gym"
+    maps: ClassVar[Mapping[str, str]] = {name: name for name in INTEGRATORS.names()}
     batched: ClassVar[bool] = True
     reports: bool = True
 
     def __init__(self, system: PlantSystem, integrator: str, dt: Component) -> None:
         super().__init__(system, dt)
         self.integrator = INTEGRATORS.load(integrator)()
-        self.version = package_version("integ-gym") or "unknown"
+        self.version = package_version(self.package) or "unknown"
 
     def solver(self) -> dict[str, Any]:
         """Tolerance and iteration cap of the integrator's solver."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
-from integ_gym.envs.environment import action_space, observation_space
+from integ_gym.envs.environment import observation_space
 from integ_gym.envs.functional.checking import checked_setup
 from integ_gym.envs.functional.params import Params, params_of
 from integ_gym.envs.functional.sensor_noise import renewed, standard_noise, with_noise
@@ -66,7 +66,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self.start_size = 2 * len(self.setup.plant.coordinates)
         self.structure: Hashable = structure_of(env_id, self.setup, dtype)
         self.observation_space = observation_space(self.setup)
-        self.action_space = action_space(self.setup)
+        self.action_space = self.setup.action_space
         super().__init__()
 
     def get_default_params(self, **kwargs: Any) -> Params:

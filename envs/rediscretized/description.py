@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gymnasium import spaces
+
 from integ_gym.envs.settings import Settings
 from integ_gym.envs.timing import Timing
 from integ_gym.envs.versions import package_version
@@ -42,6 +44,7 @@ class TaskGoal:
     observation_names: tuple[str, ...]
     observation_units: tuple[str, ...]
     discrete: None = None
+    goal_stay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class TaskSetup:
     plant: ModelPlant
     task: TaskGoal
     engine: ModelEngine
+    action_space: spaces.Space[Any]
     environment: tuple[tuple[str, Any], ...]
     """Constructor arguments of the task."""
     fingerprinted: str = "cart_pole"

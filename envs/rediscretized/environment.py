@@ -77,6 +77,8 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
 
     Attributes:
         setup: timing, names and units, for evidence.
+        final_state: see :attr:`state_components`, before the last reset.
+        final_status: see :attr:`status_code`, before the last reset.
     """
 
     def __init__(
@@ -116,6 +118,11 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         return in_state_order(tuple(q), tuple(v))
 
     @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    @property
     def status_code(self) -> int:
         """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
         if self._diverged:
@@ -123,10 +130,17 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         capped = self._booked.iterations >= self.setup.engine.cap
         return NOT_CONVERGED if capped else OK
 
+    @property
+    def applied(self) -> tuple[str, float, int]:
+        """Integrator, timestep (s) and timesteps per decision, read from the compiled model."""
+        integrator = Choice().integrator_of(self._model)
+        return integrator, float(self._model.opt.timestep), int(self._inner.frame_skip)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode."""
+        self.final_state, self.final_status = self.state_components, self.status_code
         observation, info = self.env.reset(seed=seed, options=options)
         self._steps, self._return, self._least = 0, 0.0, 0.0
         self._reached = 0.0 if self._success_return is None else AWAY
@@ -292,6 +306,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
                 chosen, float(model.opt.tolerance), int(model.opt.iterations),
                 Ledger(mujoco, model, chosen).accounted,
             ),
+            action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
         )  # fmt: skip
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from integ_gym.eval.artefact import Facts, build_artefact
+from integ_gym.eval.artefact import build_artefact
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.evaluation import Subject
-from integ_gym.eval.evaluation_units import batches_of, evaluate_batch, not_evaluated
-from integ_gym.eval.existing.doubts import doubts
+from integ_gym.eval.evaluation_units import evaluate_all, evaluation_seconds
+from integ_gym.eval.existing.plan import main_home
 from integ_gym.eval.existing.policy import Existing
 from integ_gym.eval.matrix import Matrix, Row
-from integ_gym.eval.panel import nominal_setup
+from integ_gym.eval.panel import baseline_of
 from integ_gym.eval.panel_artefact import (
     evaluation_records,
     facts_of,
@@ -20,15 +21,19 @@ from integ_gym.eval.panel_artefact import (
     shares_of,
     write_outputs,
 )
-from integ_gym.eval.panel_layout import PanelLayout
 from integ_gym.eval.panel_model import Panel
 from integ_gym.eval.panel_model import Policy as PanelPolicy
 from integ_gym.eval.run_directory import RunDirectory
 from integ_gym.eval.spec import PanelSpec
+from integ_gym.eval.work import working
 from integ_gym.evidence.atomic import replace_file
-from integ_gym.train.baselines import make_baseline
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy.interface import Policy
 from integ_gym.train.sidecar import POLICY_FILE
+from integ_gym.train.worker import cores
+
+SHORT = 10.0
+"""Expected work that is not worth starting worker processes for, s."""
 
 
 def evaluate_existing(
@@ -36,7 +41,8 @@ def evaluate_existing(
     spec: PanelSpec,
     out: Path,
     command: str,
-    on_cell: Callable[[int], None] = lambda policies: None,
+    *,
+    progress: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> Panel:
     """Evaluate a policy and the baselines, and write the usual directory.
@@ -44,98 +50,117 @@ def evaluate_existing(
     Args:
         existing: the policy.
         spec: what :func:`~integ_gym.eval.existing.plan.plan` made.
-        out: directory.
+        out: directory; one that holds another policy's evaluation is refused.
         command: how to run this again, for the page.
-        on_cell: told after every cell how many policies were in it.
-        on_doubt: called first, with each sentence that casts doubt on the result.
+        progress: show a bar.
+        on_doubt: called at the end, with each sentence that casts doubt on the result.
 
     Returns:
         What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
+        PanelError: if an evaluation fails; what was finished stays.
     """
-    directory = directory_of(existing, spec, out)
-    baselines = [make_baseline(name, nominal_setup(spec)) for name in spec.baselines]
+    row = existing.policy.policy_id
+    content = {**spec.to_json(), "policy": existing.policy.content_hash}
+    directory = RunDirectory(out, content, spec.engine_versions())
+    subjects = [
+        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
+        *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
+    ]
+    seconds = evaluation_seconds(spec, subjects)
+    workers = 0 if seconds < SHORT else cores()
     with directory.opened():
-        warnings = doubts(existing, spec)
-        for doubt in warnings:
+        for name, source in existing.files.items():
+            replace_file(directory.policies / row / name, source.read_bytes())
+        with working("evaluate", seconds, workers, progress) as work:
+            evaluate_all(spec, directory, subjects, work, max(1, workers))
+        rows = (
+            Row(row, "given", (row,), shares_of(existing.home)),
+            *(Row(name, "baseline", (name,)) for name in spec.baselines),
+        )
+        layout = make_layout(spec, rows, {row: existing.home})
+        matrix = Matrix(rows, evaluation_records(directory), spec.episodes)
+        facts = facts_of(
+            spec,
+            directory,
+            command,
+            max(1, workers),
+            {subject.policy.policy_id: _told(existing, subject.policy) for subject in subjects},
+            spec={**spec.to_json(), "home": existing.origin},
+            remark="" if spec.reference else _returns(existing, spec, matrix),
+            warnings=[
+                *_no_better(existing, matrix),
+                *_cannot_fail(spec, EvidenceStore(directory.evidence)),
+            ],
+        )
+        for doubt in facts.warnings:
             on_doubt(doubt)
-        for batch in batches_of(spec, begin(existing, spec, directory, baselines, on_cell), 1):
-            evaluate_batch(spec, directory, batch, lambda _, policies: on_cell(policies))
-        layout, matrix = outcome(existing, spec, directory)
-        facts = evaluation_facts(existing, spec, directory, command, warnings=warnings)
         panel = build_artefact(layout, matrix, facts)
         write_outputs(panel, directory)
     return panel
 
 
-def directory_of(existing: Existing, spec: PanelSpec, out: Path) -> RunDirectory:
-    """The directory of one policy's evaluation; another policy in it is refused."""
-    content = {**spec.to_json(), "policy": existing.policy.content_hash}
-    return RunDirectory(out, content, spec.engine_versions())
+def _told(existing: Existing, policy: Policy) -> PanelPolicy:
+    """What the panel says of a policy; of a baseline no more than its name."""
+    name = policy.policy_id
+    if policy is not existing.policy:
+        return PanelPolicy(id=name, seed=None, hash=None, file=None)
+    file = f"policies/{name}/{POLICY_FILE}"
+    return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)
 
 
-def begin(
-    existing: Existing,
-    spec: PanelSpec,
-    directory: RunDirectory,
-    baselines: Sequence[Policy],
-    on_cell: Callable[[int], None],
-) -> list[Subject]:
-    """Keep the policy's files, and tell which of the policies have not been evaluated yet.
-
-    Args:
-        existing: the policy.
-        spec: the evaluation.
-        directory: held by the caller.
-        baselines: policies beside it.
-        on_cell: told how many cells are done already.
-    """
-    for name, source in existing.files.items():
-        replace_file(directory.policies / existing.policy.policy_id / name, source.read_bytes())
-    subjects = [
-        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
-        *(Subject(baseline, spec.cells_of(None)) for baseline in baselines),
-    ]
-    waiting = not_evaluated(spec, directory, subjects)
-    on_cell(sum(len(subject.cells) for subject in subjects if subject not in waiting))
-    return waiting
+def _home_cell(existing: Existing) -> str:
+    return Cell(main_home(existing.home), "grid").name
 
 
-def outcome(
-    existing: Existing, spec: PanelSpec, directory: RunDirectory
-) -> tuple[PanelLayout, Matrix]:
-    """Rows and cells of a finished evaluation, and what came out."""
-    homes = {existing.policy.policy_id: existing.home}
-    layout = make_layout(spec, _rows(existing, spec), homes)
-    return layout, Matrix(layout.rows, evaluation_records(directory), spec.episodes)
-
-
-def _rows(existing: Existing, spec: PanelSpec) -> tuple[Row, ...]:
-    row = existing.policy.policy_id
+def _returns(existing: Existing, spec: PanelSpec, matrix: Matrix) -> str:
+    """The range of the policy's returns in one sentence."""
+    row, home = existing.policy.policy_id, _home_cell(existing)
+    cells = [cell.name for cell in spec.columns()]
+    means = {name: float(matrix.values(row, name, "return").mean()) for name in cells}
+    low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
+    if means[low] == means[high]:
+        return f"Its mean return is {means[home]:.1f} on each of them."
     return (
-        Row(row, "given", (row,), shares_of(existing.home)),
-        *(Row(name, "baseline", (name,)) for name in spec.baselines),
+        f"Its mean return is {means[home]:.1f} at home, and between {means[low]:.1f} ({low}) and "
+        f"{means[high]:.1f} ({high})."
     )
 
 
-def evaluation_facts(
-    existing: Existing,
-    spec: PanelSpec,
-    directory: RunDirectory,
-    command: str,
-    workers: int = 1,
-    **more: Any,
-) -> Facts:
-    """What the panel says of the evaluation beside its outcome; ``more`` as of `facts_of`."""
-    row = existing.policy.policy_id
-    own = PanelPolicy(
-        id=row,
-        seed=existing.seed,
-        hash=existing.policy.content_hash,
-        file=f"policies/{row}/{POLICY_FILE}",
+def _no_better(existing: Existing, matrix: Matrix) -> list[str]:
+    """Doubt where the policy is no better than random on its own discretization."""
+    home = _home_cell(existing)
+    own, chance = (
+        matrix.values(row, home, "return")[0] for row in (existing.policy.policy_id, "random")
     )
-    others = {n: PanelPolicy(id=n) for n in spec.baselines}
-    stated = {**spec.to_json(), "home": existing.origin}
-    return facts_of(spec, directory, command, workers, {row: own, **others}, spec=stated, **more)
+    difference = own - chance
+    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
+    if difference.mean() > 2.0 * error:
+        return []
+    better = "no better than" if difference.mean() <= 0 else "not shown to be better than"
+    remedy = (
+        "trained with VecNormalize? pass --obs-stats FILE.json"
+        if existing.seed is None
+        else "was it trained for long enough?"
+    )
+    return [
+        f"on its home discretization ({home}) the policy's return {own.mean():.1f} over "
+        f"{len(own)} episodes is {better} random's {chance.mean():.1f}; {remedy}"
+    ]
+
+
+def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
+    """Doubt where success is survival, and everybody survives."""
+    success = spec.testbed.success
+    if success.parameter is None or success.parameter in spec.environment:
+        return []
+    if records.query("SELECT record_id FROM records WHERE terminated LIMIT 1").num_rows:
+        return []
+    solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
+    suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
+    return [
+        "no episode of any row ends before its time limit, so success, which is survival, tells "
+        f"nothing here: compare returns, or give {flag}{suggestion}"
+    ]

@@ -5,27 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization, Home, dividing_step
-from integ_gym.eval.engine_cells import NATIVE
+from integ_gym.envs.discretization import Discretization
+from integ_gym.envs.testbeds import testbed_of
+from integ_gym.eval.cells import Home, environments_of
 from integ_gym.eval.existing.policy import Existing
-from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.spec import PanelSpec
 from integ_gym.eval.spec.perturbations import standard_perturbations
 from integ_gym.train.baselines import possible_baselines
 
-REFINEMENTS = (1, 2, 4)
-"""Parts of the coarsest step that are evaluated where no steps are given."""
-
 
 @dataclass(frozen=True)
 class Grid:
-    """The discretizations to evaluate on; the reference always comes with them.
+    """The discretizations to evaluate on; the truth, where there is one, always comes with them.
 
     Attributes:
-        integrators: names; by default all but the reference.
-        dts: steps, s; by default the control period, half and a quarter of it.
+        integrators: names; by default all that the testbed offers but the truth.
+        dts: steps, s; by default the testbed's.
         episodes: paired starts.
         episode_seed: seed of episode 0.
     """
@@ -45,43 +40,36 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
-    spec = _specification(existing, env_id, grid)
+    testbed = testbed_of(env_id, existing.environment)
+    home, name = main_home(existing.home), existing.policy.policy_id
+    engine = home.engine if grid.integrators else testbed.home.engine
+    columns = [
+        Discretization(integrator, dt, home.control_period, engine)
+        for integrator in grid.integrators or testbed.integrators(engine)
+        for dt in grid.dts or testbed.steps(home)
+    ]
+    spec = PanelSpec(
+        name=f"evaluate {name}",
+        env_id=env_id,
+        control_period=home.control_period,
+        train=(),
+        grid=tuple(dict.fromkeys([*columns, *existing.home.shares])),
+        seeds=(),
+        environment=existing.environment,
+        ladder=False,
+        episodes=grid.episodes,
+        episode_seed=grid.episode_seed,
+        question=f"Does {name} survive another integrator or timestep?",
+    )
     for cell in spec.columns():
-        environment_setup(env_id, cell.arguments(spec.environment))
-    return replace(spec, baselines=possible_baselines(nominal_setup(spec)))
-
-
-def work(spec: PanelSpec, home: Home) -> int:
-    """Cells that the evaluation runs, added up over the policy and the baselines."""
-    return len(spec.cells_of(home)) + len(spec.baselines) * len(spec.cells_of(None))
+        environments_of(testbed, cell, 1).close()
+    return replace(
+        spec,
+        perturbations=standard_perturbations(spec.nominal),
+        baselines=possible_baselines(spec.nominal, testbed.controller),
+    )
 
 
 def main_home(home: Home) -> Discretization:
     """The discretization that most of the training ran on, the first of equals."""
     return max(home.shares, key=lambda member: home.shares[member])
-
-
-def _specification(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
-    home = main_home(existing.home)
-    period = home.control_period
-    ours = [n for n in INTEGRATORS.names() if n != "reference"]
-    integrators, engine = (grid.integrators, home.engine) if grid.integrators else (ours, NATIVE)
-    coarsest = dividing_step({**existing.environment, "dt": period})
-    dts = grid.dts or [coarsest / n for n in REFINEMENTS]
-    columns = [Discretization(i, dt, period, engine) for i in integrators for dt in dts]
-    return PanelSpec(
-        name=f"evaluate {existing.policy.policy_id}",
-        env_id=env_id,
-        control_period=period,
-        train=(),
-        grid=tuple(dict.fromkeys([*columns, *existing.home.shares])),
-        seeds=(),
-        environment=existing.environment,
-        perturbations=standard_perturbations(
-            env_id, Cell(home, "grid").arguments(existing.environment)
-        ),
-        ladder=False,
-        episodes=grid.episodes,
-        episode_seed=grid.episode_seed,
-        question=f"Does {existing.policy.policy_id} survive another integrator or timestep?",
-    )

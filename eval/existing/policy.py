@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.environment import action_space, observation_space
-from integ_gym.envs.mixture import DISCRETIZATION, Mixture
-from integ_gym.envs.registration import environment_mixture
-from integ_gym.eval.cells import Discretization, DiscretizationMixture, Home
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.mixture import Mixture
+from integ_gym.envs.testbeds import make_training_environments
+from integ_gym.eval.cells import DiscretizationMixture, Home
 from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.sb3_zip import read_observation_statistics, read_sb3_zip
@@ -112,7 +112,8 @@ def describe(
         ValueError: if the side-car is damaged or of another environment, or names code that may
             not be run; or if ``given`` holds what the evaluation varies.
     """
-    for name in (*DISCRETIZATION, "mixture"):
+    varied = (*DISCRETIZATION, "mixture")
+    for name in varied:
         if name in given:
             raise ValueError(
                 f"`{name}` is what the evaluation varies, and the policy's home comes from its "
@@ -125,12 +126,11 @@ def describe(
         arguments = _trained_on(card, env_id, own_code)
         origin = "the side-car beside the policy"
     arguments.update(given)
-    mixture = environment_mixture(env_id, arguments)
-    varied = (*DISCRETIZATION, "mixture")
+    environments = make_training_environments(env_id, arguments, 1)
+    environments.close()
+    policy.check_spaces(environments.single_observation_space, environments.single_action_space)
     environment = {name: value for name, value in arguments.items() if name not in varied}
-    setup = mixture.setups[0]
-    policy.check_spaces(observation_space(setup), action_space(setup))
-    return Existing(policy, _home(mixture), environment, origin)
+    return Existing(policy, _home(environments.mixture), environment, origin)
 
 
 def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -169,10 +169,7 @@ def _home(mixture: Mixture) -> Home:
     """What a training environment's episodes run on, a discretization named twice counted once."""
     weights: dict[Discretization, float] = {}
     for setup, share in zip(mixture.setups, mixture.shares, strict=True):
-        settings = setup.settings
-        member = Discretization(
-            settings.integrator, settings.dt, setup.timing.control_period, settings.engine
-        )
+        member = Discretization.of(setup)
         weights[member] = weights.get(member, 0.0) + float(share)
     if len(weights) == 1:
         return next(iter(weights))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Discretization, file_name
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization
+from integ_gym.eval.cells import environments_of, file_name
 from integ_gym.eval.spec.panel_spec import PanelSpec
 from integ_gym.eval.spec.values import SpecError, check_known, check_unique
 
@@ -34,18 +34,17 @@ def check_parts(spec: PanelSpec) -> None:
     for label, values in named.items():
         check_unique(label, values)
     for perturbation in spec.perturbations:
-        varied = set(perturbation.environment) & set(spec.reference.arguments())
+        varied = set(perturbation.environment) & set(DISCRETIZATION)
         if varied:
             raise SpecError(
                 f"perturbation {perturbation.name!r} changes `{sorted(varied)[0]}`, which is what "
                 "cells vary; use `evaluate` for it"
             )
-    _check_environment(spec)
     every = [spec.cells_of(home) for home in (*spec.train, None)]
     for cells in every:
         check_unique("cells", [cell.name for cell in cells])
     for cell in {cell.name: cell for cells in every for cell in cells}.values():
-        environment_setup(spec.env_id, cell.arguments(spec.environment))
+        environments_of(spec.testbed, cell, 1).close()
     for trained in spec.trained_on():
         if trained not in spec.grid and trained != spec.reference:
             raise SpecError(
@@ -69,8 +68,13 @@ def check_parts(spec: PanelSpec) -> None:
         _check_comparison(spec, pair)
 
 
-def _check_environment(spec: PanelSpec) -> None:
-    varied = set(spec.environment) & {*spec.reference.arguments(), "mixture"}
+def check_environment(environment: Mapping[str, Any]) -> None:
+    """Refuse arguments of all cells that cells vary.
+
+    Raises:
+        SpecError: for such an argument, with where to give it.
+    """
+    varied = set(environment) & {*DISCRETIZATION, "mixture"}
     if varied:
         raise SpecError(
             f"`environment` gives `{sorted(varied)[0]}`, which is what cells vary; use "

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.mixture import WEIGHT
-from integ_gym.envs.registration import environment_setup
+from integ_gym.envs.testbeds import Testbed, testbed_of
 from integ_gym.envs.versions import package_version
-from integ_gym.eval.cells import Cell, Discretization, Home, Perturbation
+from integ_gym.eval.cells import Cell, Home, Perturbation, nominal_setup
 from integ_gym.eval.engine_cells import engine_versions
 from integ_gym.train.baselines import BASELINES
 
@@ -50,17 +51,29 @@ class PanelSpec:
     """Engines that are not installed, where the grid asks for all that are."""
 
     @property
-    def reference(self) -> Discretization:
+    def testbed(self) -> Testbed:
+        """What makes the environments."""
+        return testbed_of(self.env_id, self.environment)
+
+    @property
+    def nominal(self) -> Any:
+        """The setup of the undisturbed task; see :func:`~integ_gym.eval.cells.nominal_setup`."""
+        return nominal_setup(self.testbed, self.control_period)
+
+    @property
+    def reference(self) -> Discretization | None:
         """The truth column: the plant solved to rounding under the same zero-order hold."""
-        return Discretization("reference", self.control_period, self.control_period)
+        return self.testbed.truth(self.control_period)
 
     def columns(self) -> tuple[Cell, ...]:
-        """Cells that every row is evaluated in: the grid, then the reference."""
+        """Cells that every row is evaluated in: the grid, then the reference if there is one."""
         grid = tuple(
             Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
             for d in self.grid
             if d != self.reference
         )
+        if self.reference is None:
+            return grid
         return (*grid, Cell(self.reference, "reference", role="reference"))
 
     def trained_on(self) -> tuple[Discretization, ...]:
@@ -78,7 +91,13 @@ class PanelSpec:
 
     def gaps(self) -> list[str]:
         """What every panel has and this one lacks, in sentences."""
-        found = [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
+        found = []
+        if self.reference is None:
+            found.append(
+                f"{self.env_id} has no reference solution: its cells are held against the home and "
+                "against each other, not against the truth."
+            )
+        found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
         changed = {name for p in self.perturbations for name in p.environment}
         if not changed - _DELAYS:
             found.append("No perturbation of the plant is evaluated.")
@@ -88,7 +107,7 @@ class PanelSpec:
             f'Engine {name} is not installed, so it is left out: pip install "integ-gym[{name}]".'
             for name in self.left_out
         ]
-        setup = environment_setup(self.env_id, self.columns()[-1].arguments(self.environment))
+        setup = self.nominal
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
                 f"Episodes last {setup.settings.duration:g} s, but success takes "
@@ -104,12 +123,14 @@ class PanelSpec:
             Cell(d, "perturbation", perturbation=p)
             for p in self.perturbations
             for d in dict.fromkeys((*own, self.reference))
+            if d is not None
         ]
         return (*columns, *perturbed, *self._ladder(home))
 
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
-        """Of a single discretization: a mixture has no step of its own to refine."""
-        if not self.ladder or not isinstance(home, Discretization):
+        """Of a single discretization whose control period can follow its step."""
+        fixed = self.testbed.control_period is not None
+        if fixed or not self.ladder or not isinstance(home, Discretization):
             return ()
         steps = [home.dt / 2.0, home.dt / 4.0]
         return tuple(
@@ -154,12 +175,11 @@ class PanelSpec:
         """Whether the policies are trained by the fleet trainer."""
         return self.trainer == "fleet"
 
-    def _sources(self) -> dict[str, str]:
+    def _sources(self) -> dict[str, str | None]:
         """SHA-256 of the source of every integrator of the user's own."""
         used = (*self.trained_on(), *self.grid)
-        names = {d.integrator for d in used if d.engine == "native" or ":" in d.integrator}
-        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
-        return {name: value for name, value in hashes.items() if value is not None}
+        names = {d.integrator for d in used if ":" in d.integrator}
+        return {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
 
 
 def _plain(home: Home) -> dict[str, Any]:

@@ -5,37 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Perturbation, dividing_step
-from integ_gym.eval.spec.values import SpecError, check_keys, list_of, table
+from integ_gym.eval.cells import Perturbation
+from integ_gym.eval.spec.values import SpecError, check_keys, list_of
 
 
-def standard_perturbations(env_id: str, arguments: Mapping[str, Any]) -> tuple[Perturbation, ...]:
-    """A heavier plant, where it has a `mass`, and a later command: what every panel checks.
+def standard_perturbations(setup: Any) -> tuple[Perturbation, ...]:
+    """A heavier plant and a later command, of an environment that can have them.
 
     Args:
-        env_id: environment.
-        arguments: constructor arguments of an undisturbed cell.
+        setup: of its undisturbed cell.
     """
-    setup = environment_setup(env_id, {**arguments, "dt": dividing_step(arguments)})
-    period = setup.timing.control_period
-    later = setup.settings.action_latency + period
-    mass = setup.arguments().get("mass")
-    heavier = () if mass is None else (Perturbation("mass +20 %", {"mass": 1.2 * mass}),)
-    return *heavier, Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later})
+    found, arguments = [], setup.arguments()
+    if "mass" in arguments:
+        found.append(Perturbation("mass +20 %", {"mass": 1.2 * arguments["mass"]}))
+    if "action_latency" in arguments:
+        period = setup.timing.control_period
+        later = arguments["action_latency"] + period
+        found.append(Perturbation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}))
+    return tuple(found)
 
 
-def perturbations_of(data: Mapping[str, Any], period: float) -> tuple[Perturbation, ...]:
+def perturbations_of(data: Mapping[str, Any], setup: Any) -> tuple[Perturbation, ...]:
     """Those given; where the key is left out, those of every panel."""
     if "perturbations" in data:
         return tuple(_perturbation(entry) for entry in list_of(data, "perturbations"))
-    return standard_perturbations(str(data["env_id"]), undisturbed(data, period))
-
-
-def undisturbed(data: Mapping[str, Any], period: float) -> dict[str, Any]:
-    """Constructor arguments of the undisturbed cell on the reference."""
-    given = {"control_period": period, "dt": period, **table(data, "environment")}
-    return {**given, "integrator": "reference"}
+    return standard_perturbations(setup)
 
 
 def _perturbation(entry: Any) -> Perturbation:

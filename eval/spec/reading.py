@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import dividing_step
+from integ_gym.envs.testbeds import testbed_of
+from integ_gym.eval.cells import nominal_setup
 from integ_gym.eval.engine_cells import absent_engines
-from integ_gym.eval.spec.checks import check_parts
+from integ_gym.eval.spec.checks import check_environment, check_parts
 from integ_gym.eval.spec.discretizations import asks_for_installed, evaluated, trained
 from integ_gym.eval.spec.panel_spec import PanelSpec
-from integ_gym.eval.spec.perturbations import perturbations_of, undisturbed
+from integ_gym.eval.spec.perturbations import perturbations_of
 from integ_gym.eval.spec.values import (
     SpecError,
     check_keys,
@@ -90,18 +91,23 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     missing = [key for key in _REQUIRED if key not in data]
     if missing:
         raise SpecError(f"missing key {missing[0]!r}; see docs/panel.md for the format")
+    env_id, environment = text("env_id", data["env_id"]), dict(table(data, "environment"))
+    check_environment(environment)
+    testbed = testbed_of(env_id, environment)
     period = positive("control_period", data["control_period"])
+    of = replace(testbed.home, control_period=period)
+    nominal = nominal_setup(testbed, period)
     return PanelSpec(
         name=text("name", data["name"]),
-        env_id=text("env_id", data["env_id"]),
+        env_id=env_id,
         control_period=period,
-        train=trained(data, period),
-        grid=evaluated(data, period),
+        train=trained(data, of),
+        grid=evaluated(data, of),
         seeds=tuple(integer("seeds", seed) for seed in list_of(data, "seeds")),
-        environment=dict(table(data, "environment")),
+        environment=environment,
         training=dict(table(data, "training")),
-        baselines=_baselines(data, period),
-        perturbations=perturbations_of(data, period),
+        baselines=_baselines(data, nominal, testbed.controller),
+        perturbations=perturbations_of(data, nominal),
         family=tuple(pair_of("family", pair) for pair in list_of(data, "family")),
         compare=tuple(pair_of("compare", pair) for pair in list_of(data, "compare")),
         trainer=text("trainer", data.get("trainer", PanelSpec.trainer)),
@@ -114,10 +120,8 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     )
 
 
-def _baselines(data: Mapping[str, Any], period: float) -> tuple[str, ...]:
+def _baselines(data: Mapping[str, Any], setup: Any, controller: str | None) -> tuple[str, ...]:
     """Those given; where the key is left out, all that can be made for the environment."""
     if "baselines" in data:
         return tuple(text("baselines", name) for name in list_of(data, "baselines"))
-    arguments = undisturbed(data, period)
-    step = dividing_step(arguments)
-    return possible_baselines(environment_setup(str(data["env_id"]), {**arguments, "dt": step}))
+    return possible_baselines(setup, controller)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from engine_cases import needs, setup_of
 
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.engines._rigid import HeldForce
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import along
 from integ_gym.envs.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.cells import Cell, Discretization
+from integ_gym.eval.cells import Cell
 from integ_gym.eval.engine_agreement import EVALUATED_ONCE, agreements, twin_of
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel_layout import PanelLayout

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from engine_cases import needs
 
-from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture, Perturbation
+from integ_gym.envs import testbeds
+from integ_gym.envs.discretization import Discretization
+from integ_gym.eval.cells import Cell, DiscretizationMixture, Perturbation, nominal_setup
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.evaluation_units import batches_of
-from integ_gym.eval.panel import nominal_setup
 from integ_gym.eval.replays import Successes
 from integ_gym.eval.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
@@ -48,7 +50,7 @@ def _spec(env_id):
 
 
 def _network(seed, spec, policy_id):
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     actions = DiscreteActions(2) if setup.task.discrete else BoxActions([-1.5], [1.5])
     sizes = (len(setup.task.observation_names), 16, 16)
     stack = initial_stack([seed], sizes, actions.size, None)
@@ -63,7 +65,7 @@ def _subjects(spec):
         for home in spec.train
         for seed in spec.seeds
     ]
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     return [
         *trained,
         *(Subject(make_baseline(name, setup), spec.cells_of(None)) for name in BASELINES),
@@ -83,10 +85,11 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    evaluate(subjects, conditions, store, "together", lambda _, policies: counted.append(policies))
+    note = lambda _, policies: counted.append(policies)  # noqa: E731
+    store.commit_all("together", evaluate(subjects, conditions, store, note))
     assert sum(counted) == sum(len(subject.cells) for subject in subjects)
     for place, subject in enumerate(subjects):
-        evaluate([subject], conditions, store, f"alone-{place}")
+        store.commit_all(f"alone-{place}", evaluate([subject], conditions, store))
     alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
     together = _records(store, "together")
     assert together.num_rows == sum(table.num_rows for table in alone)
@@ -98,6 +101,27 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
     assert len(set(together.column("failure_label").to_pylist())) > 1
     (tmp_path / "together.parquet").unlink()
     assert store.verify() == []
+
+
+def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, monkeypatch):
+    """Its lanes are run one by one, so a record does not depend on how many workers share them."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
+    testbed = testbeds.testbed_of(env_id, {})
+    cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
+    random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
+    subject = Subject(random, cells, cells[0].discretization, 0)
+    conditions = Conditions("run", env_id, {}, 5, 7)
+    store.commit_all("whole", evaluate([subject], conditions, store))
+    parts = conditions.divided(2)
+    assert [(part.first, part.episodes) for part in parts] == [(0, 3), (3, 2)]
+    tables = [table for part in parts for table in evaluate([subject], part, store)]
+    store.commit_all("parts", tables)
+    whole, divided = _records(store, "whole"), _records(store, "parts")
+    assert whole.num_rows == 10
+    assert divided.equals(whole)
+    assert len(set(whole.column("length").to_pylist())) > 1
 
 
 def test_labels_wait_for_the_replays_that_they_rest_on():
@@ -149,7 +173,7 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
 
 def test_batches_hold_everyone_once_and_keep_every_worker_busy():
     spec = built_in_spec()
-    setup = nominal_setup(spec)
+    setup = spec.nominal
     subjects = [
         Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
         for seed in spec.seeds

@@ -13,8 +13,9 @@ import pytest
 from mixed_panel import TOML
 
 from integ_gym.cli import main
+from integ_gym.envs.discretization import Discretization
 from integ_gym.envs.registration import environment_setup
-from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture
+from integ_gym.eval.cells import Cell, DiscretizationMixture
 from integ_gym.eval.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.panel import check_spec
 from integ_gym.eval.spec import SpecError, parse_spec
@@ -287,7 +288,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
     conditions = Conditions("run", "IntegPendulum-v0", environment, 20, 1000)
-    evaluate([subject], conditions, store, "batch")
+    store.commit_all("batch", evaluate([subject], conditions, store))
     labels = {d.name: {} for d in (rk4, coarse, fine)}
     for record in store.records():
         count = labels[record["cell"]]

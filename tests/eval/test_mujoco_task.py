@@ -176,8 +176,8 @@ def test_says_where_survival_tells_nothing(running, tmp_path, capsys):
 
 
 WRONG = {
-    "not a MuJoCo task": ("CartPole-v1", [], "use --env IntegCartPole-v0"),
-    "another's": ("MountainCar-v0", [], "no MuJoCo task; --env takes IntegPendulum-v0, "),
+    "not a MuJoCo task": ("CartPole-v1", [], "use IntegCartPole-v0, which it is"),
+    "another's": ("MountainCar-v0", [], "is no MuJoCo task; give IntegCartPole-v0, "),
     "unknown id": ("HalfCheta-v5", [], "Gymnasium cannot make 'HalfCheta-v5'"),
     "other spaces": ("Hopper-v5", [], "expects observations of shape (17,)"),
     "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "nearest valid: 0.025 or 0.05 s"),

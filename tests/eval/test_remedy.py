@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.eval.cells import Cell, Discretization, DiscretizationMixture
+from integ_gym.envs.discretization import Discretization
+from integ_gym.eval.cells import Cell, DiscretizationMixture
 from integ_gym.eval.matrix import Matrix, Row
 from integ_gym.eval.panel_artefact import shares_of
 from integ_gym.eval.panel_layout import PanelLayout

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from integ_gym.envs.parameters import unknown_name
 from integ_gym.envs.settings import Setup
-from integ_gym.train.baselines.handmade import controller_classes
+from integ_gym.train.baselines.handmade import HANDMADE, controller_classes
 from integ_gym.train.baselines.random_policy import RandomPolicy
 from integ_gym.train.baselines.zero_policy import ZeroPolicy
 from integ_gym.train.policy.interface import Policy
@@ -15,14 +17,18 @@ BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""
 
 
-def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
+def make_baseline(name: str, setup: Any, *, seed: int = 0, controller: str | None = None) -> Policy:
     """A baseline controller for an environment.
 
     Args:
         name: one of `BASELINES`.
-        setup: ``env.unwrapped.setup``. The controller is designed for its plant, limits and control
-            period, never for its integrator; latency, noise and fallback are not compensated.
+        setup: of the environment, such as ``env.unwrapped.setup``: random and zero are made from
+            its action space alone. The hand-made controller is designed for its plant, limits and
+            control period, never for its integrator; latency, noise and fallback are not
+            compensated.
         seed: of `random`.
+        controller: of `handmade`, a registered name or ``"module:Class"``, made from the setup;
+            None: the one that is for the setup's task.
 
     Raises:
         ValueError: for an unknown name, a plant whose parameters differ between lanes, or, of
@@ -37,15 +43,15 @@ def make_baseline(name: str, setup: Setup, *, seed: int = 0) -> Policy:
             "make one baseline per value"
         )
     if name == "random":
-        return RandomPolicy(setup, seed)
+        return RandomPolicy(setup.action_space, seed)
     if name == "zero":
-        return ZeroPolicy(setup)
-    return _handmade(setup)
+        return ZeroPolicy(setup.action_space)
+    return _handmade(setup, controller)
 
 
-def possible_baselines(setup: Setup) -> tuple[str, ...]:
-    """Names of the baselines that can be made for an environment."""
-    return tuple(name for name in BASELINES if _can_be_made(name, setup))
+def possible_baselines(setup: Any, controller: str | None = None) -> tuple[str, ...]:
+    """Names of the baselines that can be made for an environment; see `make_baseline`."""
+    return tuple(name for name in BASELINES if _can_be_made(name, setup, controller))
 
 
 def has_handmade(setup: Setup) -> bool:
@@ -53,18 +59,21 @@ def has_handmade(setup: Setup) -> bool:
     return any(isinstance(setup.task, made.task) for made in controller_classes())
 
 
-def _can_be_made(name: str, setup: Setup) -> bool:
+def _can_be_made(name: str, setup: Any, controller: str | None) -> bool:
     try:
-        make_baseline(name, setup)
+        make_baseline(name, setup, controller=controller)
     except ValueError:
         return False
     return True
 
 
-def _handmade(setup: Setup) -> Policy:
-    """The hand-made controller of the environment's task."""
+def _handmade(setup: Any, controller: str | None) -> Policy:
+    """The hand-made controller of that name, or of the environment's task."""
     if setup.arguments().get("gravity") == 0.0:
         raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
+    if controller is not None:
+        named: Policy = HANDMADE.load(controller)(setup)
+        return named
     for made in controller_classes():
         if isinstance(setup.task, made.task):
             return made(setup)

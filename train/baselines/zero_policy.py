@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.settings import Setup
 from integ_gym.train.baselines.interface import Baseline
+from integ_gym.train.baselines.random_policy import bounds_of
 from integ_gym.train.policy.arrays import FloatArray
 
 
 class ZeroPolicy(Baseline):
-    """No control at all: 0 N m, or 0 N.
+    """No control at all: zero, or where the bounds leave it out, the bound that is nearest to it.
 
     A `Discrete` action set has no zero (the cart-pole's two actions push left and right), so there
     the action is NaN, on which the environment's fallback acts. It gives 0 N from the first step:
@@ -21,21 +22,26 @@ class ZeroPolicy(Baseline):
     command there is nothing but 0 N to hold. Every step is counted as fallback.
 
     Args:
-        setup: of the environment.
+        space: of actions: `Discrete`, or a `Box` of shape (action_dim,) with finite bounds.
+
+    Raises:
+        ValueError: for another space.
     """
 
     policy_id = "zero"
 
-    def __init__(self, setup: Setup) -> None:
-        self.discrete = setup.task.discrete is not None
+    def __init__(self, space: spaces.Space[Any]) -> None:
+        self.discrete = isinstance(space, spaces.Discrete)
+        self.action = np.float32(np.nan)
+        if not self.discrete:
+            low, high = bounds_of(space)
+            self.action = np.clip(0.0, low, high).astype(np.float32)
 
     def parameters(self) -> dict[str, Any]:
-        """Kind of the action space."""
-        return {"discrete": self.discrete}
+        """Kind of the action space, and the action where it is not zero."""
+        other = {} if self.discrete or not self.action.any() else {"action": self.action.tolist()}
+        return {"discrete": self.discrete, **other}
 
     def act(self, observations: NDArray[Any]) -> FloatArray:
-        """Zeros of shape (n, 1), or NaN of shape (n,) for a `Discrete` space; float32."""
-        n = len(observations)
-        if self.discrete:
-            return np.full(n, np.nan, dtype=np.float32)
-        return np.zeros((n, 1), dtype=np.float32)
+        """Zeros of shape (n, action_dim), or NaN of shape (n,) for a `Discrete` space; float32."""
+        return np.full((len(observations), *self.action.shape), self.action)

@@ -1,4 +1,4 @@
-"""Baselines for a box of actions."""
+"""Random and zero for any space of actions."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train.box_baselines import BOX_BASELINES, box_baselines
+from integ_gym.train.baselines.random_policy import RandomPolicy
+from integ_gym.train.baselines.zero_policy import ZeroPolicy
 
 BOX = spaces.Box(np.array([-1.0, 0.5, -3.0], np.float32), np.array([2.0, 1.0, 3.0], np.float32))
 OBSERVATIONS = np.random.default_rng(0).normal(size=(4000, 5))
 
 
 def _made(space: spaces.Box, seed: int = 0) -> dict:
-    return {policy.policy_id: policy for policy in box_baselines(space, seed=seed)}
+    return {"random": RandomPolicy(space, seed), "zero": ZeroPolicy(space)}
 
 
-@pytest.mark.parametrize("name", BOX_BASELINES)
+@pytest.mark.parametrize("name", ["random", "zero"])
 def test_actions_are_of_the_space_and_depend_on_the_observation_alone(name: str) -> None:
     policy = _made(BOX)[name]
     actions = policy.act(OBSERVATIONS)
@@ -45,6 +46,22 @@ def test_the_hash_covers_seed_and_bounds() -> None:
     assert made[0]["zero"].content_hash == made[1]["zero"].content_hash
 
 
-def test_another_space_is_refused() -> None:
-    with pytest.raises(TypeError, match="Box of actions, got Discrete"):
-        box_baselines(spaces.Discrete(2))
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.MultiBinary(2),
+        spaces.Box(-np.inf, np.inf, (1,), np.float32),
+        spaces.Box(-1.0, 1.0, (2, 2), np.float32),
+    ],
+)
+@pytest.mark.parametrize("policy", [RandomPolicy, ZeroPolicy])
+def test_another_space_is_refused(policy: type, space: spaces.Space) -> None:
+    with pytest.raises(ValueError, match="a Discrete set or a bounded Box of actions, got"):
+        policy(space)
+
+
+@pytest.mark.parametrize("limit", [0.8, 2.0, 1e-3, 123.4567])
+def test_bounds_mean_the_decimal_number_that_they_were_given_as(limit: float) -> None:
+    """A space holds float32; actions are scaled by the number itself."""
+    random = RandomPolicy(spaces.Box(-limit, limit, (1,), np.float32))
+    assert random.parameters() == {"seed": 0, "actions": None, "limit": limit}

@@ -1,0 +1,78 @@
+"""integ-gym's own environments as testbeds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+
+from integ_gym.envs.discretization import Discretization
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.registration import environment_class, environment_setup
+from integ_gym.envs.testbeds.interface import Applied, Success
+from integ_gym.envs.timing import dividing_step
+
+TRUTH = "reference"
+"""The integrator that solves a plant to rounding."""
+
+REFINEMENTS = (1, 2, 4)
+"""Parts of the coarsest step that are evaluated where no steps are given."""
+
+
+class IntegTestbed:
+    """One of the environments that integ-gym registers.
+
+    Args:
+        env_id: its id.
+        arguments: of its constructor, without the discretization.
+    """
+
+    batched = True
+    control_period = None
+
+    def __init__(self, env_id: str, **arguments: Any) -> None:
+        self.env_id = env_id
+        self.arguments = arguments
+
+    @property
+    def home(self) -> Discretization:
+        """The environment's defaults."""
+        return Discretization.of(environment_setup(self.env_id, {}))
+
+    @property
+    def success(self) -> Success:
+        """The task's goal."""
+        return Success(environment_class(self.env_id).task_class().goal)
+
+    @property
+    def controller(self) -> str:
+        """Hand-made controllers are named as their tasks."""
+        return environment_class(self.env_id).task_name
+
+    def integrators(self, engine: str) -> tuple[str, ...]:
+        """The engine's own names."""
+        return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)
+
+    def steps(self, home: Discretization) -> tuple[float, ...]:
+        """The control period, half and a quarter of it, or of a part that divides all delays."""
+        coarsest = dividing_step({**self.arguments, "dt": home.control_period})
+        return tuple(coarsest / parts for parts in REFINEMENTS)
+
+    def truth(self, control_period: float) -> Discretization:
+        """The reference at one step per decision, for its result does not depend on the step."""
+        return Discretization(TRUTH, control_period, control_period)
+
+    def make(
+        self, discretization: Discretization, lanes: int, **arguments: Any
+    ) -> DiscretizedVectorEnv:
+        """As ``gymnasium.make_vec``."""
+        given = {**self.arguments, **discretization.arguments(), **arguments}
+        made = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
+        assert isinstance(made, DiscretizedVectorEnv)
+        return made
+
+    def applied(self, environments: DiscretizedVectorEnv) -> Applied:
+        """From the setup, which is what the environments step."""
+        (setup,) = environments.setups
+        return Applied(Discretization.of(setup), setup.timing.substeps)

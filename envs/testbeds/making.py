@@ -1,0 +1,79 @@
+"""Environments made by testbeds, and held against what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode
+
+from integ_gym.envs.discretization import DISCRETIZATION, Discretization, agrees
+from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.registration import ENVIRONMENTS
+from integ_gym.envs.testbeds.finding import testbed_of
+from integ_gym.envs.testbeds.interface import Applied, Testbed
+
+
+def make_checked(
+    testbed: Testbed, discretization: Discretization, lanes: int, **arguments: Any
+) -> DiscretizedVectorEnv:
+    """The testbed's environments in a discretization, which they really apply.
+
+    Args:
+        testbed: what makes them.
+        discretization: asked for.
+        lanes: number of environments.
+        arguments: see :meth:`Testbed.make`.
+
+    Raises:
+        ValueError: if they apply another discretization, with both values.
+        TypeError, ValueError: for what the testbed refuses.
+    """
+    environments = testbed.make(discretization, lanes, **arguments)
+    try:
+        _check(discretization, testbed.applied(environments))
+    except ValueError:
+        environments.close()
+        raise
+    return environments
+
+
+def _check(asked: Discretization, applied: Applied) -> None:
+    """Hold what was asked for against what is applied, sub-steps included."""
+    found = applied.discretization
+    whole = replace(found, control_period=applied.substeps * found.dt)
+    for made in (found.arguments(), whole.arguments()):
+        for name, wanted in asked.arguments().items():
+            if not agrees({name: wanted}, made):
+                raise ValueError(
+                    f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
+                    "ask for what it can apply"
+                )
+
+
+def make_training_environments(
+    env_id: str, arguments: Mapping[str, Any], lanes: int
+) -> DiscretizedVectorEnv:
+    """Environments to train in, which reset within the step that ends an episode.
+
+    Args:
+        env_id: see :func:`~integ_gym.envs.testbeds.testbed_of`.
+        arguments: of the environment, its discretization or ``mixture`` among them; what is left
+            out is as the environment has it by itself.
+        lanes: number of environments.
+
+    Raises:
+        TypeError, ValueError: for what cannot be made.
+    """
+    mode = AutoresetMode.SAME_STEP.value
+    if env_id in ENVIRONMENTS:
+        return gym.make_vec(  # type: ignore[return-value]
+            env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
+        )
+    common = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
+    stated = {name: x for name, x in arguments.items() if name in DISCRETIZATION}
+    testbed = testbed_of(env_id, common)
+    asked = Discretization(**{**testbed.home.arguments(), **stated})
+    return make_checked(testbed, asked, lanes, autoreset_mode=mode)
