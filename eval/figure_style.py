@@ -1,7 +1,7 @@
 """What all figures share: lines and markers, and how a figure is begun and written.
 
-Everything goes through `matplotlib.figure.Figure` and the Agg canvas: pyplot is never imported
-and no global setting is changed, so figures can be drawn in any process.
+Everything goes through `matplotlib.figure.Figure`: pyplot is never imported and no global setting
+stays changed, so figures can be drawn in any process.
 """
 
 from __future__ import annotations

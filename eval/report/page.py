@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC
 from functools import cache
 from importlib import resources
 from os import PathLike
@@ -30,7 +31,6 @@ from integ_gym.eval.report_data.ladders import ladder_plots
 from integ_gym.eval.report_data.matrices import energy_matrix, return_matrix, success_matrix
 from integ_gym.eval.report_data.remedy import costs_of, mixtures_of
 from integ_gym.eval.report_data.trust import trust_of
-from integ_gym.eval.report_data.words import CLASS_WORDS
 from integ_gym.evidence.atomic import replace_file
 
 FILE_NAME: Final = "report.html"
@@ -94,7 +94,7 @@ def _context(panel: Panel) -> dict[str, Any]:
     return {
         **page_parts(),
         "panel": panel,
-        "created": f"{panel.created:%Y-%m-%d %H:%M} UTC",
+        "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
         "tiles": tiles_of(panel, trusts),
         "success": success_matrix(panel),
         "returns": return_matrix(panel),
@@ -121,7 +121,6 @@ def _context(panel: Panel) -> dict[str, Any]:
         "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
         "rules": rules,
         "pass_line": rules.PASS,
-        "class_words": CLASS_WORDS,
         "label_words": LABEL_WORDS,
         "shown_findings": SHOWN_FINDINGS,
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),

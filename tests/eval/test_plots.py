@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.text import Text
-from report_pages import every_panel, page_of, panel_of, raw_of
+from report_pages import every_panel, page_of, panel_of
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.integrators import INTEGRATORS
@@ -175,22 +175,21 @@ def test_ladders_are_the_same_on_the_page_and_in_the_figure() -> None:
 def test_colours_are_written_once(name: str) -> None:
     """A page has the colours of the palette, and figures have no others by hand."""
     html = report.render(panel_of(name))
-    for name, (light, dark) in PALETTE.items():
-        if name not in ("warm", "cool"):
-            assert html.count(f"--{name}: {light};") == html.count(f"--{name}: {dark};") == 1
+    for colour, (light, dark) in PALETTE.items():
+        if colour not in ("warm", "cool"):
+            assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
     folder = Path(report.__file__).parents[1]
     sources = [*folder.glob("report*/*.py"), *folder.glob("figures/*.py"), folder / "page.css"]
     assert len(sources) > 15
     for source in sources:
         found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))
-        assert set(found) <= {"#fffff", "#000000"}, source
+        assert not found, source
 
 
 def test_integrators_keep_their_colour_when_others_leave() -> None:
-    few = {**raw_of("full")}
-    names = [row["name"] for row in few["rows"]]
-    assert len(names) > 4
     styles = ladder_plots(panel_of("full")).schemes
     for other in ("given", "large", "nothing learned"):
-        for name, style in ladder_plots(panel_of(other)).schemes.items():
-            assert styles.get(name, style) == style
+        shown = ladder_plots(panel_of(other)).schemes
+        assert set(shown) & set(styles)
+        for name in set(shown) & set(styles):
+            assert shown[name] == styles[name]
