@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):
         return np.stack(self.state_components, axis=1)
 
     @property
-    def state_components(self) -> Sequence[Any]:
+    def state_components(self) -> Any:
         """The same component by component, each of shape (num_envs,)."""
         raise NotImplementedError
 
