@@ -108,8 +108,8 @@ def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
     ]
     layout = PanelLayout(rows, {}, cells, {"zero": tuple(cells)}, None)
     (found,) = agreements(layout, Matrix(rows, records, 2), spec)
-    assert found["twin"] == twin
-    assert found["differing"] == (None if twin is None else 0)
+    assert found.twin == twin
+    assert found.differing == (None if twin is None else 0)
 
 
 @pytest.mark.parametrize("name", INTEGRATORS.names())
