@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence import EpisodeContext
-from integ_gym.train import fleet, fleet_worker
-from integ_gym.train.fleet_update import permutations
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.train.fleet import training as fleet, worker as fleet_worker
+from integ_gym.train.fleet.update import permutations
 from integ_gym.train.ppo import PPOConfig, train_run
-from integ_gym.train.training_evidence import TrainingEvidence
-from integ_gym.train.worker import Progress, peak_memory
+from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.support.workers import Progress, peak_memory
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
 """For the measured peak: so many square matrices, and products of each."""
@@ -144,7 +144,7 @@ def acting_seconds(configs: Sequence[PPOConfig]) -> float:
 
 def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
     """What a compiled function gives, and the processor time that it takes, s."""
-    from integ_gym.envs.jax_ops import jax
+    from integ_gym.envs.arithmetic.jax_ops import jax
 
     compiled = jax.jit(function)
     result = jax.block_until_ready(compiled(*arguments))
@@ -153,7 +153,7 @@ def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float
 
 def small_matrix_peak() -> float:
     """Floating-point operations per second of one core in products of small float32 matrices."""
-    from integ_gym.envs.jax_ops import jax, jnp
+    from integ_gym.envs.arithmetic.jax_ops import jax, jnp
 
     left, right = jax.random.normal(jax.random.key(0), (2, MATRICES, SIDE, SIDE))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Final, TypeAlias
 
-from integ_gym.eval.colours import PALETTE
+from integ_gym.support import PALETTE
 
 HUES: Final = {
     "vermilion": ("#b84700", "#f2762e"),

@@ -1,14 +1,14 @@
 """Evidence: one record per episode, with all that is needed to question a result."""
 
-from integ_gym.evidence.context import EpisodeContext
-from integ_gym.evidence.errors import BatchExistsError, EvidenceError
-from integ_gym.evidence.fields import SCHEMA_VERSION
-from integ_gym.evidence.json_schema import json_schema
-from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
-from integ_gym.evidence.record import EvidenceRecord
-from integ_gym.evidence.recorder import RecordEvidence
-from integ_gym.evidence.store import EvidenceStore, Problem, open_run
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from .episodes import EpisodeContext
+from .schema import BatchExistsError, EvidenceError
+from .schema import SCHEMA_VERSION
+from .schema import json_schema
+from .episodes import EpisodeFacts, Replays, failure_label
+from .episodes import EvidenceRecord
+from .recorders import RecordEvidence
+from .store import EvidenceStore, Problem, open_run
+from .recorders import RecordVectorEvidence
 
 __all__ = [
     "SCHEMA_VERSION",

@@ -5,8 +5,8 @@ Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
 Gymnasium's MuJoCo tasks the same choice.
 """
 
-from integ_gym.envs.rediscretized import rediscretize
-from integ_gym.envs.registration import ENVIRONMENTS, register_environments
+from integ_gym.envs import rediscretize
+from integ_gym.envs import ENVIRONMENTS, register_environments
 
 __all__ = ["ENVIRONMENTS", "rediscretize"]
 

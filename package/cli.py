@@ -8,28 +8,28 @@ import os
 import sys
 from collections.abc import Sequence
 
-from integ_gym.cli_errors import end_quietly, report_errors
-from integ_gym.envs.versions import package_version
-from integ_gym.evidence.command_line import CommandParser
+from integ_gym.support import end_quietly, report_errors
+from integ_gym.support import package_version
+from integ_gym.support import CommandParser
 
 COMMANDS = {
-    "panel": ("integ_gym.eval.panel_command", "train and evaluate a whole panel (the main job)"),
-    "train": ("integ_gym.train.command", "train one policy with PPO"),
-    "evaluate": ("integ_gym.eval.evaluate_command", "evaluate an existing policy"),
+    "panel": ("integ_gym.commands.panel", "train and evaluate a whole panel (the main job)"),
+    "train": ("integ_gym.commands.train", "train one policy with PPO"),
+    "evaluate": ("integ_gym.commands.evaluate", "evaluate an existing policy"),
     "diagnose": (
-        "integ_gym.eval.diagnose_command",
+        "integ_gym.commands.diagnose",
         "check integrators against theory",
     ),
     "engines": (
-        "integ_gym.eval.engines_command",
+        "integ_gym.commands.engines",
         "tell what every engine really does",
     ),
     "census": (
-        "integ_gym.eval.census_command",
+        "integ_gym.commands.census",
         "tell what every pendulum and cart-pole of the name really does",
     ),
-    "report": ("integ_gym.eval.report_command", "write a panel's page and figures again"),
-    "evidence": ("integ_gym.evidence.command", "show, query, verify and export records"),
+    "report": ("integ_gym.commands.report", "write a panel's page and figures again"),
+    "evidence": ("integ_gym.commands.evidence", "show, query, verify and export records"),
 }
 """Command to the module whose ``main(argv)`` runs it, and what it is for."""
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from integ_gym.envs.engines import ENGINES, missing_modules
-from integ_gym.eval.census.published import PUBLISHED, installed
+from integ_gym.eval.census.subjects.published import PUBLISHED, installed
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -36,8 +36,8 @@ def pytest_collection_finish() -> None:
     So the processes of a run share them, and later runs do.
     """
     if "jax" in sys.modules:
-        from integ_gym.envs.jax_ops import jax
-        from integ_gym.train.fleet_worker import default_cache_dir
+        from integ_gym.envs.arithmetic.jax_ops import jax
+        from integ_gym.train.fleet.worker import default_cache_dir
 
         jax.config.update("jax_compilation_cache_dir", str(default_cache_dir()))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -4,7 +4,7 @@
 
 Hyperparameters, environments, model, learning, files: what decides a result is on this page. The
 same configuration gives the same weights bit by bit on one machine: one thread, fixed seeds, no
-GPU. `integ_gym.train.fleet` trains many policies at once from the same `PPOConfig`.
+GPU. `integ_gym.train.fleet.training` trains many policies at once from the same `PPOConfig`.
 
 Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
 """
@@ -22,10 +22,10 @@ from typing import Any
 
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.extras import require
-from integ_gym.envs.parameters import (
+from integ_gym.support import require
+from integ_gym.support import (
     boolean,
-    finite,
+    finite_number,
     nonnegative,
     one_of,
     optional,
@@ -33,9 +33,9 @@ from integ_gym.envs.parameters import (
     positive,
     text,
 )
-from integ_gym.envs.testbeds import make_training_environments
-from integ_gym.train.card import make_card, mixture_of
-from integ_gym.train.config_checks import (
+from integ_gym.envs import make_training_environments
+from integ_gym.train.policy_files import make_card, mixture_of
+from integ_gym.train.runs import (
     ENV_ARGUMENTS,
     check_config,
     check_names,
@@ -43,13 +43,13 @@ from integ_gym.train.config_checks import (
     layer_sizes,
     whole,
 )
-from integ_gym.train.policy.activations import ACTIVATIONS
-from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
-from integ_gym.train.seeds import first_lane_seed
-from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
-from integ_gym.train.sidecar import TrainedPolicy, write_policy
-from integ_gym.train.training_error import explained
-from integ_gym.train.training_evidence import TrainingEvidence
+from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.sb3 import Tell, last_episodes, logger, reproducible, saved, telling
+from integ_gym.train.runs import first_lane_seed
+from integ_gym.train.runs import OnTrained, checked_runs, train_each, unheard
+from integ_gym.train.policy_files import TrainedPolicy, write_policy
+from integ_gym.train.runs import explained
+from integ_gym.train.runs import TrainingEvidence
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -95,7 +95,7 @@ class PPOConfig:
         (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
     )
     activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
-    log_std_init: float = parameter(0.0, "", "log of the first exploration noise (Box)", finite)
+    log_std_init: float = parameter(0.0, "", "log of the first exploration noise (Box)", finite_number)
     trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
 
     def __post_init__(self) -> None:
@@ -194,7 +194,7 @@ def train_run(
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecMonitor
 
-    from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
+    from integ_gym.train.sb3 import Sb3VecEnv, ScaledRewards
 
     vector_env: Any = make_training_envs(config)
     mixture = mixture_of(vector_env)
@@ -262,6 +262,6 @@ def train_ppo(
 
 
 if __name__ == "__main__":
-    from integ_gym.train.command import main
+    from integ_gym.commands.train import main
 
     sys.exit(main(prog="python train/ppo.py"))

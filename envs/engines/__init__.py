@@ -1,7 +1,7 @@
 """Engines: one module each, found by name."""
 
-from integ_gym.envs.discovery import Registry
-from integ_gym.envs.extras import absent
+from integ_gym.support import Registry
+from integ_gym.support import absent
 
 ENGINES = Registry(__name__, "engine", "advance")
 

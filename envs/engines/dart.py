@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs.engines._foreign import Run, is_astray
-from integ_gym.envs.engines._moments import moment
-from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
-from integ_gym.envs.extras import load
-from integ_gym.envs.mechanism import Link
-from integ_gym.envs.ops import Components
+from ._stepping import Run, is_astray
+from ._rigid import moment
+from ._rigid import Array, RigidBodyEngine
+from integ_gym.support import load
+from ..mechanics import Link
+from ..arithmetic import Components
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 

@@ -7,19 +7,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs.contact import Stops
-from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS, mjcf
-from integ_gym.envs.engines._mujoco_warp import ROWS, constraint_solver, mass_matrix
-from integ_gym.envs.engines._rigid import Array
-from integ_gym.envs.engines._warp import WarpEngine, Worlds
-from integ_gym.envs.extras import load
-from integ_gym.envs.ops import Components
+from ..mechanics import Stops
+from ._rigid import LEAST_INERTIA, MAPS, mjcf
+from ._warp import ROWS, constraint_solver, mass_matrix
+from ._rigid import Array
+from ._warp import WarpEngine, Worlds
+from integ_gym.support import load
+from ..arithmetic import Components
 
 
 class MujocoWarpEngine(WarpEngine):
     """`mujoco_warp.step`, in float32, on the CPU; all lanes of a vector environment at once.
 
-    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.MujocoEngine`. With its
+    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.engine.MujocoEngine`. With its
     own stops it reports as MuJoCo does; a step without a constraint takes its solver one iteration.
     """
 

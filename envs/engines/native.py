@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from integ_gym.envs.engines._stepped import SteppedEngine
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.integrators.interface import Step
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.system import PlantSystem
-from integ_gym.envs.versions import package_version
+from ._stepping import SteppedEngine
+from ..integrators import INTEGRATORS
+from ..integrators import Step
+from ..arithmetic import Component, Components, Ops
+from ..mechanics import PlantSystem
+from integ_gym.support import package_version
 
 
 class NativeEngine(SteppedEngine):

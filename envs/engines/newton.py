@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs.contact import Stops
-from integ_gym.envs.engines._mjcf import LEAST_INERTIA, MAPS
-from integ_gym.envs.engines._moments import moment
-from integ_gym.envs.engines._mujoco_warp import ROWS, constraint_solver, mass_matrix
-from integ_gym.envs.engines._rigid import Array
-from integ_gym.envs.engines._warp import ConstraintSolver, WarpEngine, Worlds
-from integ_gym.envs.extras import load
-from integ_gym.envs.mechanism import Link
-from integ_gym.envs.ops import Components
+from ..mechanics import Stops
+from ._rigid import LEAST_INERTIA, MAPS
+from ._rigid import moment
+from ._warp import ROWS, constraint_solver, mass_matrix
+from ._rigid import Array
+from ._warp import ConstraintSolver, WarpEngine, Worlds
+from integ_gym.support import load
+from ..mechanics import Link
+from ..arithmetic import Components
 
 FEATHERSTONE = "featherstone"
 

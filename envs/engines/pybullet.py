@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs.engines._foreign import Run
-from integ_gym.envs.engines._rigid import Array, RigidBodyEngine
-from integ_gym.envs.engines._undisturbed import load_undisturbed
-from integ_gym.envs.engines._urdf import urdf
-from integ_gym.envs.ops import Components
+from ._stepping import Run
+from ._rigid import Array, RigidBodyEngine
+from ._stepping import load_undisturbed
+from ._rigid import urdf
+from ..arithmetic import Components
 
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""

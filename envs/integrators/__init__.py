@@ -1,5 +1,5 @@
 """Integrators: one module each, found by name."""
 
-from integ_gym.envs.discovery import Registry
+from integ_gym.support import Registry
 
 INTEGRATORS = Registry(__name__, "integrator", "step")

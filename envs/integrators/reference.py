@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators._dop853 import trial_step
-from integ_gym.envs.integrators._kink import time_of_kink
-from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
-from integ_gym.envs.integrators.interface import Step, System
-from integ_gym.envs.ops import Component, Components, Ops
+from ._solving import trial_step
+from ._solving import time_of_kink
+from ._theory import UNLIMITED, LinearTheory
+from .interface import Step, System
+from ..arithmetic import Component, Components, Ops
 
 _SMALLEST = 1e-13
 """Inner steps below this share of ``dt`` mean that the motion cannot be followed."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators._theory import LinearTheory
-from integ_gym.envs.integrators.interface import Step, System, along
-from integ_gym.envs.ops import Component, Components, Ops
+from ._theory import LinearTheory
+from .interface import Step, System, along
+from ..arithmetic import Component, Components, Ops
 
 
 class RK4:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators._newton import CAP, TOLERANCE, solve_velocity
-from integ_gym.envs.integrators._theory import UNLIMITED, LinearTheory
-from integ_gym.envs.integrators.interface import Step, System, along
-from integ_gym.envs.ops import Component, Components, Ops
+from ._solving import CAP, TOLERANCE, solve_velocity
+from ._theory import UNLIMITED, LinearTheory
+from .interface import Step, System, along
+from ..arithmetic import Component, Components, Ops
 
 
 class StormerVerlet:

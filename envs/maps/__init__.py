@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.envs.discovery import Registry
-from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.support import Registry
+from ..integrators import INTEGRATORS
 
 MAPS = Registry(__name__, "one-step map", "step")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.maps._runge_kutta import ImplicitRungeKutta, Tableau
+from ._families import ImplicitRungeKutta, Tableau
 
 _S = 3.0**0.5 / 6.0
 

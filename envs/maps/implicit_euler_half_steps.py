@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators.implicit_euler import ImplicitEuler
-from integ_gym.envs.integrators.interface import State, Step, System, along
-from integ_gym.envs.ops import Component, Components, Ops
+from ..integrators import ImplicitEuler
+from ..integrators import State, Step, System, along
+from ..arithmetic import Component, Components, Ops
 
 
 class ImplicitEulerHalfSteps:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators.interface import State, System
-from integ_gym.envs.maps._runge_kutta import ImplicitRungeKutta, Tableau, along_row
-from integ_gym.envs.ops import Component, Components, Ops
+from ..integrators import State, System
+from ._families import ImplicitRungeKutta, Tableau, along_row
+from ..arithmetic import Component, Components, Ops
 
 
 class RadauIIA3(ImplicitRungeKutta):

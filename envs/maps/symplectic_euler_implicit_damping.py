@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from integ_gym.envs.maps._linearly_implicit import LinearlyImplicit, damping_slopes
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.system import PlantSystem
+from ._families import LinearlyImplicit, damping_slopes
+from ..arithmetic import Component, Components, Ops
+from ..mechanics import PlantSystem
 
 
 class SymplecticEulerImplicitDamping(LinearlyImplicit):

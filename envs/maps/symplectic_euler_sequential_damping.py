@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.maps._linearly_implicit import damping_slopes
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.system import PlantSystem
+from ..integrators import Step, along
+from ._families import damping_slopes
+from ..arithmetic import Component, Components, Ops
+from ..mechanics import PlantSystem
 
 
 class SymplecticEulerSequentialDamping:

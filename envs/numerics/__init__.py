@@ -4,21 +4,17 @@ Each takes an integrator by name or as ``"module:Class"``, a plant with numbers 
 state in the order of ``env.unwrapped.state``.
 """
 
-from integ_gym.envs.numerics.closed_loop import critical_step
-from integ_gym.envs.numerics.convergence import Convergence, convergence
-from integ_gym.envs.numerics.energy import EnergyGrowth, energies, energy_growth
-from integ_gym.envs.numerics.identity import Declared, Identity, classify, declared
-from integ_gym.envs.numerics.independent import IndependentMotion, independent_motion
-from integ_gym.envs.numerics.ledger import Ledger, ledger
-from integ_gym.envs.numerics.linear import LinearMap, linear_map, stability_limit
-from integ_gym.envs.numerics.phase_space import (
-    canonical_jacobian,
-    symplecticity_defect,
-    volume_defect,
-)
-from integ_gym.envs.numerics.probe import fastest_rate, probe_state
-from integ_gym.envs.numerics.reversibility import reversibility_defect
-from integ_gym.envs.numerics.stepping import advance
+from .closed_loop import critical_step
+from .convergence import Convergence, convergence
+from .energy import EnergyGrowth, energies, energy_growth
+from .identification import Declared, Identity, classify, declared
+from .independent import IndependentMotion, independent_motion
+from .ledger import Ledger, ledger
+from .linear import LinearMap, linear_map, stability_limit
+from .phase_space import canonical_jacobian, symplecticity_defect, volume_defect
+from .probe import fastest_rate, probe_state
+from .reversibility import reversibility_defect
+from .stepping import advance
 
 __all__ = [
     "Convergence",

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from integ_gym.envs.numerics.stepping import Array, advance_lanes, jacobian
-from integ_gym.envs.plants.interface import Plant
+from .stepping import Array, advance_lanes, jacobian
+from ..plants import Plant
 
 _SCAN = 60
 _TOLERANCE = 1e-9

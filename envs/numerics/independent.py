@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs.extras import load
-from integ_gym.envs.numerics.stepping import Array, State
-from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.system import PlantSystem
+from integ_gym.support import load
+from .stepping import Array, State
+from ..arithmetic import SCALAR
+from ..plants import Plant, join_state, split_state
+from ..mechanics import PlantSystem
 
 TOLERANCE = 1e-13
 """Relative and absolute, of every inner step."""

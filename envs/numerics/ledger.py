@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.numerics.stepping import Array, State
-from integ_gym.envs.ops import SCALAR
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.system import PlantSystem
+from ..engines import NativeEngine
+from .stepping import Array, State
+from ..arithmetic import SCALAR
+from ..plants import Plant, join_state, split_state
+from ..mechanics import PlantSystem
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.numerics.stepping import WIDTH, Array, State, advance_lanes, jacobian
-from integ_gym.envs.plants.interface import Plant, split_state
+from ..arithmetic import ARRAY
+from .stepping import WIDTH, Array, State, advance_lanes, jacobian
+from ..plants import Plant, split_state
 
 
 def canonical_jacobian(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.numerics.stepping import Array, State, jacobian
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.system import PlantSystem
+from ..arithmetic import ARRAY
+from .stepping import Array, State, jacobian
+from ..plants import Plant, join_state, split_state
+from ..mechanics import PlantSystem
 
 
 def probe_state(plant: Plant) -> Array:

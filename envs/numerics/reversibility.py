@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from integ_gym.envs.numerics.stepping import Advance, Array, State, advance
-from integ_gym.envs.plants.interface import Plant
+from .stepping import Advance, Array, State, advance
+from ..plants import Plant
 
 
 def reversibility_errors(

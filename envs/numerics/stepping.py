@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.ops import SCALAR, Component, Components
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.system import PlantSystem
+from ..arithmetic import ARRAY
+from ..engines import ENGINES
+from ..arithmetic import SCALAR, Component, Components
+from ..plants import Plant, join_state, split_state
+from ..mechanics import PlantSystem
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array

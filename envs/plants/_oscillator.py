@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import parameter, positive
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import parameter, positive
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import nonnegative, parameter, positive
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import nonnegative, parameter, positive
 
 
 @dataclass(frozen=True)

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Protocol
 
-from integ_gym.envs.ops import Component, Components, Ops
+from ..arithmetic import Component, Components, Ops
 
 
 class Plant(Protocol):
     """A continuous-time mechanical system with one control.
 
     A plant is a frozen dataclass whose fields are its parameters (see
-    :func:`integ_gym.envs.parameters.parameter`); each may be a number or one value per lane.
+    :func:`integ_gym.support.parameters.parameter`); each may be a number or one value per lane.
     What a plant may give as well:
 
     - ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)``; without it implicit integrators take finite
       differences;
-    - ``stops``, a :class:`integ_gym.envs.contact.Stops` or None, on the coordinate whose index the
+    - ``stops``, a :class:`integ_gym.envs.mechanics.contact.Stops` or None, on the coordinate whose index the
       class attribute ``stopped`` is;
-    - ``dry_friction``, a :class:`integ_gym.envs.friction.Friction` or None;
-    - ``mechanism``, a :class:`integ_gym.envs.mechanism.Mechanism`: without it, engines that move
+    - ``dry_friction``, a :class:`integ_gym.envs.mechanics.friction.Friction` or None;
+    - ``mechanism``, a :class:`integ_gym.envs.mechanics.mechanism.Mechanism`: without it, engines that move
       rigid bodies refuse the plant.
 
-    Stops and friction are forces that :class:`integ_gym.envs.system.PlantSystem` adds to the
+    Stops and friction are forces that :class:`integ_gym.envs.mechanics.system.PlantSystem` adds to the
     control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 

@@ -6,18 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.envs.contact import Stops, stops_at
-from integ_gym.envs.friction import Friction, friction_of
-from integ_gym.envs.mechanism import Link, Mechanism
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import (
-    MASS_DISTRIBUTIONS,
-    nonnegative,
-    one_of,
-    optional,
-    parameter,
-    positive,
-)
+from ..mechanics import Stops, stops_at
+from ..mechanics import Friction, friction_of
+from ..mechanics import Link, Mechanism
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import MASS_DISTRIBUTIONS, nonnegative, one_of, optional, parameter, positive
 
 
 @dataclass(frozen=True)

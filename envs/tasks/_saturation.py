@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from integ_gym.envs.ops import Component, Ops
-from integ_gym.envs.tasks.interface import Command
+from ..arithmetic import Component, Ops
+from .interface import Command
 
 FLOAT32_ROUNDING = 1e-6
 """Actions arrive in float32, in which the bounds are rounded too."""

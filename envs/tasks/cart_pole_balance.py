@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from math import inf, pi
 from typing import Any, ClassVar
 
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import boolean, parameter, positive
-from integ_gym.envs.reset_options import uniform
-from integ_gym.envs.tasks.interface import Command
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import boolean, parameter, positive
+from ._reset_options import uniform
+from .interface import Command
 
 GYMNASIUM_STEP = 0.02
 """Control period of ``CartPole-v1``, s: the rewards are equal there."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from math import inf, pi
 from typing import Any, ClassVar
 
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import parameter, positive
-from integ_gym.envs.reset_options import uniform
-from integ_gym.envs.tasks._saturation import saturated
-from integ_gym.envs.tasks.interface import Command
-from integ_gym.envs.tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import parameter, positive
+from ._reset_options import uniform
+from ._saturation import saturated
+from .interface import Command
+from .pendulum_swing_up import NEAR_UPRIGHT, wrapped
 
 REWARD_STEP = 0.02
 """Time that earns at most 1, s: the rate of ``CartPole-v1``."""

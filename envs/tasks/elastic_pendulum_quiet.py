@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any, ClassVar
 
-from integ_gym.envs.ops import Component, Components, Ops
-from integ_gym.envs.parameters import parameter, positive
-from integ_gym.envs.reset_options import number
-from integ_gym.envs.tasks._saturation import saturated
-from integ_gym.envs.tasks.interface import Command
+from ..arithmetic import Component, Components, Ops
+from integ_gym.support import parameter, positive
+from ._reset_options import number
+from ._saturation import saturated
+from .interface import Command
 
 REWARD_STEP = 0.02
 """Time that earns at most 1, s."""

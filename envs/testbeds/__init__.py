@@ -4,9 +4,9 @@ integ-gym's own environments and Gymnasium's MuJoCo tasks; `testbed_of` finds th
 environment id.
 """
 
-from integ_gym.envs.testbeds.finding import testbed_of
-from integ_gym.envs.testbeds.interface import Applied, Success, Testbed
-from integ_gym.envs.testbeds.making import make_checked, make_training_environments
+from .finding import testbed_of
+from .interface import Applied, Success, Testbed
+from .making import make_checked, make_training_environments
 
 __all__ = [
     "Applied",

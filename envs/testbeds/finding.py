@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from integ_gym.envs.discovery import Registry
-from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.envs.testbeds.integ_environments import IntegTestbed
-from integ_gym.envs.testbeds.interface import Testbed
-from integ_gym.envs.testbeds.mujoco_tasks import MujocoTestbed
+from integ_gym.support import Registry
+from ..catalogue import ENVIRONMENTS
+from .integ_environments import IntegTestbed
+from .interface import Testbed
+from .mujoco_tasks import MujocoTestbed
 
 _OWN = Registry("integ_gym.envs.testbeds", "testbed", "make")
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import gymnasium as gym
 
-from integ_gym.envs.discretization import Discretization
-from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.registration import environment_class, environment_setup
-from integ_gym.envs.testbeds.interface import Applied, Success
-from integ_gym.envs.timing import dividing_step
+from ..episode import Discretization
+from ..environments import DiscretizedVectorEnv
+from ..engines import ENGINES
+from ..catalogue import environment_class, environment_setup
+from .interface import Applied, Success
+from ..episode import dividing_step
 
 TRUTH = "reference"
 """The integrator that solves a plant to rounding."""

@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from integ_gym.envs.discretization import Discretization
-from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
+from ..episode import Discretization
+from ..environments import DiscretizedVectorEnv
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.envs.discretization import DISCRETIZATION, Discretization, agrees
-from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.envs.testbeds.finding import testbed_of
-from integ_gym.envs.testbeds.interface import Applied, Testbed
+from ..episode import DISCRETIZATION, Discretization, agrees
+from ..environments import DiscretizedVectorEnv
+from ..catalogue import ENVIRONMENTS
+from .finding import testbed_of
+from .interface import Applied, Testbed
 
 
 def make_checked(

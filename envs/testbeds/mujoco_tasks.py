@@ -9,15 +9,15 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.envs.discretization import Discretization
-from integ_gym.envs.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.extras import load
-from integ_gym.envs.parameters import suggestion, unknown_name
-from integ_gym.envs.rediscretized import RediscretizedEnv, mujoco_integrators, rediscretize
-from integ_gym.envs.rediscretized.description import TaskSetup
-from integ_gym.envs.rediscretized.vector import RediscretizedVectorEnv
-from integ_gym.envs.registration import ENVIRONMENTS
-from integ_gym.envs.testbeds.interface import Applied, Success
+from ..episode import Discretization
+from ..environments import DiscretizedVectorEnv
+from integ_gym.support import load
+from integ_gym.support import suggestion, unknown_name
+from ..environments.rediscretized import RediscretizedEnv, mujoco_integrators, rediscretize
+from ..environments.rediscretized import TaskSetup
+from ..environments.rediscretized import RediscretizedVectorEnv
+from ..catalogue import ENVIRONMENTS
+from .interface import Applied, Success
 
 ENGINE = "mujoco"
 

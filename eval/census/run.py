@@ -8,15 +8,15 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.engines import missing_modules
-from integ_gym.envs.maps import map_names, one_step_map
-from integ_gym.envs.versions import installed_versions
-from integ_gym.eval.census.engines import engine_subjects
-from integ_gym.eval.census.identify import TRUTH
-from integ_gym.eval.census.measure import Line, measure
-from integ_gym.eval.census.published import PUBLISHED, installed
-from integ_gym.eval.census.subject import COAST, Subject
-from integ_gym.eval.engines_command import integrators_of
+from integ_gym.envs import missing_modules
+from integ_gym.envs import map_names, one_step_map
+from integ_gym.support import installed_versions
+from .subjects import engine_subjects
+from .measuring import TRUTH
+from .measuring import Line, measure
+from .subjects.published import PUBLISHED, installed
+from .subjects import COAST, Subject
+from integ_gym.commands.engines import integrators_of
 
 SCHEMA_VERSION = 1
 PACKAGES = ("integ-gym", "numpy", "gymnasium", "jax", "mujoco", "mujoco-mjx", "warp-lang")

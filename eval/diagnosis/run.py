@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.eval.diagnose_figures import write_diagnosis_figures
-from integ_gym.eval.diagnosis import (
+from integ_gym.envs import INTEGRATORS
+from .figures import write_diagnosis_figures
+from .sections import (
     actuation,
     contact,
     damping,
@@ -28,15 +28,15 @@ from integ_gym.eval.diagnosis import (
     refinement,
     stiffness,
 )
-from integ_gym.eval.diagnosis.bench import Bench
-from integ_gym.eval.diagnosis.section import Diagnosis
-from integ_gym.eval.diagnosis.subject import Subject, subjects
-from integ_gym.eval.diagnosis.trial import check_integrator
-from integ_gym.eval.output_folder import cannot_write, make_folder
-from integ_gym.eval.run_directory import package_versions
-from integ_gym.evidence.atomic import replace_file
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.worker import Progress
+from .bench import Bench
+from .section import Diagnosis
+from .bench import Subject, subjects
+from .bench import check_integrator
+from integ_gym.support import cannot_write, make_folder
+from ..panel.running import package_versions
+from integ_gym.support import replace_file
+from integ_gym.evidence import EvidenceStore
+from integ_gym.support import Progress
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.eval.diagnosis.bench import Bench, Commands
-from integ_gym.eval.diagnosis.expectation import Expectation
-from integ_gym.eval.diagnosis.finding import Finding
-from integ_gym.eval.diagnosis.rollout import Array, Rollout
-from integ_gym.eval.diagnosis.subject import Subject
+from .bench import Bench, Commands
+from .lines import Expectation
+from .lines import Finding
+from .bench import Array, Rollout
+from .bench import Subject
 
 TRUTH = "reference"
 """The integrator that the others are compared with."""

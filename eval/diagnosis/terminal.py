@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
-from integ_gym.eval.diagnosis.finding import ANY, VERDICTS
-from integ_gym.evidence.text_table import print_aligned, say
+from .lines import ANY, VERDICTS
+from integ_gym.support import print_aligned, say
 
 Line = Mapping[str, Any]
 """A finding as ``diagnose.json`` has it."""

@@ -27,23 +27,12 @@ Agarwal, R. et al. (2021). Deep reinforcement learning at the edge of the statis
 precipice. NeurIPS 34.
 """
 
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.interval import Floats, Interval, RatesLike
-from integ_gym.eval.statistics.posterior import (
-    DRAWS,
-    paired_posterior,
-    rate_posterior,
-    unpaired_posterior,
-)
-from integ_gym.eval.statistics.rates import (
-    Difference,
-    mean_rate,
-    paired_difference,
-    rate_interval,
-    unpaired_difference,
-)
-from integ_gym.eval.statistics.returns import BOOTSTRAP_DRAWS, iqm, iqm_interval
-from integ_gym.eval.statistics.scalars import mean_interval, median_interval, student_t_quantile
+from .family import holm
+from .interval import Floats, Interval, RatesLike
+from .posterior import DRAWS, paired_posterior, rate_posterior, unpaired_posterior
+from .rates import Difference, mean_rate, paired_difference, rate_interval, unpaired_difference
+from .returns import BOOTSTRAP_DRAWS, iqm, iqm_interval
+from .scalars import mean_interval, median_interval, student_t_quantile
 
 __all__ = [
     "BOOTSTRAP_DRAWS",

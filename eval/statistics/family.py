@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from integ_gym.eval.statistics.interval import Floats, RatesLike
+from .interval import Floats, RatesLike
 
 
 def holm(p_values: RatesLike) -> Floats:

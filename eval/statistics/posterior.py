@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from integ_gym.eval.statistics.interval import Floats, RatesLike, checked_rates
-from integ_gym.eval.statistics.streams import Stream, generator
+from .interval import Floats, RatesLike, checked_rates
+from .streams import Stream, generator
 
 DRAWS: Final = 200_000
 """Draws from every success-rate posterior."""

@@ -6,15 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from integ_gym.eval.statistics.interval import (
-    Floats,
-    Interval,
-    RatesLike,
-    equal_tailed,
-    mean_of,
-    one_dimensional,
-)
-from integ_gym.eval.statistics.posterior import paired_posterior, rate_posterior, unpaired_posterior
+from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, one_dimensional
+from .posterior import paired_posterior, rate_posterior, unpaired_posterior
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.eval.statistics.interval import (
-    Floats,
-    Interval,
-    check_level,
-    equal_tailed,
-    require_finite,
-)
-from integ_gym.eval.statistics.streams import Stream, generator
+from .interval import Floats, Interval, check_level, equal_tailed, require_finite
+from .streams import Stream, generator
 
 BOOTSTRAP_DRAWS: Final = 10_000
 """Resamples of the interquartile mean's bootstrap."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from integ_gym.eval.statistics.interval import Interval, RatesLike, check_level, mean_of
+from .interval import Interval, RatesLike, check_level, mean_of
 
 
 def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:

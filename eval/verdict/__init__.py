@@ -7,16 +7,10 @@ Three questions, each answered by a function that takes success rates per traini
 - `compare_policies`: does "policy A beats policy B" survive refinement of the step?
 """
 
-from integ_gym.eval.verdict.comparison import (
-    CellFinding,
-    CellRole,
-    PolicyCell,
-    PolicyComparison,
-    compare_policies,
-)
-from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family, loss_of
-from integ_gym.eval.verdict.reference import ReferenceClass, reference_class
-from integ_gym.eval.verdict.rules import (
+from .comparison import CellFinding, CellRole, PolicyCell, PolicyComparison, compare_policies
+from .family import Comparison, Judgement, judge_family, loss_of
+from .reference import ReferenceClass, reference_class
+from .rules import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,

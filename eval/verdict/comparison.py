@@ -7,15 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from integ_gym.eval.statistics import (
-    Difference,
-    Interval,
-    RatesLike,
-    holm,
-    mean_rate,
-    unpaired_difference,
-)
-from integ_gym.eval.verdict.rules import ALPHA, MIN_SEEDS, UNSOLVED, p_text, require_unique
+from ..statistics import Difference, Interval, RatesLike, holm, mean_rate, unpaired_difference
+from .rules import ALPHA, MIN_SEEDS, UNSOLVED, p_text, require_unique
 
 CellRole: TypeAlias = Literal["quarter_step", "reference"]
 """The cells that decide a comparison of two policies: dt/4, and the reference."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from integ_gym.eval.statistics import (
+from ..statistics import (
     Difference,
     Interval,
     RatesLike,
@@ -15,7 +15,7 @@ from integ_gym.eval.statistics import (
     paired_difference,
     unpaired_difference,
 )
-from integ_gym.eval.verdict.rules import (
+from .rules import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,

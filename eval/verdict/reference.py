@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-from integ_gym.eval.verdict.rules import PASS
+from .rules import PASS
 
 ReferenceClass: TypeAlias = Literal["true_pass", "false_pass", "false_fail", "true_fail"]
 """A cell's pass or fail, and whether the reference agrees (true) or not (false)."""

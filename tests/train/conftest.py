@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from small_ppo import SMALL, trained
 
-from integ_gym.train.sidecar import TrainedPolicy
+from integ_gym.train.policy_files.sidecar import TrainedPolicy
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,6 @@
 trained policy fails and `handmade` succeeds, learning has failed, not the actuator.
 """
 
-from integ_gym.train.baselines.making import (
-    BASELINES,
-    has_handmade,
-    make_baseline,
-    possible_baselines,
-)
+from .making import BASELINES, has_handmade, make_baseline, possible_baselines
 
 __all__ = ["BASELINES", "has_handmade", "make_baseline", "possible_baselines"]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.envs.system import PlantSystem
+from integ_gym.envs import ARRAY
+from integ_gym.envs import NativeEngine
+from integ_gym.envs import Plant, join_state, split_state
+from integ_gym.envs import PlantSystem
 
 _CATCH_TIME = 4.0
 """How long the regulator may take, in simulation, to bring a state near upright, s."""

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.parameters import unknown_name
-from integ_gym.envs.settings import Setup
-from integ_gym.train.baselines.handmade import HANDMADE, controller_classes
-from integ_gym.train.baselines.random_policy import RandomPolicy
-from integ_gym.train.baselines.zero_policy import ZeroPolicy
-from integ_gym.train.policy.interface import Policy
+from integ_gym.support import unknown_name
+from integ_gym.envs import Setup
+from .handmade import HANDMADE, controller_classes
+from .random_policy import RandomPolicy
+from .zero_policy import ZeroPolicy
+from ..policy import Policy
 
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""

@@ -8,9 +8,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.train.baselines.hashed_uniform import hashed_uniform
-from integ_gym.train.baselines.interface import Baseline
-from integ_gym.train.policy.arrays import ActionArray
+from .hashed_uniform import hashed_uniform
+from .interface import Baseline
+from ..policy import ActionArray
 
 
 class RandomPolicy(Baseline):

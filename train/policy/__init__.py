@@ -5,11 +5,11 @@
 neither torch nor stable-baselines3 (SB3), and a worker process starts in a fraction of the time.
 """
 
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.activations import ACTIVATIONS
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy.observation_statistics import ObservationStatistics
+from .actions import BoxActions, DiscreteActions
+from .activations import ACTIVATIONS
+from .interface import Policy
+from .mlp_policy import MlpPolicy
+from .observation_statistics import ObservationStatistics
 
 __all__ = [
     "ACTIVATIONS",

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.train.policy.arrays import FloatArray, frozen
+from .arrays import FloatArray, frozen
 
 
 @dataclass(frozen=True, eq=False)

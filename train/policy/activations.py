@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from integ_gym.train.policy.arrays import FloatArray
+from .arrays import FloatArray
 
 
 def _sigmoid(x: FloatArray) -> FloatArray:

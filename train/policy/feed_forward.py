@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from integ_gym.train.policy.arrays import FloatArray
+from .arrays import FloatArray
 
 Layer: TypeAlias = tuple[FloatArray, FloatArray]
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from integ_gym.train.policy.arrays import ActionArray
+from .arrays import ActionArray
 
 
 @runtime_checkable

@@ -12,11 +12,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.activations import ACTIVATIONS
-from integ_gym.train.policy.arrays import ActionArray, FloatArray, frozen
-from integ_gym.train.policy.feed_forward import Layer, network_outputs
-from integ_gym.train.policy.observation_statistics import ObservationStatistics
+from .actions import BoxActions, DiscreteActions
+from .activations import ACTIVATIONS
+from .arrays import ActionArray, FloatArray, frozen
+from .feed_forward import Layer, network_outputs
+from .observation_statistics import ObservationStatistics
 
 _HASH_FORMAT = "integ-gym MlpPolicy 1"
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.train.policy.arrays import FloatArray, frozen
+from .arrays import FloatArray, frozen
 
 
 @dataclass(frozen=True, eq=False)

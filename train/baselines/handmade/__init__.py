@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.envs.discovery import Registry
-from integ_gym.train.baselines.handmade.interface import HandMade
+from integ_gym.support import Registry
+from .interface import HandMade
 
 HANDMADE = Registry(__name__, "hand-made controller", "act")
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
-from integ_gym.train.baselines.handmade.interface import HandMade
-from integ_gym.train.lqr import held, linearized, lqr_gain
+from integ_gym.envs import CartPole
+from integ_gym.envs import Setup
+from integ_gym.envs import CartPoleBalance
+from .interface import HandMade
+from ..lqr import held, linearized, lqr_gain
 
 
 class BangBangRegulator(HandMade[CartPole]):

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_swing_up import CartPoleSwingUp
-from integ_gym.train.baselines.catching import caught
-from integ_gym.train.baselines.handmade.interface import HandMade
-from integ_gym.train.lqr import held, linearized, lqr
+from integ_gym.envs import ARRAY
+from integ_gym.envs import CartPole
+from integ_gym.envs import Setup
+from integ_gym.envs import CartPoleSwingUp
+from ..catching import caught
+from .interface import HandMade
+from ..lqr import held, linearized, lqr
 
 _DIRECTIONS = 64
 """How many directions of the state space the regulator is tried in."""

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB, ElasticPendulumQuiet
-from integ_gym.train.baselines.handmade.interface import HandMade
-from integ_gym.train.lqr import held, linearized, lqr_gain
+from integ_gym.envs import ElasticPendulum
+from integ_gym.envs import Setup
+from integ_gym.envs import NEAR_PLUMB, ElasticPendulumQuiet
+from .interface import HandMade
+from ..lqr import held, linearized, lqr_gain
 
 
 class SwingRegulator(HandMade[ElasticPendulum]):

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.settings import Setup
-from integ_gym.train.baselines.interface import Baseline
-from integ_gym.train.policy.arrays import ActionArray
+from integ_gym.envs import Setup
+from ..interface import Baseline
+from ...policy import ActionArray
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

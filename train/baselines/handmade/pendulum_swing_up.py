@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.array_ops import ARRAY
-from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp, wrapped
-from integ_gym.train.baselines.catching import caught
-from integ_gym.train.baselines.handmade.interface import HandMade
-from integ_gym.train.lqr import held, linearized, lqr_gain
+from integ_gym.envs import ARRAY
+from integ_gym.envs import Pendulum
+from integ_gym.envs import Setup
+from integ_gym.envs import PendulumSwingUp, wrapped
+from ..catching import caught
+from .interface import HandMade
+from ..lqr import held, linearized, lqr_gain
 
 
 class EnergyShaping(HandMade[Pendulum]):

@@ -1,0 +1,66 @@
+"""Components as NumPy arrays: a batch of environments, one lane each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .ops import Carry, Components, repeat
+
+Array = npt.NDArray[Any]
+
+
+class ArrayOps:
+    """Components are float64 arrays of shape (lanes,), or scalars that broadcast to it."""
+
+    epsilon = float(np.finfo(np.float64).eps)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    floor = staticmethod(np.floor)
+    sqrt = staticmethod(np.sqrt)
+    tanh = staticmethod(np.tanh)
+    where = staticmethod(np.where)
+    minimum = staticmethod(np.minimum)
+    maximum = staticmethod(np.maximum)
+    isfinite = staticmethod(np.isfinite)
+    any = staticmethod(np.any)
+    repeat = staticmethod(repeat)
+
+    @staticmethod
+    def usually(condition: Array, /) -> Array:
+        return condition
+
+    @staticmethod
+    def while_loop(
+        condition: Callable[[Carry], Array], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        """Masked loop: lanes that have finished keep their values."""
+        active = condition(carry)
+        while np.any(active):
+            proposed = body(carry)
+            carry = proposed if np.all(active) else _select(active, proposed, carry)
+            active = condition(carry)
+        return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """One lane after the other."""
+        columns = [a.tolist() for a in np.broadcast_arrays(*arguments)]
+        results = zip(*map(function, *columns), strict=True)
+        return tuple(
+            [np.array(x, dtype=bool if t else float) for x, t in zip(results, truths, strict=True)]
+        )
+
+
+def _select(active: Array, proposed: Carry, carry: Carry) -> Carry:
+    return tuple(  # type: ignore[return-value]
+        np.where(active, new, old) for new, old in zip(proposed, carry, strict=True)
+    )
+
+
+ARRAY = ArrayOps()

@@ -1,0 +1,96 @@
+"""From a function over components to one of floats or arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from .dialects import Dialect
+from .liveness import carried
+from .symbolic_ops import SymbolicOps
+from .symbols import Symbol, symbols_in
+from .trace import Trace
+from .trees import leaves_of, rebuilt
+from .writer import Writer, target
+
+Function = Callable[..., Any]
+
+
+def compiled(dialect: Dialect, function: Function, *patterns: Any) -> Function:
+    """A function of floats or arrays that does what ``function`` does in the plain world.
+
+    Args:
+        dialect: of floats or of arrays.
+        function: takes an ``Ops`` and then arguments shaped like ``patterns``; returns tuples,
+            dictionaries and components.
+        patterns: tuples, nested at will, with True where a truth value stands and False where a
+            number does.
+
+    Returns:
+        A function of the same arguments without the ``Ops``. It raises :class:`Unusual` where what
+        ``function`` expects by ``ops.usually`` does not hold, and, of floats, ``ValueError`` where
+        the scalar world gives NaN for an argument outside a function's domain.
+
+    Raises:
+        NotTraceable: if ``function`` asks for the value of a component.
+    """
+    return _written(*_traced(dialect, function, patterns))
+
+
+class Repeated(NamedTuple):
+    """A function that is called again and again on the state that it returns."""
+
+    first: Function
+    """(state) to what the first call takes from the call before."""
+    step: Function
+    """(state, taken, …) to (…, to be taken by the next call)."""
+
+
+def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
+    """As :func:`compiled`, for a function from a state, first, to (state, …), shaped alike.
+
+    What it would compute of the state it is given, and has computed of the state that it returned,
+    it takes from the call before.
+    """
+    trace, arguments, result = _traced(dialect, function, patterns)
+    pairs = carried(trace.block, arguments[0], result)
+    places = [place for place, item in enumerate(trace.block.items) if id(item) in pairs]
+    taken = tuple(_taken_out(trace, place) for place in reversed(places))[::-1]
+    passed_on = tuple(pairs[id(symbol)] for symbol in taken)
+    step = _written(trace, [arguments[0], taken, *arguments[1:]], (*result, passed_on))
+    trace, (state, *_), _ = _traced(dialect, function, patterns)
+    wanted = tuple(trace.block.items[place] for place in places)
+    trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
+    return Repeated(_written(trace, [state], wanted), step)
+
+
+def _traced(
+    dialect: Dialect, function: Function, patterns: Sequence[Any]
+) -> tuple[Trace, list[Any], Any]:
+    """The trace of a function with its arguments, as symbols, and its result."""
+    trace = Trace(dialect)
+    arguments = [rebuilt(p, [trace.variable(leaf) for leaf in leaves_of(p)]) for p in patterns]
+    return trace, arguments, function(SymbolicOps(trace), *arguments)
+
+
+def _taken_out(trace: Trace, place: int) -> Any:
+    """An operation turned into a value that is given."""
+    symbol: Any = trace.block.items.pop(place)
+    symbol.name, symbol.template, symbol.arguments = trace.new_name(), "", ()
+    return symbol
+
+
+def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
+    writer = Writer(trace)
+    names = [f"a{k}" for k in range(len(arguments))]
+    lines = [
+        f"{target(argument)} = {name}" for name, argument in zip(names, arguments, strict=True)
+    ]
+    lines += writer.block(trace.block, symbols_in(result))
+    lines.append(f"return {writer.result(result)}")
+    source = f"def traced({', '.join(names)}):\n" + "".join(f"    {line}\n" for line in lines)
+    space = {**trace.dialect.names, **trace.functions}
+    exec(compile(source, "<traced>", "exec"), space)
+    made: Function = space["traced"]
+    made.__doc__ = source
+    return made

@@ -1,0 +1,156 @@
+"""What a function does to symbols: operations and loops, in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..ops import Carry
+from .dialects import Dialect
+from .folding import folded
+from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same
+from .trees import leaves_of, rebuilt
+
+
+@dataclass
+class Loop:
+    """A loop with the variables that change in it."""
+
+    variables: list[Symbol]
+    starts: list[Any]
+    inner: Block
+    ends: list[Any] = field(default_factory=list)
+    condition: Any = None
+    """Made of the first :attr:`Block.split` items of ``inner``."""
+    index: Symbol | None = None
+    count: int = 0
+
+
+class Block:
+    """Operations and loops in the order in which they were noted."""
+
+    def __init__(self, parent: Block | None) -> None:
+        self.parent = parent
+        self.items: list[Symbol | Loop] = []
+        self.known: dict[Any, Symbol] = {}
+        self.split = 0
+
+    def find(self, key: Any) -> Symbol | None:
+        """The symbol of an equal operation, here or further out."""
+        block: Block | None = self
+        while block is not None:
+            if key in block.known:
+                return block.known[key]
+            block = block.parent
+        return None
+
+    def again(self, symbol: Symbol, others: Mapping[int, Symbol]) -> Symbol | None:
+        """The symbol of the same operation on other operands, by identity, if it was noted."""
+        operands = [others.get(id(a), a) for a in symbol.arguments]
+        return self.find((symbol.template, *(identity(operand) for operand in operands)))
+
+
+class Trace:
+    """The operations of one function."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
+        self.block = Block(None)
+        self.functions: dict[str, Callable[..., Any]] = {}
+        """What is called as it stands, by the name that it is called by."""
+        self._names = 0
+
+    def new_name(self) -> str:
+        """A name that is not taken."""
+        self._names += 1
+        return f"x{self._names}"
+
+    def variable(self, boolean: bool = False) -> Symbol:
+        """A symbol with a name of its own."""
+        return Symbol(self, "", boolean=boolean, name=self.new_name())
+
+    def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
+        """The symbol of an operation; the one at hand where an equal one was noted."""
+        arguments = tuple(plain(argument) for argument in arguments)
+        if self.dialect.folds:
+            known = folded(template, arguments)
+            if known is not None:
+                return known
+        key = (template, *(identity(argument) for argument in arguments))
+        symbol = self.block.find(key)
+        if symbol is None:
+            symbol = Symbol(self, template, arguments, boolean)
+            self.block.known[key] = symbol
+            self.block.items.append(symbol)
+        return symbol
+
+    def expect(self, condition: Any) -> bool:
+        """True; the function that is written refuses to go on unless ``condition`` holds."""
+        if isinstance(condition, Symbol) and self.block.find(("expected", id(condition))) is None:
+            template = self.dialect.expectation
+            symbol = Symbol(self, template, (condition,), statement=True)
+            self.block.known["expected", id(condition)] = symbol
+            self.block.items.append(symbol)
+        return isinstance(condition, Symbol) or bool(condition)
+
+    def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
+        """The symbol of a call that is made as it stands, every time."""
+        name = f"f{len(self.functions)}"
+        self.functions[name] = function
+        places = ", ".join(f"{{{k}}}" for k in range(len(arguments)))
+        symbol = Symbol(self, f"{name}({places})", tuple(map(plain, arguments)))
+        symbol.raising = True
+        self.block.items.append(symbol)
+        return symbol
+
+    def both(self, a: Any, b: Any, *, absorbing: bool) -> Any:
+        """``a or b`` of two truth values where True is ``absorbing``, else ``a and b``."""
+        for known, other in ((a, b), (b, a)):
+            if isinstance(known, bool):
+                return known if known is absorbing else other
+        if not (a.boolean and b.boolean):
+            raise NotTraceable("bitwise operations on numbers are not traced")
+        template = self.dialect.disjunction if absorbing else self.dialect.conjunction
+        return self.note(template, a, b, boolean=True)
+
+    def loop(
+        self,
+        carry: Carry,
+        body: Callable[[Any, Carry], Carry],
+        condition: Callable[[Carry], Any] | None,
+        count: int,
+    ) -> Carry:
+        """Note a loop; what does not change in it is no variable of it."""
+        starts = leaves_of(carry)
+        changing = [False] * len(starts)
+        while True:
+            outer, self.block = self.block, Block(self.block)
+            try:
+                held = [
+                    self.variable(is_boolean(start)) if changes else start
+                    for start, changes in zip(starts, changing, strict=True)
+                ]
+                index = self.variable() if condition is None else None
+                goes_on = None if condition is None else condition(rebuilt(carry, held))
+                self.block.split = len(self.block.items)
+                ends = leaves_of(body(index, rebuilt(carry, held)))
+            finally:
+                inner, self.block = self.block, outer
+            now = [
+                changes or not same(end, start)
+                for changes, end, start in zip(changing, ends, starts, strict=True)
+            ]
+            if now == changing:
+                break
+            changing = now
+        if isinstance(goes_on, bool) and not goes_on:
+            return carry
+        kept = [i for i, changes in enumerate(changing) if changes]
+        self.block.items.append(
+            Loop(
+                [held[i] for i in kept], [starts[i] for i in kept], inner,
+                [ends[i] for i in kept], goes_on, index, count,
+            )
+        )  # fmt: skip
+        return rebuilt(carry, held)  # type: ignore[no-any-return]

@@ -1,0 +1,129 @@
+"""MJX: MuJoCo in JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .._stepping import Run
+from .._rigid import LanesEngine
+from .._rigid import MAPS
+from .._stepping import quiet
+from .._rigid import Array
+from integ_gym.support import load
+from ...arithmetic import SCALAR, Component, Components, Ops
+from ...mechanics import PlantSystem
+
+
+class MjxEngine(LanesEngine):
+    """`mjx.step`, traced in JAX; for floats and NumPy compiled, in float64, on the CPU.
+
+    `Euler` and `implicitfast` are symplectic Euler with joint damping taken implicitly, `RK4` is
+    the classical Runge-Kutta method. MJX has none of MuJoCo's `implicit` and `discrete`.
+    """
+
+    name: ClassVar[str] = "mjx"
+    package: ClassVar[str] = "mujoco-mjx"
+    modules: ClassVar[tuple[str, ...]] = ("mujoco.mjx", "jax")
+    batched: ClassVar[bool] = True
+    own_stops: ClassVar[bool] = True
+    maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
+
+    def build(self) -> None:
+        """Make the program and place the model's numbers."""
+        jax = load("jax", "mjx")
+        with quiet():
+            load("mujoco.mjx", "mjx")
+        from .program import numbers, program_of
+
+        self._jax, self._numbers = jax, numbers
+        stops = self.system.engine_stops
+        stopped = None if stops is None else stops.coordinate
+        self._program = program_of(self.mechanism, self.integrator, stopped)
+        self._cpu = jax.devices("cpu")[0]
+        self._values = self._placed(numbers(self.mechanism, self.dt, self._stop()))
+        self._still = self._placed(numbers(self.mechanism, 0.0, self._stop()))
+
+    def at(self, system: PlantSystem, dt: Component) -> MjxEngine:
+        """The same engine for other values of the parameters, traced or arrays of JAX's."""
+        other = super().at(system, dt)
+        other.mechanism = system.plant.mechanism  # type: ignore[attr-defined]
+        other._damped = True
+        return other
+
+    def stop_parameters(self) -> dict[str, Any]:
+        """`solref` and `solimp` of the limited joint."""
+        assert self.system.engine_stops is not None
+        joint = self.system.engine_stops.coordinate
+        solref, solimp = self._program.solref[joint], self._program.solimp[joint]
+        return {"solref": solref.tolist(), "solimp": solimp.tolist()}
+
+    def inertia(self, q: Components) -> Array:
+        """Mass matrix."""
+        return self._resting(q)[0]
+
+    def gravity(self, q: Components) -> Array:
+        """Minus the bias force at rest."""
+        return -self._resting(q)[1]
+
+    def run(self, count: int) -> Run:
+        """Take ``count`` steps in one call."""
+        step, values, double = self._program.run, self._values, self._jax.enable_x64
+        starts = np.zeros((self._program.lanes, 3 * self._program.dof))
+
+        def run(*start: float) -> tuple[float, ...]:
+            starts[0] = start
+            with double(True):
+                return tuple(np.asarray(step(values, starts, count, 1)[0])[0].tolist())
+
+        return run
+
+    def run_lanes(self, starts: Array, count: int) -> Array:
+        """Take ``count`` steps, some dozens of lanes in one call."""
+        size = self._program.lanes
+        ends = [self._called(starts[k : k + size], count) for k in range(0, len(starts), size)]
+        return np.concatenate(ends)
+
+    def travel(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Component, Component, Component]:
+        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
+        if not isinstance(q[0], self._jax.Array):
+            return super().travel(ops, q, v, force, count)
+        values = self._numbers(self.mechanism, self.dt, ())
+
+        def step(_: Component, state: tuple[Component, ...]) -> tuple[Component, ...]:
+            return self._program.step(values, (*state, *force))
+
+        ends = ops.repeat(count, step, (*q, *v))
+        return ends[: len(q)], ends[len(q) :], 0, 0.0, True
+
+    def _stop(self) -> tuple[float, ...]:
+        """Limit of the limited joint and inverse of its inertia at 0, by which MuJoCo weighs it."""
+        stops, plant = self.system.engine_stops, self.system.plant
+        if stops is None:
+            return ()
+        at_zero = plant.mass_matrix(SCALAR, (0.0,) * len(plant.coordinates))
+        weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
+        return stops.limit, float(weight)
+
+    def _placed(self, values: list[Component]) -> Any:
+        with self._jax.enable_x64(True):
+            return self._jax.device_put(np.array(values), self._cpu)
+
+    def _called(self, starts: Array, count: int) -> Array:
+        filled = np.zeros((self._program.lanes, starts.shape[1]))
+        filled[: len(starts)] = starts
+        with self._jax.enable_x64(True):
+            ends, _, _ = self._program.run(self._values, filled, count, len(starts))
+            return np.asarray(ends)[: len(starts)]
+
+    def _resting(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix and bias force at rest, of a step that takes no time."""
+        starts = np.zeros((self._program.lanes, 3 * len(q)))
+        starts[0, : len(q)] = q
+        with self._jax.enable_x64(True):
+            _, mass, bias = self._program.run(self._still, starts, 1, 1)
+            return np.asarray(mass), np.asarray(bias)

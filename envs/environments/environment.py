@@ -1,0 +1,276 @@
+"""The single environment: Gymnasium's `Env` over one setup."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from operator import itemgetter
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from ..arithmetic import SCALAR, Components
+from ..plants import PLANTS
+from ..plants import split_state
+from ..episode import Setup, build_setup
+from ..episode import draw_start
+from ..episode import (
+    WARM_UP,
+    ScalarStart,
+    ScalarStep,
+    plain_start,
+    plain_step,
+    traced_start,
+    traced_step,
+)
+from ..tasks import TASKS
+from ..episode import STATUS_NAMES, EnvState, quiet_status
+
+Observation = npt.NDArray[np.float32]
+
+
+class IntegEnv(gym.Env[Observation, Any]):
+    """An environment whose discretization is given by constructor arguments.
+
+    Subclasses name a task and their own defaults; see their docstrings for the arguments.
+    """
+
+    task_name: ClassVar[str]
+    defaults: ClassVar[Mapping[str, Any]]
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 30,
+    }
+
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        if "mixture" in arguments:
+            raise TypeError(
+                "one environment has one discretization; give `mixture` to gym.make_vec"
+            )
+        for name, value in arguments.items():
+            if isinstance(value, np.ndarray) and value.ndim:
+                raise ValueError(
+                    f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
+                )
+        self.setup = make_setup(type(self), arguments)
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.metadata = {
+            **type(self).metadata,
+            "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
+        }
+        self.action_space = self.setup.action_space
+        self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
+        self._discrete = self.setup.task.discrete
+        self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
+        self._noise = self.setup.settings.observation_noise
+        self._in_order = _interleaved(len(self.setup.plant.coordinates))
+        self._state: EnvState | None = None
+        self._control = 0.0
+        self._sampled = True
+        self.status_code = quiet_status(self.setup)
+        """The solver's status in the last step, as a code of `STATUS_NAMES`."""
+        self._start: ScalarStart = plain_start(self.setup)
+        self._step: ScalarStep = self._first_steps
+        self._steps_to_trace = WARM_UP
+        self._renderer: Any = None
+
+    @classmethod
+    def task_class(cls) -> type[Any]:
+        """The class of the environment's task."""
+        return TASKS.load(cls.task_name)
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """True state in Gymnasium's order, SI units, shape (n,).
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        return np.array(self.state_components, dtype=np.float64)
+
+    @property
+    def state_components(self) -> Components:
+        """The same as floats, which takes less time."""
+        current = self._current()
+        return self._in_order(current.q + current.v)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: seeds the environment's generator.
+            options: ``state``: the start in Gymnasium's order; or the bounds of the start
+                distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
+
+        Raises:
+            ValueError: for a bound or state that is not possible.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        q, v = split_state(draw_start(self.setup, self.np_random, options))
+        if "state" not in options:
+            q = self.setup.system.confined(SCALAR, q)
+        state, observation, info = self._start(q, v)
+        self._state = EnvState._make(state)
+        self._control, self._sampled = 0.0, True
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
+        if self.render_mode == "human":
+            self.render()
+        return self._observed(observation), info
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Advance one control period; see the environment's docstring for ``info``.
+
+        Raises:
+            ValueError: for an action of the wrong shape or outside a `Discrete` space.
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        before = self._current()
+        control = self._read_action(action)
+        try:
+            taken = self._step(before, control)
+        except (ArithmeticError, ValueError):
+            taken = plain_step(self.setup)(before, control)
+        state, observation, reward, terminated, truncated, info, self._sampled = taken
+        self._state, self._control = EnvState._make(state), info["control"]
+        self.status_code = info["solver_status"]
+        info["solver_status"] = STATUS_NAMES[self.status_code]
+        if self.render_mode == "human":
+            self.render()
+        return self._observed(observation), reward, terminated, truncated, info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Draw the plant, the applied control and the discretization.
+
+        Raises:
+            ModuleNotFoundError: without pygame, with the command that installs it.
+        """
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() does nothing without a render mode; give render_mode="
+                '"rgb_array" or "human" to gym.make'
+            )
+            return None
+        if self._renderer is None:
+            from ..rendering import Renderer
+
+            self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
+        time = self._current().steps * self.setup.timing.control_period
+        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, self._control, time)
+        return frame
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _current(self) -> EnvState:
+        if self._state is None:
+            raise gym.error.ResetNeeded("call reset() before step(), state or render()")
+        return self._state
+
+    def _read_action(self, action: Any) -> float:
+        if self._discrete is None:
+            return box_action(action)
+        try:
+            return self._choices[action]
+        except (KeyError, TypeError):
+            return discrete_action(action, self._discrete)
+
+    def _first_steps(self, state: EnvState, action: float) -> tuple[Any, ...]:
+        """Steps until it pays to have them traced."""
+        self._steps_to_trace -= 1
+        plain = plain_step(self.setup)
+        if self._steps_to_trace <= 0:
+            self._step = traced_step(self.setup) or plain
+            self._start = traced_start(self.setup) or self._start
+        return plain(state, action)
+
+    def _observed(self, observation: Components) -> Observation:
+        if self._noise:
+            return self._noisy()
+        return np.array(observation, dtype=np.float32)
+
+    def _noisy(self) -> Observation:
+        """The last sample with the noise drawn for it, saturated at the space's bounds."""
+        state = self._current()
+        if self._sampled:
+            size = 2 * len(state.q)
+            self._sample_noise = (self._noise * self.np_random.standard_normal(size)).tolist()
+        by_q, by_v = split_state(self._sample_noise)
+        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
+        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
+        observation = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
+        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
+
+
+def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
+    """The setup of an environment class from its constructor arguments."""
+    task = env.task_class()
+    return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+
+
+def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
+    """``render_mode`` if it is one.
+
+    Raises:
+        ValueError: otherwise, with the valid modes.
+    """
+    if render_mode is not None and render_mode not in modes:
+        raise ValueError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
+    return render_mode
+
+
+def observation_space(setup: Setup) -> spaces.Box:
+    """`Box` within the task's observation limits."""
+    limits = setup.task.observation_limits(setup.settings.max_speed)
+    high = np.array([np.max(limit) for limit in limits], dtype=np.float32)
+    return spaces.Box(-high, high, dtype=np.float32)
+
+
+def _interleaved(count: int) -> Callable[[Components], Components]:
+    """From (q0, q1, …, v0, v1, …) to state order."""
+    order = [place for k in range(count) for place in (k, count + k)]
+    return itemgetter(*order)
+
+
+def box_action(action: Any) -> float:
+    """The one entry of a `Box` action as float; infinite where a float cannot hold it.
+
+    Raises:
+        ValueError: if the action does not have shape (1,).
+    """
+    try:
+        (value,) = action.tolist() if type(action) is np.ndarray else action
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"action must have shape (1,), got {action!r} of shape {np.shape(action)}"
+        ) from None
+
+
+def discrete_action(action: Any, count: int) -> float:
+    """A `Discrete` action, or NaN for a non-finite one.
+
+    Raises:
+        ValueError: if it is neither finite nor one of 0 … count - 1.
+    """
+    try:
+        value = float(action)
+    except (TypeError, ValueError):
+        value = -1.0
+    if math.isnan(value) or math.isinf(value):
+        return math.nan
+    if value not in range(count):
+        choices = ", ".join(map(str, range(count)))
+        raise ValueError(f"action must be one of {choices}, got {action!r}")
+    return value

@@ -1,0 +1,431 @@
+"""The vector environment: many environments as one structure of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from ..arithmetic import ARRAY
+from .discretized_vector import DiscretizedVectorEnv
+from .environment import IntegEnv, checked_render_mode, make_setup, observation_space
+from ..episode import Array, as_lanes, blank, check_lanes, lane_seeds, of_lanes, put, take, varied
+from ..episode import make_mixture
+from ..arithmetic import Components
+from ..plants import join_state, split_state
+from ..episode import Setup
+from ..episode import (
+    LaneStarts,
+    check_options,
+    checked_state,
+    draw_start,
+    numbers_per_start,
+    possible,
+)
+from ..episode import RESULTS, LanesStep
+from ..episode import EnvState, initial_state, quiet_status
+from .vector_info import Info, LaneInfo, kept
+
+
+class IntegVectorEnv(DiscretizedVectorEnv):
+    """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
+
+    Arrays of `info` that hold one value for all lanes, and its masks, are read-only.
+
+    Args:
+        num_envs: number of lanes.
+        autoreset_mode: an `AutoresetMode` or its value.
+        mixture: discretizations (dicts of ``integrator``, ``dt``, … and, optionally, ``weight``),
+            one of which each lane draws at every reset; all must have one control period.
+            ``info["mixture_index"]`` tells which.
+        render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
+        arguments: those of the single environment; a plant parameter may be an array of shape
+            (num_envs,).
+
+    Raises:
+        TypeError, ValueError: for unknown or impossible arguments.
+    """
+
+    env_class: ClassVar[type[IntegEnv]]
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 30,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        mixture: Sequence[Mapping[str, Any]] | None = None,
+        render_mode: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        self.num_envs = num_envs
+        self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
+        self.mixed = mixture is not None
+        self.mixture = make_mixture(partial(make_setup, self.env_class), arguments, mixture)
+        self.setups = self.mixture.setups
+        for setup in self.setups:
+            check_lanes(setup, num_envs)
+        self.setup = self.setups[0]
+        self.render_mode = checked_render_mode(render_mode, type(self).metadata["render_modes"])
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_action_space = self.setup.action_space
+        self.single_observation_space = observation_space(self.setup)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._lanes_differ = bool(varied(self.setup))
+        self._info = LaneInfo(num_envs, quiet_status(self.setup))
+        self._steps = [LanesStep(setup) for setup in self.setups]
+        self._rngs: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+        self._starts: LaneStarts | None = None
+        self._state: EnvState | None = None
+        self._done = np.zeros(num_envs, dtype=bool)
+        self._member = np.zeros(num_envs, dtype=np.int64)
+        self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
+        self._control = np.zeros(num_envs)
+        self._codes = np.full(num_envs, quiet_status(self.setup))
+        self._final_state = np.zeros_like(self._noise)
+        self._renderers: list[Any] = []
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The lanes' generators."""
+        self._seed_if_needed()
+        if self._starts is not None:
+            self._starts.put_back()
+        return tuple(self._rngs)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The lanes' seeds."""
+        self._seed_if_needed()
+        return tuple(self._seeds)
+
+    @property
+    def state_components(self) -> Components:
+        """The same component by component, each of shape (num_envs,), which takes less time."""
+        current = self._current()
+        return join_state(current.q, current.v)
+
+    @property
+    def status_codes(self) -> Array:
+        """The solver's status in every lane's last step, as a code of `STATUS_NAMES`; read-only.
+
+        Of a lane that was reset in place of a step, that of the reset.
+        """
+        return self._codes
+
+    @property
+    def final_state(self) -> npt.NDArray[np.float64]:
+        """With ``SAME_STEP``, true states before the last step's resets, shape (num_envs, n)."""
+        return self._final_state.copy()
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every lane, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: an int (lane i gets seed + i), one per lane, or None.
+            options: as for the single environment; ``state`` has shape (num_envs, n). In a mixture
+                ``mixture_index``, shape (num_envs,), gives the members instead of drawing them.
+
+        Raises:
+            ValueError: for a mask, seed list, member or state of the wrong shape or value.
+        """
+        options = dict(options or {})
+        mask = self._reset_mask(options.pop("reset_mask", None))
+        if self.mixed and "mixture_index" in options:
+            options["mixture_index"] = self._given_members(options["mixture_index"])
+        self._seed(seed, mask)
+        info = self._info.nothing()
+        self._begin(np.flatnonzero(mask), options, info)
+        observation = self._table(self._observed())
+        return self._with_noise(observation, mask), self._told(info, mask.copy())
+
+    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Advance every lane by one control period.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset, or, with autoreset disabled, while
+                a lane that has ended is not reset.
+            ValueError: for actions of the wrong shape or outside a `Discrete` space.
+        """
+        self._current()
+        (waiting,) = self._done.nonzero()
+        if waiting.size and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise gym.error.ResetNeeded(
+                "these lanes have ended; reset them with options={'reset_mask': mask}: "
+                f"{waiting.tolist()}"
+            )
+        observed, told = self._advance(self._read_actions(actions, waiting))
+        reward, terminated, truncated, sampled = (
+            as_lanes(told.pop(name), self.num_envs) for name in RESULTS
+        )
+        info = self._info.of_step(told)
+        if self.render_mode is not None:
+            self._control = info["control"].copy()
+        observation = self._table(observed)
+        if waiting.size:
+            self._begin(waiting, {}, info)
+            reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
+            self._look_anew(observation, waiting)
+            sampled[waiting] = True
+        self._codes = info["solver_status"]
+        observation = self._with_noise(observation, sampled)
+        self._done = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
+            observation, everything = self._reset_same_step(observation, info)
+        else:
+            everything = self._told(info, self._info.everyone)
+        return observation, reward, terminated, truncated, everything
+
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
+        """One frame per lane."""
+        if self.render_mode is None:
+            gym.logger.warn('render() needs render_mode="rgb_array" in gym.make_vec')
+            return None
+        if not self._renderers:
+            from ..rendering import Renderer
+
+            fps = self.metadata["render_fps"]
+            self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]
+        times = self._current().steps * self.setup.timing.control_period
+        lanes = zip(self._member, self.state, self._control, times, strict=True)
+        return tuple(self._renderers[m].draw(state, u, time) for m, state, u, time in lanes)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Release the drawing surfaces."""
+        for renderer in self._renderers:
+            renderer.close()
+        self._renderers = []
+
+    def _current(self) -> EnvState:
+        if self._state is None:
+            raise gym.error.ResetNeeded("call reset() before step(), state or render()")
+        return self._state
+
+    def _seed_if_needed(self) -> None:
+        if not self._rngs:
+            self._seed(None, np.ones(self.num_envs, dtype=bool))
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: Array) -> None:
+        seeds = lane_seeds(seed, self.num_envs)
+        if not self._rngs:
+            made = [seeding.np_random(s) for s in seeds]
+            self._rngs = [rng for rng, _ in made]
+            self._seeds = [int(s) for _, s in made]
+            self._starts = self._starts_ahead()
+            return
+        for lane in np.flatnonzero(mask).tolist():
+            if seeds[lane] is not None:
+                self._rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
+                if self._starts is not None:
+                    self._starts.forget(lane)
+
+    def _starts_ahead(self) -> LaneStarts | None:
+        """Starts drawn ahead, unless something else is drawn in between."""
+        if self.mixed or self.setup.settings.observation_noise:
+            return None
+        size = numbers_per_start(self.setup)
+        return None if size is None else LaneStarts(self.setup, self._rngs, size)
+
+    def _reset_mask(self, mask: Any) -> Array:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise ValueError(
+                "reset option `reset_mask` must be a boolean array of shape "
+                f"({self.num_envs},), got {mask!r}"
+            )
+        if not mask.any():
+            raise ValueError("reset option `reset_mask` must select at least one lane")
+        return mask
+
+    def _given_members(self, members: Any) -> Array:
+        array = np.asarray(members)
+        whole = array.shape == (self.num_envs,) and array.dtype.kind in "iu"
+        if not whole or (array < 0).any() or (array >= len(self.setups)).any():
+            raise ValueError(
+                f"reset option `mixture_index` must be whole numbers from 0 to "
+                f"{len(self.setups) - 1}, shape ({self.num_envs},), got {members!r}"
+            )
+        return array
+
+    def _begin(self, lanes: Array, options: Mapping[str, Any], info: Info) -> None:
+        """Start an episode in some lanes, and tell about it."""
+        starts = self._draw(lanes, options)
+        q, v = split_state(tuple(starts.T))
+        setup = self._for_lanes(self.setup, lanes)
+        if "state" not in options:
+            q = setup.system.confined(ARRAY, q)
+        fresh = initial_state(ARRAY, setup, q, v)
+        if self._state is None:
+            self._state = blank(fresh, self.num_envs)
+        self._state = put(self._state, lanes, fresh, self.num_envs)
+        self._done[lanes] = False
+        self._control[lanes] = 0.0
+        self._info.begin(info, lanes, self._state)
+
+    def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
+        """Starts of some lanes, shape (len(lanes), n)."""
+        check_options(self.setup, options, ("mixture_index",) if self.mixed else ())
+        if self._starts is None or "state" in options:
+            return np.array([self._draw_one(lane, options) for lane in lanes.tolist()])
+        starts = self._starts.draw(lanes, options)
+        fine = possible(self.setup, tuple(starts.T))
+        if not fine.all():
+            checked_state(self.setup, starts[np.argmin(fine)])
+        return starts
+
+    def _draw_one(self, lane: int, options: Mapping[str, Any]) -> Components:
+        rng = self._rngs[lane]
+        if self.mixed:
+            options = dict(options)
+            given = options.pop("mixture_index", None)
+            drawn = self.mixture.member(rng.random()) if given is None else given[lane]
+            self._member[lane] = drawn
+        if "state" in options:
+            states = np.asarray(options["state"], dtype=np.float64)
+            if states.shape[:1] != (self.num_envs,):
+                raise ValueError(
+                    f"reset option `state` must have one row per lane ({self.num_envs}), "
+                    f"got shape {states.shape}"
+                )
+            options = {**options, "state": states[lane]}
+        return draw_start(self.setup, rng, options)
+
+    def _read_actions(self, actions: Any, ignored: Array) -> Array:
+        """Actions as floats; those of lanes that are being reset are not looked at."""
+        values = np.array(actions, dtype=np.float64)
+        if values.shape != self.action_space.shape:
+            raise ValueError(
+                f"actions must have shape {self.action_space.shape}, got {values.shape}"
+            )
+        if ignored.size:
+            values[ignored] = 0.0
+        count = self.setup.task.discrete
+        if count is None:
+            return values[:, 0]
+        known = (values >= 0.0) & (values < count) & (values == np.floor(values))
+        if not known.all():
+            wrong = np.isfinite(values) & ~known
+            if wrong.any():
+                raise ValueError(
+                    f"actions must be 0 … {count - 1}, got {values[wrong][0]:g} in "
+                    f"lane {np.flatnonzero(wrong)[0]}"
+                )
+        return values
+
+    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any]]:
+        """Observations, without noise, and what a step tells; see :data:`ArrayStep`."""
+        if self.mixed:
+            return self._advance_mixture(actions)
+        self._state, observed, told = self._steps[0](self._current(), actions)
+        return observed, told
+
+    def _advance_mixture(self, actions: Array) -> tuple[Components, dict[str, Any]]:
+        """Advance the lanes of each discretization as one group."""
+        state = self._current()
+        merged: dict[str, Any] = {}
+        for index, setup in enumerate(self.setups):
+            lanes = np.flatnonzero(self._member == index)
+            if not lanes.size:
+                continue
+            own = self._for_lanes(setup, lanes)
+            step = self._steps[index] if own is setup else LanesStep(own)
+            after, _, told = step(take(state, lanes), actions[lanes])
+            state = put(state, lanes, after, self.num_envs)
+            for name, value in told.items():
+                if name not in merged:
+                    merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
+                merged[name][lanes] = value
+        self._state = state
+        return self._observed(), merged
+
+    def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
+        return of_lanes(setup, lanes) if self._lanes_differ else setup
+
+    def _observed(self) -> Components:
+        """Observations of all lanes, without noise."""
+        state = self._current()
+        return self.setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
+
+    def _table(self, observed: Components) -> Array:
+        """Observations as float32, shape (num_envs, …)."""
+        observation = np.empty((self.num_envs, len(observed)), dtype=np.float32)
+        for column, values in enumerate(observed):
+            observation[:, column] = values
+        return observation
+
+    def _look_anew(self, observation: Array, lanes: Array) -> None:
+        """Fill in the observations, without noise, of lanes that have just been reset."""
+        state, task = self._current(), self._for_lanes(self.setup, lanes).task
+        q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
+        for column, values in enumerate(task.observe(ARRAY, q, v)):
+            observation[lanes, column] = values
+
+    def _with_noise(self, observation: Array, sampled: Array) -> Array:
+        """Observations with noise, drawn anew where the sensor has just sampled."""
+        if not self.setup.settings.observation_noise:
+            return observation
+        space = self.single_observation_space
+        noisy = self._table(self._noisy(sampled))
+        return np.clip(noisy, space.low, space.high)  # type: ignore[attr-defined]
+
+    def _noisy(self, sampled: Array) -> Components:
+        state, noise = self._current(), self.setup.settings.observation_noise
+        for lane in np.flatnonzero(sampled):
+            self._noise[lane] = noise * self._rngs[lane].standard_normal(self._noise.shape[1])
+        by_q, by_v = split_state(tuple(self._noise.T))
+        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
+        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
+        return self.setup.task.observe(ARRAY, q, v)
+
+    def _reset_same_step(self, observation: Array, info: Info) -> tuple[Array, dict[str, Any]]:
+        done = self._done.copy()
+        lanes = np.flatnonzero(done)
+        self._final_state = self.state
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for lane in lanes:
+            final_obs[lane] = observation[lane].copy()
+        final_info = self._info.told(kept(self._arrays(info), done), done)
+        self._codes = self._codes.copy()
+        self._begin(lanes, {}, info)
+        self._look_anew(observation, lanes)
+        told = {
+            **self._told(info, self._info.everyone),
+            "final_obs": final_obs,
+            "_final_obs": done,
+            "final_info": final_info,
+            "_final_info": done.copy(),
+        }
+        return self._with_noise(observation, done), told
+
+    def _arrays(self, info: Info) -> Info:
+        return {**info, "mixture_index": self._member.copy()} if self.mixed else info
+
+    def _told(self, info: Info, mask: Array) -> dict[str, Any]:
+        return self._info.told(self._arrays(info), mask)
+
+
+def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        choices = ", ".join(repr(m.value) for m in AutoresetMode)
+        raise ValueError(f"`autoreset_mode` must be one of {choices}, got {mode!r}") from None

@@ -1,0 +1,283 @@
+"""One control period of an environment, as a pure function over components.
+
+The single, the vector and the functional environment all advance through :func:`transition`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..engines import DIVERGENCE_SPEED, Motion, Segments
+from ..arithmetic import Component, Components, Ops
+from .settings import Setup
+from ..tasks import Command
+from .timing import Timing
+
+OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
+STATUS_NAMES = ("ok", "not_converged", "diverged", "not_reported")
+"""By code: what is not reported is the last, and the least of the codes; a larger one is worse."""
+
+AWAY = -1.0
+"""`goal_since` while the state is not at the goal."""
+
+
+class EnvState(NamedTuple):
+    """All that evolves within an episode."""
+
+    q: Components
+    v: Components
+    energy: Component
+    """Energy of (q, v), J."""
+    commands: tuple[Component, ...]
+    """Past controls asked for, newest first."""
+    fallbacks: tuple[Component, ...]
+    """Whether each of them came from the fallback."""
+    sensed_q: Components
+    """Configuration at the sensor's last sample."""
+    sensed_v: Components
+    sensed_time: Component
+    """When that sample was taken, s."""
+    steps: Component
+    """Decisions so far."""
+    goal_since: Component
+    """Since when the state has been at the goal without a break, s, or -1."""
+
+
+class Outcome(NamedTuple):
+    """What one control period brought; energies in J over the period."""
+
+    reward: Component
+    terminated: Component
+    truncated: Component
+    success: Component
+    sampled: Component
+    """Whether the sensor took a new sample."""
+    work: Component
+    dissipated: Component
+    contact_loss: Component
+    clip_loss: Component
+    residual_energy: Component
+    control: Component
+    """Control in force at the end of the period."""
+    commanded: Component
+    """Control asked for by this decision, after saturation and fallback."""
+    saturated: Component
+    fallback_used: Component
+    iterations: Component
+    solver_residual: Component
+    status: Component
+    penetration: Component
+    """Deepest at the end of any sub-step, m or rad."""
+    contact_force: Component
+    """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
+
+
+def quiet_status(setup: Setup) -> int:
+    """Code of the solver's status where no step has been taken."""
+    return OK if setup.engine.reports else NOT_REPORTED
+
+
+def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
+    """Episode state at time 0; no command is under way yet."""
+    zero = 0.0 * q[0]
+    memory = setup.timing.memory
+    at_goal = setup.task.at_goal(ops, q, v)
+    return EnvState(
+        q=q,
+        v=v,
+        energy=setup.system.energy(ops, q, v),
+        commands=(zero,) * memory,
+        fallbacks=(zero == 0.0,) * memory,
+        sensed_q=q,
+        sensed_v=v,
+        sensed_time=zero,
+        steps=0,
+        goal_since=ops.where(at_goal, 0.0, AWAY),
+    )
+
+
+class _Orders(NamedTuple):
+    """What is asked of the engine in one control period."""
+
+    commands: tuple[Component, ...]
+    """Controls under way, newest first, this decision's included."""
+    fallbacks: tuple[Component, ...]
+    segments: Segments
+    fallback_used: Component
+    saturated: Component
+    sample_at: Component | None
+    """Sub-step (from 1) of the sensor's last sample in the period; 0 or below: none; None: the
+    last sub-step."""
+
+
+def transition(
+    ops: Ops, setup: Setup, state: EnvState, action: Component
+) -> tuple[EnvState, Outcome]:
+    """Advance one control period under ``action`` (torque, force or action index).
+
+    A diverged motion leaves the state at the start of the period, with nothing booked.
+    """
+    orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
+    motion = _advance(ops, setup, state, orders)
+    motion = motion._replace(finite=ops.usually(motion.finite))
+    after = _next_state(ops, setup, state, orders, motion)
+    return after, _outcome(ops, setup, state, after, orders, motion)
+
+
+def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
+    timing = setup.timing
+    control, fell_back = _with_fallback(ops, setup, state, command)
+    commands, fallbacks = (control, *state.commands), (fell_back, *state.fallbacks)
+    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
+    sample_at = _sample_at(setup, state.steps)
+    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
+
+
+def _with_fallback(
+    ops: Ops, setup: Setup, state: EnvState, command: Command
+) -> tuple[Component, Component]:
+    held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
+    valid = ops.usually(command.valid)
+    return ops.where(valid, command.control, held), _negated(valid)
+
+
+def _segments(
+    delay: tuple[int, int],
+    substeps: int,
+    commands: tuple[Component, ...],
+    fallbacks: tuple[Component, ...],
+) -> tuple[Segments, Component]:
+    """The controls that act in this period, oldest first, and whether one is the fallback's."""
+    periods, rest = delay
+    recent = (commands[periods], substeps - rest)
+    if not rest:
+        return (recent,), fallbacks[periods]
+    used = fallbacks[periods + 1] | fallbacks[periods]
+    return ((commands[periods + 1], rest), recent), used
+
+
+def _sample_at(setup: Setup, steps: Component) -> Component | None:
+    timing = setup.timing
+    if timing.sensor is None:
+        return None
+    end = (steps + 1) * timing.substeps
+    return end - end % timing.sensor - steps * timing.substeps
+
+
+def _advance(ops: Ops, setup: Setup, state: EnvState, orders: _Orders) -> Motion:
+    try:
+        return setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
+    except ArithmeticError:
+        q, v = state.q, state.v
+        return Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
+
+
+def _next_state(
+    ops: Ops, setup: Setup, state: EnvState, orders: _Orders, motion: Motion
+) -> EnvState:
+    timing, ok = setup.timing, motion.finite
+    q, v = _choose(ops, ok, motion.q, state.q), _choose(ops, ok, motion.v, state.v)
+    steps = state.steps + 1
+    time = steps * timing.control_period
+    arrived = ops.where(state.goal_since >= 0.0, state.goal_since, time)
+    sampled = _sampled(orders, ok)
+    return EnvState(
+        q=q,
+        v=v,
+        energy=setup.system.energy(ops, q, v),
+        commands=orders.commands[: timing.memory],
+        fallbacks=orders.fallbacks[: timing.memory],
+        sensed_q=_choose(ops, sampled, motion.sampled_q, state.sensed_q),
+        sensed_v=_choose(ops, sampled, motion.sampled_v, state.sensed_v),
+        sensed_time=ops.where(
+            sampled, _sample_time(timing, state.steps, orders.sample_at), state.sensed_time
+        ),
+        steps=steps,
+        goal_since=ops.where(setup.task.at_goal(ops, q, v), arrived, AWAY),
+    )
+
+
+def _outcome(
+    ops: Ops, setup: Setup, before: EnvState, after: EnvState, orders: _Orders, motion: Motion
+) -> Outcome:
+    timing, task, ok = setup.timing, setup.task, motion.finite
+    work = ops.where(ok, motion.work, 0.0)
+    dissipated = ops.where(ok, motion.losses[0], 0.0)
+    clip_loss = ops.where(ok, motion.clip_loss, 0.0)
+    contact_loss = penetration = contact_force = 0.0
+    if len(motion.losses) > 1:
+        contact_loss = ops.where(ok, motion.losses[1], 0.0)
+        penetration = ops.where(ok, motion.penetration, 0.0)
+        contact_force = ops.where(ok, motion.contact_force, 0.0)
+    failed = task.terminated(ops, after.q, after.v) & ok
+    terminated = failed | _negated(ok)
+    truncated = after.steps >= timing.horizon
+    stayed = after.steps * timing.control_period - after.goal_since
+    rounding = max(1e-9, 64.0 * ops.epsilon)
+    reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
+    return Outcome(
+        reward=_reward(ops, setup, before, orders.segments, failed, ok),
+        terminated=terminated,
+        truncated=truncated,
+        success=truncated & reached & _negated(terminated),
+        sampled=_sampled(orders, ok),
+        work=work,
+        dissipated=dissipated,
+        contact_loss=contact_loss,
+        clip_loss=clip_loss,
+        residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
+        control=orders.segments[-1][0],
+        commanded=orders.commands[0],
+        saturated=orders.saturated,
+        fallback_used=orders.fallback_used,
+        iterations=motion.iterations,
+        solver_residual=ops.where(ok, motion.residual, 0.0),
+        status=ops.where(ok, _solved(ops, setup, motion), DIVERGED),
+        penetration=penetration,
+        contact_force=contact_force,
+    )
+
+
+def _solved(ops: Ops, setup: Setup, motion: Motion) -> Component:
+    """Status of a motion that has not diverged."""
+    return ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
+
+
+def _reward(
+    ops: Ops, setup: Setup, before: EnvState, segments: Segments, failed: Component, ok: Component
+) -> Component:
+    timing, task, period = setup.timing, setup.task, setup.timing.control_period
+    mean_square = _mean_square(segments, timing.substeps)
+    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
+    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
+    return ops.where(ok, earned, worst)
+
+
+def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
+    return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
+
+
+def _negated(condition: Component) -> Component:
+    return condition == False  # noqa: E712
+
+
+def _sampled(orders: _Orders, ok: Component) -> Component:
+    return ok if orders.sample_at is None else (orders.sample_at > 0) & ok
+
+
+def _sample_time(timing: Timing, steps: Component, sample_at: Component | None) -> Component:
+    if sample_at is None:
+        return (steps + 1) * timing.control_period
+    return (steps * timing.substeps + sample_at) * timing.dt
+
+
+def _mean_square(segments: Segments, substeps: int) -> Component:
+    """Time average of the squared control over the period."""
+    if len(segments) == 1:
+        return segments[0][0] * segments[0][0]
+    return sum(count * (control * control) for control, count in segments) / substeps
+
+
+def top_speed(setup: Setup) -> Component:
+    """Largest speed a motion can have without diverging, rad/s or m/s."""
+    return DIVERGENCE_SPEED if setup.system.max_speed is None else setup.system.max_speed

@@ -1,0 +1,108 @@
+"""Trees of components with one entry per lane, and settings that may differ between lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arithmetic import Component
+from .settings import Setup
+
+Array = npt.NDArray[Any]
+Tree = TypeVar("Tree", bound=tuple[Any, ...])
+
+
+def full(value: Component, lanes: int, dtype: Any = None) -> Array:
+    """A fresh array of shape (lanes,)."""
+    array = np.empty(lanes, dtype=np.asarray(value).dtype if dtype is None else dtype)
+    array[:] = value
+    return array
+
+
+def as_lanes(value: Component, lanes: int) -> Array:
+    """``value`` itself if it is an array, else a fresh one of shape (lanes,)."""
+    return value if isinstance(value, np.ndarray) else full(value, lanes)
+
+
+def map_leaves(function: Callable[[Component], Any], tree: Tree) -> Tree:
+    """Apply ``function`` to every component in nested (named) tuples."""
+    values = [map_leaves(function, x) if isinstance(x, tuple) else function(x) for x in tree]
+    return type(tree)(*values) if hasattr(tree, "_fields") else tuple(values)  # type: ignore[return-value]
+
+
+def blank(tree: Tree, num_envs: int) -> Tree:
+    """Zeros of shape (num_envs,) in place of the components of ``tree``."""
+    return map_leaves(lambda x: np.zeros(num_envs, np.asarray(x).dtype), tree)
+
+
+def take(tree: Tree, lanes: Array) -> Tree:
+    """``tree``, whose components are of shape (num_envs,) or one for all, of some lanes."""
+    return map_leaves(lambda x: x[lanes] if np.ndim(x) else x, tree)
+
+
+def put(tree: Tree, lanes: Array, values: Tree, num_envs: int) -> Tree:
+    """``tree`` as fresh arrays of shape (num_envs,), with ``values`` in some lanes."""
+    merged: list[Any] = []
+    for old, new in zip(tree, values, strict=True):
+        if isinstance(old, tuple):
+            merged.append(put(old, lanes, new, num_envs))
+        else:
+            array = old.copy() if isinstance(old, np.ndarray) else full(old, num_envs)
+            array[lanes] = new
+            merged.append(array)
+    return type(tree)(*merged) if hasattr(tree, "_fields") else tuple(merged)  # type: ignore[return-value]
+
+
+def varied(setup: Setup) -> dict[str, Array]:
+    """Parameters of plant and task that differ between lanes."""
+    return _arrays(setup.plant) | _arrays(setup.task)
+
+
+def of_lanes(setup: Setup, lanes: Array) -> Setup:
+    """``setup`` with the parameters of some lanes."""
+    plant, task = _part_of(setup.plant, lanes), _part_of(setup.task, lanes)
+    return setup.with_values(plant, task, setup.timing, setup.system.max_speed)
+
+
+def check_lanes(setup: Setup, lanes: int) -> None:
+    """Check that parameters fit the number of lanes.
+
+    Raises:
+        ValueError: otherwise.
+    """
+    if lanes < 1:
+        raise ValueError(f"`num_envs` must be 1 or above, got {lanes}")
+    for name, value in varied(setup).items():
+        if value.shape != (lanes,):
+            raise ValueError(
+                f"`{name}` must be a number or one value per environment, shape ({lanes},), "
+                f"got shape {value.shape}"
+            )
+
+
+def lane_seeds(seed: int | Sequence[int | None] | None, lanes: int) -> Sequence[int | None]:
+    """One seed per lane.
+
+    Raises:
+        ValueError: for a list of another length.
+    """
+    if seed is None:
+        return [None] * lanes
+    if isinstance(seed, (int, np.integer)):
+        return [int(seed) + lane for lane in range(lanes)]
+    if len(seed) != lanes:
+        raise ValueError(f"`seed` must be an int or one per lane ({lanes}), got {len(seed)}")
+    return seed
+
+
+def _part_of(part: Any, lanes: Array) -> Any:
+    return replace(part, **{name: x[lanes] for name, x in _arrays(part).items()})
+
+
+def _arrays(part: Any) -> dict[str, Array]:
+    names = {f.name for f in fields(part)}
+    return {k: x for k, x in vars(part).items() if k in names and isinstance(x, np.ndarray)}

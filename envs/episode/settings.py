@@ -1,0 +1,234 @@
+"""Constructor arguments: parsed, checked and turned into a plant, a task and an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from ..engines import ENGINES
+from ..engines import DIVERGENCE_SPEED, Engine
+from ..arithmetic import Component
+from integ_gym.support import (
+    check_values,
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+    text,
+    units,
+    unknown_name,
+)
+from ..plants import Plant
+from ..mechanics import PlantSystem
+from ..tasks import Task
+from .timing import Timing
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The arguments that all environments have in common."""
+
+    integrator: str = parameter(
+        "rk4", "", "one-step map such as `rk4`, as the engine calls it, or `module:Class`", text
+    )
+    dt: float = parameter(0.05, "s", "integration step", positive)
+    control_period: float | None = parameter(
+        None,
+        "s",
+        "time between two decisions, a whole multiple of `dt`; `None`: `dt`",
+        optional(positive),
+    )
+    engine: str = parameter(
+        "native", "", "what advances the plant: ours, or a simulator such as `mujoco`", text
+    )
+    duration: float = parameter(
+        10.0, "s", "truncation after ceil(duration / control_period) decisions", positive
+    )
+    action_latency: float = parameter(
+        0.0, "s", "delay of every command, a whole multiple of `dt`", nonnegative
+    )
+    sensor_period: float | None = parameter(
+        None,
+        "s",
+        "time between two samples, a whole multiple of `dt`; `None`: one per decision",
+        optional(positive),
+    )
+    observation_noise: float = parameter(
+        0.0, "SI", "standard deviation of each sensed state component", nonnegative
+    )
+    fallback: str = parameter(
+        "hold",
+        "",
+        "`hold` the last control or `zero`, where no valid command acts",
+        one_of("hold", "zero"),
+    )
+    max_speed: float | None = parameter(
+        None, "rad/s, m/s", "clip on every velocity; `None`: no clip", optional(positive)
+    )
+    start: str = parameter("", "", "start distribution", text)
+    contact: str = parameter(
+        "compliant",
+        "",
+        "law of the stops: ours, the same in every engine, or `engine`",
+        one_of("compliant", "engine"),
+    )
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that one discretization of an environment is made of."""
+
+    settings: Settings
+    timing: Timing
+    plant: Plant
+    task: Task
+    system: PlantSystem
+    engine: Engine
+
+    @property
+    def fingerprinted(self) -> str:
+        """The plant on which the engine's fingerprint is taken."""
+        return self.task.plant
+
+    @property
+    def action_space(self) -> spaces.Box | spaces.Discrete:
+        """`Discrete`, or a `Box` of shape (1,) in N or N m."""
+        if self.task.discrete is not None:
+            return spaces.Discrete(self.task.discrete)
+        limit = np.max(self.task.control_limit)
+        return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
+
+    def arguments(self) -> dict[str, Any]:
+        """All constructor arguments with their values, defaults included."""
+        parts = (self.settings, self.plant, self.task)
+        return {f.name: getattr(part, f.name) for part in parts for f in fields(part)}  # type: ignore[arg-type]
+
+    def units(self) -> dict[str, str]:
+        """SI unit of every constructor argument."""
+        return {**units(self.settings), **units(self.plant), **units(self.task)}
+
+    def with_values(
+        self, plant: Plant, task: Task, timing: Timing, max_speed: Component | None
+    ) -> Setup:
+        """The same setup for other values, which are not looked at and may be traced.
+
+        Args:
+            plant: of the same class, as ``task``.
+            timing: rates.
+            max_speed: clip on every velocity, rad/s or m/s, or None.
+        """
+        system = _system(plant, self.settings, max_speed)
+        if self.engine.batched:
+            engine = self.engine.at(system, timing.dt)
+        else:
+            engine = type(self.engine)(system, self.settings.integrator, timing.dt)  # type: ignore[call-arg]
+        return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
+
+
+def argument_names(plant: type[Any], task: type[Any]) -> tuple[str, ...]:
+    """Names of all constructor arguments but ``render_mode``."""
+    return tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
+
+
+def build_setup(
+    plant: type[Any], task: type[Any], defaults: Mapping[str, Any], arguments: Mapping[str, Any]
+) -> Setup:
+    """Build the setup of an environment from its constructor arguments.
+
+    Args:
+        plant: plant class.
+        task: task class.
+        defaults: the environment's own defaults, by argument name.
+        arguments: what the user gave; plant parameters may be arrays, one value per lane.
+
+    Raises:
+        TypeError: for an unknown argument, with the valid names.
+        ValueError: for an impossible value, with the valid choices.
+    """
+    names = argument_names(plant, task)
+    for name in arguments:
+        if name not in names:
+            raise TypeError(unknown_name("argument", name, names))
+    values = {name: _plain(value) for name, value in {**defaults, **arguments}.items()}
+    settings = _parse(Settings, values)
+    settings = _with_start(settings, task)
+    timing = Timing.of(
+        settings.dt,
+        settings.control_period,
+        settings.action_latency,
+        settings.sensor_period,
+        settings.duration,
+    )
+    the_plant = _parse(plant, values)
+    _check_speed_limit(settings)
+    _check_contact(the_plant, settings)
+    system = _system(the_plant, settings, settings.max_speed)
+    engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
+    return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars as Python's own; integers stay integers."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
+    own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
+    if owner is Settings:
+        _refuse_arrays(own)
+    for name, value in own.items():
+        elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
+        for element in elements:
+            check_values(owner, {name: element})
+    return owner(**{name: _as_float(value) for name, value in own.items()})
+
+
+def _refuse_arrays(values: Mapping[str, Any]) -> None:
+    for name, value in values.items():
+        if isinstance(value, (np.ndarray, list, tuple)):
+            raise ValueError(
+                f"`{name}` must be one value for all environments, got {_kind(value)}; parameters "
+                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
+                "list of discretizations"
+            )
+
+
+def _kind(value: Any) -> str:
+    return "an array" if isinstance(value, np.ndarray) else repr(value)
+
+
+def _as_float(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.astype(np.float64)
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _with_start(settings: Settings, task: type[Any]) -> Settings:
+    start = settings.start or task.starts[0]
+    if start not in task.starts:
+        raise ValueError(unknown_name("start", start, task.starts))
+    return Settings(**{**vars(settings), "start": start})
+
+
+def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
+    return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
+
+
+def _check_contact(plant: Plant, settings: Settings) -> None:
+    if settings.contact == "engine" and getattr(plant, "stops", None) is None:
+        raise ValueError(
+            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
+        )
+
+
+def _check_speed_limit(settings: Settings) -> None:
+    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
+        raise ValueError(
+            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
+            "counts as diverged; give a smaller limit or None"
+        )

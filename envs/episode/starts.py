@@ -1,0 +1,192 @@
+"""Starts: drawn or given, checked; of many lanes at once, each from its lane's own generator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arithmetic import FLOAT32_MAX, Component, Components
+from integ_gym.support import unknown_name
+from ..plants import state_names
+from .settings import Setup
+from .control_period import top_speed
+
+Array = npt.NDArray[Any]
+
+AHEAD = 32
+"""Starts whose numbers are drawn at once."""
+
+
+def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
+    """A start in state order, drawn or given as option ``state``."""
+    check_options(setup, options)
+    if "state" in options:
+        return checked_state(setup, options["state"])
+    start = setup.task.draw_start(rng, setup.settings.start, options)
+    return _checked_size(setup, tuple([float(x) for x in start]))
+
+
+def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...] = ()) -> None:
+    """Check the names of reset options.
+
+    Args:
+        setup: of the environment.
+        options: by name.
+        more: names that are known beside those of every environment and of the task.
+
+    Raises:
+        ValueError: for one that the task does not know, with those it does.
+    """
+    known = ("state", "reset_mask", *setup.task.start_options, *more)
+    for name in options:
+        if name not in known:
+            raise ValueError(unknown_name("reset option", name, known))
+
+
+def possible(setup: Setup, start: Components) -> Component:
+    """Whether a start is finite and not faster than a motion may be; components in state order."""
+    fastest = top_speed(setup)
+    fine: Component = True
+    for x in start[0::2]:
+        fine = fine & (abs(x) <= FLOAT32_MAX)
+    for v in start[1::2]:
+        fine = fine & (abs(v) <= fastest)
+    return fine
+
+
+def checked_state(setup: Setup, state: Any) -> Components:
+    """A start state as floats.
+
+    Raises:
+        ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
+    """
+    names = state_names(setup.plant)
+    try:
+        values = np.asarray(state, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r}"
+        ) from None
+    if values.shape != (len(names),):
+        raise ValueError(
+            f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
+            f"got shape {values.shape}"
+        )
+    return _checked_size(setup, tuple(values.tolist()))
+
+
+def _checked_size(setup: Setup, start: Components) -> Components:
+    if not possible(setup, start):
+        raise ValueError(
+            f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
+            "mend the reset option `state` or the start's bounds"
+        )
+    return start
+
+
+class GivenNumbers:
+    """Stands for a generator whose numbers from [0, 1) are given.
+
+    Args:
+        numbers: floats, or arrays with one number per lane.
+
+    Attributes:
+        taken: how many were asked for.
+    """
+
+    def __init__(self, numbers: Iterator[Component]) -> None:
+        self._numbers = numbers
+        self.taken = 0
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """As ``numpy.random.Generator.uniform``, with a list where that has a vector."""
+        lows, highs = np.ravel(low).tolist(), np.ravel(high).tolist()
+        if size is None and np.ndim(low) == np.ndim(high) == 0:
+            return self._between(lows[0], highs[0])
+        count = max(len(lows), len(highs)) if size is None else int(np.prod(size))
+        ends = zip(_repeated(lows, count), _repeated(highs, count), strict=True)
+        return [self._between(a, b) for a, b in ends]
+
+    def _between(self, low: float, high: float) -> Component:
+        self.taken += 1
+        return low + (high - low) * next(self._numbers)
+
+
+def _repeated(values: list[float], count: int) -> list[float]:
+    return values * count if len(values) == 1 else values
+
+
+def numbers_per_start(setup: Setup) -> int | None:
+    """How many uniform numbers make a start.
+
+    Returns:
+        None where a start is made of something else, as a task of the user's own may do, or where
+        several starts cannot be made at once.
+    """
+    try:
+        counting = GivenNumbers(repeat(0.5))
+        _make(setup, counting, {})
+        singly, ahead = np.random.default_rng(0), np.random.default_rng(0)
+        one_by_one = [_make(setup, singly, {}) for _ in range(2)]
+        numbers = ahead.random((2, counting.taken))
+        together = _make(setup, GivenNumbers(iter(numbers.T)), {})
+        same = np.array_equal(np.array(one_by_one), _table(together, 2))
+    except Exception:  # whatever a task of the user's own does with what is not a generator
+        return None
+    return counting.taken if same else None
+
+
+class LaneStarts:
+    """Draws starts as each lane's own generator would, some ahead.
+
+    Args:
+        setup: of the lanes.
+        generators: one per lane; entries may be replaced after :meth:`forget`.
+        size: numbers per start.
+    """
+
+    def __init__(self, setup: Setup, generators: list[np.random.Generator], size: int) -> None:
+        self._setup = setup
+        self._generators = generators
+        self._numbers = np.empty((len(generators), AHEAD, size))
+        self._next = np.full(len(generators), AHEAD)
+        self._before: list[Any] = [None] * len(generators)
+
+    def draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
+        """Starts of some lanes, in state order, shape (len(lanes), n)."""
+        for lane in lanes[self._next[lanes] == AHEAD].tolist():
+            generator = self._generators[lane]
+            self._before[lane] = generator.bit_generator.state
+            generator.random(out=self._numbers[lane])
+            self._next[lane] = 0
+        numbers = self._numbers[lanes, self._next[lanes]]
+        self._next[lanes] += 1
+        return _table(_make(self._setup, GivenNumbers(iter(numbers.T)), options), lanes.size)
+
+    def put_back(self) -> None:
+        """Leave every generator as it would be had nothing been drawn ahead."""
+        for lane in np.flatnonzero(self._next < AHEAD).tolist():
+            generator = self._generators[lane]
+            generator.bit_generator.state = self._before[lane]
+            generator.random((self._next[lane], self._numbers.shape[2]))
+        self._next[:] = AHEAD
+
+    def forget(self, lane: int) -> None:
+        """Drop what was drawn ahead for a lane."""
+        self._next[lane] = AHEAD
+
+
+def _make(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
+    return setup.task.draw_start(generator, setup.settings.start, options)
+
+
+def _table(start: Any, count: int) -> Array:
+    """Components, each one number or one per lane, as rows of shape (count, n)."""
+    rows = np.empty((count, len(start)))
+    for column, values in enumerate(start):
+        rows[:, column] = values
+    return rows

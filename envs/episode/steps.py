@@ -1,0 +1,206 @@
+"""The step of an environment: as it is written, and as one straight-line function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from ..arithmetic import ARRAY
+from .info import reset_info, step_info
+from ..arithmetic import SCALAR, Component, Components, Ops
+from .settings import Setup
+from ..arithmetic.tracing import ARRAYS, SCALARS, Dialect, Repeated, Unusual, compiled, repeated
+from .control_period import EnvState, initial_state, quiet_status, transition
+
+ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
+"""(state, action) to (state, observation, reward, terminated, truncated, info, sampled).
+
+In `info`, the solver's status is a code."""
+
+ScalarStart = Callable[[Components, Components], tuple[Any, ...]]
+"""(q, v) to (state, observation, info)."""
+
+ArrayStep = Callable[[EnvState, Component], tuple[EnvState, Components, dict[str, Any]]]
+"""(state, actions) to (state, observation, told); what is alike in all lanes may be one number.
+
+Arrays that are told are objects of their own. They are `info`, with the solver's status as a code,
+and reward, terminated, truncated and sampled.
+"""
+
+RESULTS = ("reward", "terminated", "truncated", "sampled")
+"""What is told beside `info`."""
+
+WARM_UP = 50
+"""Steps of an environment after which the rest are traced: shorter lives are not worth it."""
+
+_KEPT = 128
+"""Traced functions kept, for environments that are made again."""
+
+
+def plain_step(setup: Setup) -> ScalarStep:
+    """The step of a setup on floats, as it is written."""
+    return partial(_scalar_step, setup, SCALAR)
+
+
+def traced_step(setup: Setup) -> ScalarStep | None:
+    """The same step as one function without calls, several times as fast, to the same bits.
+
+    It raises ``ArithmeticError`` or ``ValueError`` for an action that is not finite, and where a
+    motion diverges or leaves the domain of the scalar arithmetic; the plain step says what follows.
+
+    Returns:
+        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
+    """
+    step: ScalarStep | None = _traced(_Key(setup, SCALARS, _scalar_step))
+    return step
+
+
+def plain_start(setup: Setup) -> ScalarStart:
+    """The start of an episode on floats, as it is written."""
+    return partial(_scalar_start, setup, SCALAR)
+
+
+def traced_start(setup: Setup) -> ScalarStart | None:
+    """The same as one function without calls; as :func:`traced_step`."""
+    start: ScalarStart | None = _traced(_Key(setup, SCALARS, _scalar_start))
+    return start
+
+
+def plain_array_step(setup: Setup) -> ArrayStep:
+    """The step of a setup on arrays, as it is written."""
+    return partial(_array_step, setup, ARRAY)
+
+
+def traced_array_step(setup: Setup) -> Repeated | None:
+    """The same step as one function without calls; equal, but for the sign of zeros.
+
+    It raises :class:`Unusual` where an action is not finite or a motion diverges, in any lane.
+
+    Returns:
+        None where a part cannot be traced, such as parameters that differ between lanes.
+    """
+    return _traced(_Key(setup, ARRAYS, _array_step)) if setup.engine.batched else None
+
+
+class LanesStep:
+    """Advances lanes by one control period: by the traced step where it serves.
+
+    Args:
+        setup: of the lanes.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._plain = plain_array_step(setup)
+        self._traced: Repeated | None = None
+        self._last: EnvState | None = None
+        self._carried: Any = ()
+        self._steps_to_trace = WARM_UP
+
+    def __call__(
+        self, state: EnvState, actions: Component
+    ) -> tuple[EnvState, Components, dict[str, Any]]:
+        """As an :data:`ArrayStep`."""
+        if self._steps_to_trace > 0:
+            self._steps_to_trace -= 1
+            if not self._steps_to_trace:
+                self._traced = traced_array_step(self._setup)
+        with np.errstate(all="ignore"):
+            if self._traced is not None:
+                try:
+                    return self._go_on(self._traced, state, actions)
+                except Unusual:
+                    pass
+            after, observation, told = self._plain(state, actions)
+        return after, observation, {name: _own(value) for name, value in told.items()}
+
+    def _go_on(
+        self, traced: Repeated, state: EnvState, actions: Component
+    ) -> tuple[EnvState, Components, dict[str, Any]]:
+        if state is not self._last:
+            self._carried = traced.first(state)
+        after, observation, told, self._carried = traced.step(state, self._carried, actions)
+        self._last = EnvState._make(after)
+        return self._last, observation, told
+
+
+def _own(value: Component) -> Component:
+    """A copy of an array, or one number."""
+    return value.copy() if np.ndim(value) else np.asarray(value).item()
+
+
+def _scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
+    state = initial_state(ops, setup, q, v)
+    observation = setup.task.observe(ops, state.q, state.v)
+    return tuple(state), observation, reset_info(state, quiet_status(setup))
+
+
+def _scalar_step(
+    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
+) -> tuple[Any, ...]:
+    after, outcome = transition(ops, setup, EnvState._make(state), action)
+    return (
+        tuple(after),
+        setup.task.observe(ops, after.sensed_q, after.sensed_v),
+        outcome.reward,
+        outcome.terminated,
+        outcome.truncated,
+        step_info(setup, after, outcome),
+        outcome.sampled,
+    )
+
+
+def _array_step(
+    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
+) -> tuple[EnvState, Components, dict[str, Any]]:
+    after, outcome = transition(ops, setup, EnvState._make(state), action)
+    told = step_info(setup, after, outcome)
+    told |= {name: getattr(outcome, name) for name in RESULTS}
+    return after, setup.task.observe(ops, after.sensed_q, after.sensed_v), told
+
+
+class _Key:
+    """A function of a setup in a world; equals others made of the same classes and arguments.
+
+    One with an engine that keeps a simulator's data of its own equals itself alone.
+    """
+
+    def __init__(self, setup: Setup, dialect: Dialect, function: Callable[..., Any]) -> None:
+        self.setup = setup
+        self.dialect = dialect
+        self.function = function
+        parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
+        own = None if setup.engine.batched else id(setup.engine)
+        self._parts = (function, *map(type, parts), repr(setup.arguments()), own)
+
+    def patterns(self) -> tuple[Any, ...]:
+        """Where numbers and where truth values stand in the function's arguments."""
+        rest = (0.0,) * len(self.setup.plant.coordinates)
+        if self.function is _scalar_start:
+            return _truths(rest), _truths(rest)
+        return _truths(tuple(initial_state(SCALAR, self.setup, rest, rest))), False
+
+    def __hash__(self) -> int:
+        return hash(self._parts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._parts == other._parts
+
+
+@lru_cache(maxsize=_KEPT)
+def _traced(key: _Key) -> Any:
+    make = repeated if key.dialect is ARRAYS else compiled
+    try:
+        return make(key.dialect, partial(key.function, key.setup), *key.patterns())
+    except Exception:  # whatever a part of the user's own does with what is not a float
+        return None
+
+
+def _truths(value: Any) -> Any:
+    """True where a truth value stands, False where a number does."""
+    if isinstance(value, tuple):
+        return tuple(_truths(part) for part in value)
+    return isinstance(value, bool)

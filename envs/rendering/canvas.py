@@ -1,0 +1,173 @@
+"""A canvas for clean, anti-aliased pictures, and the colours to use on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from integ_gym.support import load
+
+Colour = tuple[int, int, int]
+Point = tuple[float, float]
+
+WHITE: Colour = (255, 255, 255)
+INK: Colour = (32, 44, 57)
+MUTED: Colour = (112, 124, 136)
+FAINT: Colour = (222, 227, 232)
+# Okabe and Ito's palette, told apart with every kind of colour vision.
+BLUE: Colour = (0, 114, 178)
+GREEN: Colour = (0, 158, 115)
+VERMILLION: Colour = (213, 94, 0)
+
+_SCALE = 4
+"""Everything is drawn this many times too large and averaged down, exactly for a power of two."""
+_ARC_STEP = math.radians(1.5)
+
+
+def tint(colour: Colour, strength: float) -> Colour:
+    """``colour`` mixed into white; a strength of 1 is the colour itself, 0 is white."""
+    red, green, blue = (round(255 + strength * (c - 255)) for c in colour)
+    return red, green, blue
+
+
+def polar(centre: Point, radius: float, angle: float) -> Point:
+    """The point at ``angle`` (rad, counter-clockwise from straight up) on a circle."""
+    return centre[0] - radius * math.sin(angle), centre[1] - radius * math.cos(angle)
+
+
+class Canvas:
+    """An off-screen picture; points are (x right, y down) in pixels of the finished frame.
+
+    Angles are in radians, counter-clockwise from straight up. No display is needed.
+
+    Args:
+        size: (width, height) of the finished frame.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self._pygame = load("pygame", "render")
+        # The depth is given because without it the surface copies that of an open window.
+        self._surface = self._pygame.Surface((size[0] * _SCALE, size[1] * _SCALE), depth=32)
+        self._frame = self._pygame.Surface(size, depth=32)
+
+    def clear(self) -> None:
+        """Make everything white."""
+        self._surface.fill(WHITE)
+
+    def frame(self) -> Any:
+        """The finished ``pygame.Surface``, overwritten by the next call."""
+        return self._pygame.transform.smoothscale(self._surface, self.size, self._frame)
+
+    def polygon(self, points: Sequence[Point], colour: Colour) -> None:
+        """A filled polygon."""
+        self._pygame.draw.polygon(self._surface, colour, [self._pixel(p) for p in points])
+
+    def disc(self, centre: Point, radius: float, colour: Colour) -> None:
+        """A filled circle."""
+        x, y = self._inside(centre)
+        where = round(x * _SCALE), round(y * _SCALE)
+        self._pygame.draw.circle(self._surface, colour, where, round(radius * _SCALE))
+
+    def line(
+        self, start: Point, end: Point, width: float, colour: Colour, *, rounded: bool = True
+    ) -> None:
+        """A thick line."""
+        along = math.hypot(end[0] - start[0], end[1] - start[1])
+        if along:
+            across_x = (end[1] - start[1]) / along * width / 2
+            across_y = (start[0] - end[0]) / along * width / 2
+            sides = [(p, s) for p, s in ((start, 1), (end, 1), (end, -1), (start, -1))]
+            corners = [(p[0] + s * across_x, p[1] + s * across_y) for p, s in sides]
+            self.polygon(corners, colour)
+        if rounded:
+            self.disc(start, width / 2, colour)
+            self.disc(end, width / 2, colour)
+
+    def box(self, centre: Point, size: Point, radius: float, colour: Colour) -> None:
+        """A filled rectangle with rounded corners."""
+        x, y = self._pixel((centre[0] - size[0] / 2, centre[1] - size[1] / 2))
+        area = (x, y, round(size[0] * _SCALE), round(size[1] * _SCALE))
+        corner = round(radius * _SCALE)
+        self._pygame.draw.rect(self._surface, colour, area, border_radius=corner)
+
+    def arc(
+        self,
+        centre: Point,
+        radii: tuple[float, float],
+        angles: tuple[float, float],
+        colour: Colour,
+        *,
+        taper: bool = False,
+    ) -> None:
+        """The part of a ring between two radii and two angles; it may taper to its first angle."""
+        start, end = angles
+        middle, half = sum(radii) / 2, (radii[1] - radii[0]) / 2
+        count = max(2, math.ceil(abs(end - start) / _ARC_STEP) + 1)
+        inner, outer = [], []
+        for i in range(count):
+            share = i / (count - 1)
+            reach = half * share if taper else half
+            angle = start + share * (end - start)
+            inner.append(polar(centre, middle - reach, angle))
+            outer.append(polar(centre, middle + reach, angle))
+        self.polygon(inner + outer[::-1], colour)
+
+    def arc_arrow(
+        self,
+        centre: Point,
+        radius: float,
+        angles: tuple[float, float],
+        width: float,
+        colour: Colour,
+    ) -> None:
+        """An arrow along a circle from the first angle to its tip; a short one has a small head."""
+        start, tip = angles
+        full = 3.4 * width / radius
+        head = min(full, abs(tip - start))
+        neck = tip - math.copysign(head, tip - start)
+        self.arc(centre, (radius - width / 2, radius + width / 2), (start, neck), colour)
+        half = 1.2 * width * head / full
+        self.arc(centre, (radius - half, radius + half), (tip, neck), colour, taper=True)
+
+    def arrow(self, start: Point, tip_x: float, width: float, colour: Colour) -> None:
+        """A straight horizontal arrow; a short one has a small head."""
+        (x, y), full = start, 2.6 * width
+        head = min(full, abs(tip_x - x))
+        neck = tip_x - math.copysign(head, tip_x - x)
+        self.line(start, (neck, y), width, colour, rounded=False)
+        half = 1.3 * width * head / full
+        self.polygon([(neck, y - half), (neck, y + half), (tip_x, y)], colour)
+
+    def text(
+        self, text: str, where: Point, size: float, colour: Colour, *, align: float = 0.0
+    ) -> None:
+        """One line of text whose left end (``align`` 0), middle (0.5) or right end (1) is given.
+
+        It is made smaller where it would be wider than the picture.
+        """
+        image = self._font(size).render(text, True, colour)
+        widest = self._surface.get_width() - 2 * 16 * _SCALE
+        if image.get_width() > widest:
+            image = self._font(size * widest / image.get_width()).render(text, True, colour)
+        x = where[0] * _SCALE - align * image.get_width()
+        y = where[1] * _SCALE - image.get_height() / 2
+        self._surface.blit(image, (round(x), round(y)))
+
+    def _font(self, size: float) -> Any:
+        """pygame's own font, which is the same everywhere.
+
+        It is made anew each time: whoever calls ``pygame.quit()`` breaks the fonts made before.
+        """
+        self._pygame.font.init()
+        return self._pygame.font.Font(None, round(size * _SCALE))
+
+    def _inside(self, point: Point) -> Point:
+        """A point far outside the picture brought near enough for whole numbers."""
+        x, y = (max(-3.0 * n, min(4.0 * n, p)) for p, n in zip(point, self.size, strict=True))
+        return x, y
+
+    def _pixel(self, point: Point) -> tuple[int, int]:
+        x, y = self._inside(point)
+        return round(x * _SCALE - 0.5), round(y * _SCALE - 0.5)

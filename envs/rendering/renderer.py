@@ -1,0 +1,182 @@
+"""Pictures of an episode: in a window, or as arrays."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter, sleep
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from .canvas import INK, MUTED, WHITE, Canvas
+from .plants import drawing, signed
+from integ_gym.support import load
+from ..episode import Setup
+
+_MAX_FPS = 60
+_LARGEST_LAG = 0.25
+"""A window further behind than this goes on from where it is, s."""
+
+
+class Renderer:
+    """Draws the states of one environment.
+
+    Args:
+        setup: what is drawn.
+        mode: ``"rgb_array"`` draws off-screen, ``"human"`` in a window, in real time;
+            all windows of a process are parts of one, side by side.
+        fps: how often :meth:`draw` is called per second of simulated time; a window shows
+            at most 60 of these pictures per second.
+
+    Raises:
+        ModuleNotFoundError: without pygame, with the command that installs it.
+    """
+
+    def __init__(self, setup: Setup, mode: str, fps: int) -> None:
+        self._setup = setup
+        self._drawing = drawing(setup.plant.name)
+        self._canvas = Canvas(self._drawing.size)
+        self._pane = _Pane(self._drawing.size) if mode == "human" else None
+        self._pace = _Pace(fps)
+
+    def draw(
+        self, state: npt.NDArray[np.float64], control: float, time: float
+    ) -> npt.NDArray[np.uint8] | None:
+        """Draw one state, shape (n,), the applied control and the time in seconds.
+
+        Returns:
+            The picture, shape (height, width, 3), or None where it goes to a window.
+        """
+        if self._pane is None:
+            return _pixels(self._picture(state, control, time))
+        if self._pace.due(time):
+            picture = self._picture(state, control, time)
+            self._pace.wait(time)
+            self._pane.show(picture)
+            self._pace.shown(time)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._pane is not None:
+            self._pane.close()
+
+    def _picture(self, state: npt.NDArray[np.float64], control: float, time: float) -> Any:
+        canvas, setup = self._canvas, self._setup
+        canvas.clear()
+        self._drawing.draw(canvas, setup, [float(x) for x in state], float(control))
+        width, height = canvas.size
+        canvas.text(discretization_label(setup), (16.0, 22.0), 24, INK)
+        digits = 2 if setup.timing.control_period >= 0.01 else 3
+        canvas.text(f"t = {time:.{digits}f} s", (16.0, height - 22.0), 24, MUTED)
+        canvas.text(
+            control_label(setup, float(control)),
+            (width - 16.0, height - 22.0),
+            24,
+            MUTED,
+            align=1.0,
+        )
+        return canvas.frame()
+
+
+def discretization_label(setup: Setup) -> str:
+    """Engine, integrator, step and, where it differs, control period."""
+    settings, timing = setup.settings, setup.timing
+    integrator = settings.integrator.rpartition(":")[2]
+    parts = [settings.engine.rpartition(":")[2], integrator, f"dt {timing.dt:g} s"]
+    if timing.substeps != 1:
+        parts.append(f"control every {timing.control_period:g} s")
+    return " · ".join(parts)
+
+
+def control_label(setup: Setup, control: float) -> str:
+    """Name, value and unit of the control, with the digits that its limit asks for."""
+    limit = float(np.max(setup.task.control_limit))
+    digits = max(2, 1 - math.floor(math.log10(limit)))
+    return f"{setup.plant.control_name} {signed(control, digits)} {setup.plant.control_unit}"
+
+
+def _pixels(surface: Any) -> npt.NDArray[np.uint8]:
+    """A surface as an array of its own, shape (height, width, 3)."""
+    width, height = surface.get_size()
+    content = load("pygame", "render").image.tobytes(surface, "RGB")
+    return np.frombuffer(content, dtype=np.uint8).reshape(height, width, 3).copy()
+
+
+class _Pace:
+    """Decides which pictures to show, and when, so that simulated time passes like real time."""
+
+    def __init__(self, fps: int) -> None:
+        self._between = 1.0 / _MAX_FPS if fps > _MAX_FPS else 0.0
+        self._last = math.inf
+        self._began = 0.0
+
+    def due(self, time: float) -> bool:
+        """Whether to show the picture of a simulated time; one after a reset always is."""
+        return time <= self._last or time - self._last >= self._between
+
+    def wait(self, time: float) -> None:
+        """Wait until a simulated time comes."""
+        if time > self._last:
+            sleep(max(0.0, self._began + time - perf_counter()))
+
+    def shown(self, time: float) -> None:
+        """Note what was shown just now; a new episode, or one far behind, is timed from here."""
+        now = perf_counter()
+        if time < self._last or now - self._began - time > _LARGEST_LAG:
+            self._began = now - time
+        self._last = time
+
+
+class _Pane:
+    """One renderer's part of the window.
+
+    ``pygame.display`` has one window per process, so those who share it stand side by side. A
+    pane that nobody holds any more leaves it.
+    """
+
+    shown: ClassVar[WeakValueDictionary[int, _Pane]] = WeakValueDictionary()
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self._pygame = load("pygame", "render")
+        self.size = size
+        self.picture: Any = None
+
+    def show(self, picture: Any) -> None:
+        """Show a ``pygame.Surface``."""
+        self.picture = picture
+        self.shown[id(self)] = self
+        self._refresh()
+
+    def close(self) -> None:
+        """Leave the window, and close it after the last one has left."""
+        if self.shown.pop(id(self), None) is None:
+            return
+        if self.shown:
+            self._refresh()
+        else:
+            self._pygame.display.quit()
+
+    def _refresh(self) -> None:
+        panes = list(self.shown.values())
+        columns = math.ceil(math.sqrt(len(panes)))
+        width, height = (max(pane.size[axis] for pane in panes) for axis in (0, 1))
+        screen = self._screen((columns * width, math.ceil(len(panes) / columns) * height))
+        screen.fill(WHITE)
+        for index, pane in enumerate(panes):
+            row, column = divmod(index, columns)
+            screen.blit(pane.picture, (column * width, row * height))
+        self._pygame.event.pump()
+        self._pygame.display.flip()
+
+    def _screen(self, size: tuple[int, int]) -> Any:
+        """The window's surface; opens the window or gives it the size it needs."""
+        display = self._pygame.display
+        screen = display.get_surface()
+        if screen is None or screen.get_size() != size:
+            display.init()
+            screen = display.set_mode(size)
+            display.set_caption("integ-gym")
+        return screen

@@ -1,0 +1,126 @@
+"""A pendulum or cart-pole out of a MuJoCo model: what it is, and its control period."""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs import numerics
+from integ_gym.envs import SCALAR, Components
+from integ_gym.envs import CartPole
+from integ_gym.envs import Plant
+from integ_gym.envs import Pendulum
+from ..subject import Statement
+
+AGREEMENT = 1e-9
+"""Largest relative error of the plant's mass matrix and gravity force."""
+
+PROBES = ((0.3, -0.7), (-0.2, 2.2))
+"""Configurations at which the plant is compared with the model."""
+
+INTEGRATORS = {
+    "mjINT_EULER": ("symplectic_euler_implicit_damping", "Euler"),
+    "mjINT_RK4": ("rk4", "RK4"),
+    "mjINT_IMPLICIT": ("symplectic_euler_implicit_velocity", "implicit"),
+    "mjINT_IMPLICITFAST": ("symplectic_euler_implicit_damping", "implicitfast"),
+}
+"""MuJoCo's integrators: the map that its documentation describes, and its name there."""
+
+
+def plant_of(model: Any) -> Plant:
+    """The point mass on a rod, and on a cart, that moves as a model of one hinge does.
+
+    Raises:
+        ValueError: if the model moves otherwise.
+    """
+    n = int(model.nv)
+    level = (*(0.0,) * (n - 1), 0.5 * math.pi)
+    upright = (0.0,) * n
+    mass, _ = _dynamics(model, upright)
+    _, weight = _dynamics(model, level)
+    inertia, torque = float(mass[-1, -1]), float(weight[-1])
+    damping = [float(x) for x in model.dof_damping]
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    made: Plant
+    if n == 1:
+        made = Pendulum(
+            mass=torque**2 / (inertia * gravity**2),
+            length=inertia * gravity / torque,
+            gravity=gravity,
+            damping=damping[0],
+            mass_distribution="point",
+        )
+    else:
+        moment = float(mass[0, 1])
+        made = CartPole(
+            cart_mass=float(mass[0, 0]) - moment**2 / inertia,
+            mass=moment**2 / inertia,
+            length=inertia / moment,
+            gravity=gravity,
+            damping=damping[1],
+            cart_damping=damping[0],
+            mass_distribution="point",
+        )
+    _check(model, made)
+    return made
+
+
+def statement_of(model: Any, control_period: float, substeps: int) -> Statement:
+    """What a model says of its discretization."""
+    mujoco = import_module("mujoco")
+    integrator = mujoco.mjtIntegrator(model.opt.integrator).name
+    known, words = INTEGRATORS.get(integrator, (None, integrator))
+    undamped = bool(model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    if integrator == "mjINT_EULER" and undamped:
+        known, words = "symplectic_euler", "Euler, eulerdamp off"
+    return Statement(control_period, substeps, known, words)
+
+
+def control_step(model: Any, substeps: int) -> numerics.OneStep:
+    """One control period by ``mj_step``; the control is a force or torque at the joint."""
+    mujoco = import_module("mujoco")
+    data, n = mujoco.MjData(model), int(model.nv)
+    gear = float(model.actuator_gear[0, 0])
+
+    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[0] = q, v, control / gear
+        mujoco.mj_step(model, data, nstep=substeps)
+        end = (*data.qpos.tolist(), *data.qvel.tolist())
+        return end[:n], end[n:]
+
+    return advanced
+
+
+def max_control(model: Any) -> float:
+    """Largest force or torque of the motor, N or N m."""
+    return float(model.actuator_gear[0, 0] * model.actuator_ctrlrange[0, 1])
+
+
+def _dynamics(model: Any, q: Components) -> tuple[np.ndarray, np.ndarray]:
+    """Mass matrix and gravity force at rest."""
+    mujoco = import_module("mujoco")
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return mass, -np.array(data.qfrc_bias)
+
+
+def _check(model: Any, plant: Plant) -> None:
+    for probe in PROBES:
+        q = probe[-model.nv :]
+        mass, weight = _dynamics(model, q)
+        expected: np.ndarray = np.array(plant.mass_matrix(SCALAR, q))
+        still = (0.0,) * len(q)
+        pull = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        for got, wanted in ((mass, expected), (weight, pull)):
+            if not np.allclose(got, wanted, rtol=AGREEMENT, atol=AGREEMENT):
+                raise ValueError(
+                    f"the MuJoCo model does not move as a {plant.name} at q = {q}: "
+                    f"{got.tolist()} for {wanted.tolist()}"
+                )

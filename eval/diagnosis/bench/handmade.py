@@ -1,0 +1,83 @@
+"""Success of the hand-made controller on a registered environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from integ_gym.envs import environment_setup
+from ..lines import Expectation, undeclared
+from ..section import Diagnosis
+from ...verdict import EQUIVALENCE_MARGIN
+from integ_gym.train import has_handmade, make_baseline
+
+TOLERANCE = EQUIVALENCE_MARGIN
+"""Success rates this near are the same."""
+
+EPISODES = 20
+
+DEMANDING = {"IntegPendulum-v0": {"start": "hanging", "max_torque": 0.8}}
+"""Arguments that leave the controller little to spare, so that the discretization decides."""
+
+_ROUNDING = 1e-9
+
+
+def described(env_id: str) -> str:
+    """The environment and what is not its default, in words."""
+    more = DEMANDING.get(env_id, {})
+    changed = ", ".join(f"{name}={value}" for name, value in more.items())
+    return f"{env_id}{f' ({changed})' if changed else ''}"
+
+
+def success(
+    diagnosis: Diagnosis, env_id: str, integrator: str, dt: float, latency: float = 0.0
+) -> float | None:
+    """Share of episodes that succeed; None where the task has no hand-made controller.
+
+    Args:
+        diagnosis: where it is run.
+        env_id: the environment.
+        integrator: a registered name or ``"module:Class"``.
+        dt: integration step, s.
+        latency: of every command, s.
+    """
+    arguments: dict[str, Any] = {
+        **DEMANDING.get(env_id, {}),
+        "integrator": integrator,
+        "dt": dt,
+        "control_period": diagnosis.subject.control_period,
+        "action_latency": latency,
+    }
+    setup = environment_setup(env_id, arguments)
+    if not has_handmade(setup):
+        return None
+    cell = f"{diagnosis.section}/handmade/{integrator}/dt={dt:g}/latency={latency:g}"
+    policy = make_baseline("handmade", setup)
+    rollout = diagnosis.bench.task(cell, env_id, policy, EPISODES, **arguments)
+    return float(rollout.success.mean())
+
+
+def success_line(
+    diagnosis: Diagnosis,
+    integrator: str,
+    env_id: str,
+    quantity: str,
+    truths: Sequence[float | None],
+    shares: Sequence[float | None],
+    steps: tuple[float, ...],
+) -> None:
+    """The line on an integrator's success rates against the truth's."""
+    pairs = [(a or 0.0, b or 0.0) for a, b in zip(truths, shares, strict=True)]
+    wanted = [f"{a:.2f}" for a, _ in pairs]
+    words = wanted[0] if len(set(wanted)) == 1 else ", ".join(wanted)
+    expectation = Expectation(
+        f"{words}: as on the reference",
+        f"±{TOLERANCE:g}",
+        all(abs(a - b) <= TOLERANCE + _ROUNDING for a, b in pairs),
+    )
+    if not any(a or b for a, b in pairs):
+        expectation = undeclared("nothing: nobody succeeds, the reference included")
+    diagnosis.add(
+        integrator, f"{quantity}, {described(env_id)}", [b for _, b in pairs], "", expectation,
+        steps=steps,
+    )  # fmt: skip

@@ -1,0 +1,145 @@
+"""Figures of errors over step and cost, and of stability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
+from ..section import TRUTH
+from ..bench import theory_of
+from integ_gym.support import INK, SOFT, Entry, marker_style
+from ...scheme_style import Schemes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST_COLUMNS: Final = 3
+_SMALLEST: Final = 1e-16
+_WIDEST: Final = 6.3  # hω
+
+
+def draw_convergence(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+    """Error against step."""
+    return _curves(
+        curves, schemes, "steps", "Convergence",
+        "largest error in one driven period at a fixed control period, against the reference; the "
+        "reference's own error is against SciPy's DOP853",
+        "step, s", entries(schemes), _orders,
+    )  # fmt: skip
+
+
+def draw_work(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+    """Error against cost."""
+    star = {"color": INK, "marker": "*", "markersize": 9}
+    legend = [*entries(schemes)[:-1], Entry(TRUTH, {"color": INK, "linewidth": 0.0}, star)]
+    return _curves(
+        curves, schemes, "evaluations_per_second", "Work and precision",
+        "the same errors against evaluations of accelerations and Jacobians, from coarse to fine "
+        "steps; down and left is better",
+        "evaluations per simulated second", legend, None,
+    )  # fmt: skip
+
+
+def _curves(
+    curves: Sequence[Curve],
+    schemes: Schemes,
+    across: str,
+    title: str,
+    about: str,
+    label: str,
+    legend: Sequence[Entry],
+    guides: Callable[[Axes, Sequence[Curve]], None] | None,
+) -> Figure:
+    """One plot for every coordinate of every plant."""
+    shown = list(dict.fromkeys((c["plant"], c["coordinate"]) for c in curves))
+    columns = min(len(shown), _MOST_COLUMNS)
+    rows = math.ceil(len(shown) / columns)
+    figure, places = Grid(title, about, legend).draw(Panels(rows, columns, (3.4, 2.9)))
+    every = [axes for line in places for axes in line]
+    for axes, (plant, coordinate) in zip(every, shown, strict=False):
+        own = [c for c in curves if (c["plant"], c["coordinate"]) == (plant, coordinate)]
+        for curve in own:
+            _curve(axes, curve, across, schemes)
+        if guides is not None:
+            guides(axes, own)
+        named(axes, f"{plant}: {coordinate}", label, f"error of {coordinate}, {own[0]['unit']}")
+        axes.minorticks_off()
+    for axes in every[len(shown) :]:
+        axes.set_visible(False)
+    return figure
+
+
+def _curve(axes: Axes, curve: Curve, across: str, schemes: Schemes) -> None:
+    name, errors = curve["integrator"], np.maximum(numbers(curve["errors"]), _SMALLEST)
+    if name != TRUTH:
+        style = {**curve_style(name, schemes), **marker_style(schemes[name])}
+        axes.loglog(numbers(curve[across]), errors, **style)
+    elif across == "steps":
+        axes.axhline(errors[0], **curve_style(name, schemes))
+    else:
+        axes.loglog(numbers(curve[across]), errors, "*", color=INK, markersize=9, zorder=5)
+
+
+def _orders(axes: Axes, curves: Sequence[Curve]) -> None:
+    """A line of every declared slope below the most accurate curve that has it."""
+    best: dict[int, tuple[float, Curve]] = {}
+    for curve in curves:
+        order, error = curve["order"], numbers(curve["errors"])[0]
+        if curve["integrator"] == TRUTH or order is None or not np.isfinite(error):
+            continue
+        if order not in best or error < best[order][0]:
+            best[order] = (error, curve)
+    low, high = axes.get_ylim()
+    for order, (error, curve) in best.items():
+        steps = numbers(curve["steps"])
+        guide = 0.3 * error * (steps / steps[0]) ** order
+        axes.loglog(steps, guide, color=SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5)
+        axes.annotate(
+            f"slope {order}", (steps[-2], guide[-2]), xytext=(3, -3),
+            textcoords="offset points", size=7, color=SOFT, va="top",
+        )  # fmt: skip
+    axes.set_ylim(max(0.3 * low, 0.1 * _SMALLEST), high)
+
+
+def draw_stability(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+    """Growth per step of small oscillations against hω."""
+    plants = plants_of(curves)
+    grid = Grid(
+        "Stability of small oscillations",
+        "growth per step against step × fastest frequency: line, any motion, one step linearized "
+        "at rest; marker, the fastest oscillation, followed; above 1: growth", entries(schemes),
+    )  # fmt: skip
+    figure, places = grid.draw(Panels(1, len(plants), (3.6, 2.8)))
+    for axes, plant in zip(places[0], plants, strict=True):
+        axes.axhline(1.0, **curve_style(TRUTH, schemes))
+        for curve in (c for c in curves if c["plant"] == plant and c["integrator"] != TRUTH):
+            _growth(axes, curve, schemes)
+        _limits(axes, [c["integrator"] for c in curves if c["plant"] == plant])
+        axes.set(ylim=(0.0, 3.0), xlim=(0.0, _WIDEST))
+        named(axes, plant, "hω", "factor on the amplitude per step")
+    return figure
+
+
+def _growth(axes: Axes, curve: Curve, schemes: Schemes) -> None:
+    name = curve["integrator"]
+    style = curve_style(name, schemes)
+    axes.plot(numbers(curve["h_omega"]), numbers(curve["radius"]), **style)
+    markers = {**marker_style(schemes[name]), "color": style["color"], "linestyle": "none"}
+    axes.plot(numbers(curve["followed"]), numbers(curve["growth"]), zorder=3, **markers)
+
+
+def _limits(axes: Axes, names: Sequence[str]) -> None:
+    """What theory says of where growth begins."""
+    for limit in {t.oscillation_limit for name in names if (t := theory_of(name)) is not None}:
+        if not 0.0 < limit < math.inf:
+            continue
+        axes.axvline(limit, color=SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5)
+        axes.annotate(
+            f"limit {limit:.3g}", (limit, 0.0), xytext=(3, 4), textcoords="offset points",
+            size=7, color=SOFT,
+        )  # fmt: skip

@@ -1,0 +1,179 @@
+"""What the figures of a diagnosis share: lines of integrators, and grids of plots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from ..section import TRUTH
+from integ_gym.support import (
+    INK,
+    LINE,
+    SOFT,
+    Entry,
+    axes_at,
+    bare,
+    blank_figure,
+    draw_heading,
+    draw_legend,
+    inch_canvas,
+    legend_lines,
+    line_style,
+    plain,
+    scheme_entries,
+)
+from ...scheme_style import Schemes, styles_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Curve = Mapping[str, Any]
+"""One curve of ``diagnose.json``."""
+
+NARROWEST: Final = 8.4
+"""Inches of the narrowest figure: its heading needs them."""
+
+_LEFT: Final = 0.85
+_RIGHT: Final = 0.35
+_GAP: Final = (0.8, 0.85)  # inches between plots
+_HEADING: Final = 0.8
+_LINE: Final = 0.2
+
+
+def schemes_of(names: Iterable[str]) -> Schemes:
+    """Styles of all integrators but the truth, which is drawn by itself."""
+    return styles_of(name for name in names if name != TRUTH)
+
+
+def curve_style(name: str, schemes: Schemes) -> dict[str, Any]:
+    """The line of an integrator; later ones are thinner, so that none hides another."""
+    if name == TRUTH:
+        return {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
+    later = len(schemes) - 1 - list(schemes).index(name)
+    return line_style(schemes[name], 1.2 + 0.3 * max(0, later))
+
+
+def entries(schemes: Schemes, truth: Mapping[str, Any] | None = None) -> list[Entry]:
+    """A legend of integrators, and of the truth in the style in which it is drawn."""
+    style = curve_style(TRUTH, {}) if truth is None else truth
+    return [*scheme_entries(schemes), Entry(TRUTH, style)]
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Plots in rows and columns.
+
+    Attributes:
+        rows: how many.
+        columns: how many.
+        size: inches of each, wide and high; they are made wider where the figure would be too
+            narrow.
+        right: inches to the right of them.
+        legible: inches between the legend and the plots.
+        below: inches under them.
+    """
+
+    rows: int
+    columns: int
+    size: tuple[float, float]
+    right: float = _RIGHT
+    legible: float = 0.4
+    below: float = 0.62
+
+    @property
+    def width(self) -> float:
+        """Inches of each plot."""
+        free = NARROWEST - _LEFT - self.right - (self.columns - 1) * _GAP[0]
+        return max(self.size[0], free / self.columns)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A figure with a heading, a legend and a grid of plots.
+
+    Attributes:
+        title: what it shows.
+        about: how to read it.
+        legend: its entries.
+    """
+
+    title: str
+    about: str
+    legend: Sequence[Entry]
+
+    def draw(self, panels: Panels) -> tuple[Figure, list[list[Axes]]]:
+        """The empty figure and its plots by row."""
+        across, down = panels.width, panels.size[1]
+        wide = _LEFT + panels.columns * (across + _GAP[0]) - _GAP[0] + panels.right
+        about = _wrapped(self.about, wide - 0.6)
+        heading = _HEADING + (len(about) - 1) * _LINE
+        lines = legend_lines(self.legend, wide) if self.legend else 0
+        top = heading + lines * _LINE + panels.legible
+        high = top + panels.rows * (down + _GAP[1]) - _GAP[1] + panels.below
+        figure = blank_figure(wide, high)
+        canvas = inch_canvas(figure)
+        draw_heading(canvas, 0.3, self.title, about[0])
+        for i, more in enumerate(about[1:], start=1):
+            canvas.text(0.3, 0.62 + i * _LINE, more, size=9, color=SOFT, va="baseline")
+        draw_legend(canvas, self.legend, wide, heading + 0.12)
+        places = [
+            [
+                axes_at(
+                    figure,
+                    _LEFT + column * (across + _GAP[0]),
+                    high - top - down - row * (down + _GAP[1]),
+                    across,
+                    down,
+                )
+                for column in range(panels.columns)
+            ]
+            for row in range(panels.rows)
+        ]
+        for line in places:
+            for axes in line:
+                _quiet(axes)
+        return figure, places
+
+
+def _wrapped(text: str, wide: float) -> list[str]:
+    """The heading's small print in lines that fit a width in inches."""
+    from matplotlib.textpath import TextPath
+
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if TextPath((0.0, 0.0), longer, size=9).get_extents().width / 72.0 <= wide:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
+def _quiet(axes: Axes) -> None:
+    bare(axes)
+    axes.spines["left"].set_visible(True)
+    axes.spines["left"].set_color(LINE)
+    axes.grid(color=LINE, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.minorticks_off()
+
+
+def named(axes: Axes, title: str, x: str, y: str) -> None:
+    """Title and labels of a plot."""
+    axes.set_title(plain(title), size=10, color=INK, loc="left", weight="bold", pad=5)
+    axes.set_xlabel(x, size=8, color=SOFT, labelpad=2)
+    axes.set_ylabel(y, size=8, color=SOFT, labelpad=2)
+
+
+def numbers(values: Sequence[float | None]) -> np.ndarray[Any, Any]:
+    """A curve's numbers; NaN where there is none."""
+    return np.array([np.nan if x is None else x for x in values])
+
+
+def plants_of(curves: Sequence[Curve]) -> list[str]:
+    """The plants that curves belong to, in their order."""
+    return list(dict.fromkeys(str(c["plant"]) for c in curves))

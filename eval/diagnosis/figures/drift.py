@@ -1,0 +1,49 @@
+"""The figure of the worked example of energy drift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from .drawing import Grid, Panels, named
+from integ_gym.support import line_style
+from integ_gym.support import compact, step
+from ...scheme_style import styles_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_WINDOW: Final = 2.0  # seconds, about one oscillation of the worked example
+
+
+def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure:
+    """The largest energy change within each oscillation, over time, and its value at the end.
+
+    Args:
+        changes: relative energy change at every step, by integrator.
+        dt: step, s.
+    """
+    styles = styles_of(changes)
+    grid = Grid(
+        "Energy drift of a released pendulum",
+        f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; largest change within each "
+        f"{_WINDOW:g} s; at the right, the change at the end", (),
+    )  # fmt: skip
+    figure, ((axes,),) = grid.draw(Panels(1, 1, (5.8, 3.9), right=2.4, legible=0.25))
+    window = round(_WINDOW / dt)
+    for name, change in changes.items():
+        count = len(change) // window
+        envelope = 100.0 * np.abs(change[: count * window]).reshape(count, window).max(axis=1)
+        time = (np.arange(count) + 0.5) * _WINDOW
+        style = styles[name]
+        axes.semilogy(time, envelope, **line_style(style, 1.3))
+        label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"
+        axes.annotate(
+            label, (time[-1], envelope[-1]), xytext=(8, 0), textcoords="offset points",
+            size=8.5, color=style.colour, va="center", annotation_clip=False,
+        )  # fmt: skip
+    axes.set_xlim(0.0, len(change) * dt)
+    named(axes, "", "time, s", "|energy change|, %")
+    return figure

@@ -1,0 +1,92 @@
+"""Latency: whether commands act when they should, and what the delay costs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .actuation import actuator_limit
+from ..bench import Commands
+from ..lines import Expectation
+from ..bench import success, success_line
+from ..bench import Array
+from ..section import TRUTH, Diagnosis
+
+SECTION = "latency"
+
+HALF_PERIODS = (1, 2, 3)
+"""Latencies whose timing is checked, in half control periods."""
+
+PERIODS = (2, 4)
+"""Latencies that the hand-made controller meets, in control periods."""
+
+DECISIONS = 30
+
+
+def diagnose_latency(diagnosis: Diagnosis) -> None:
+    """Delay commands, and compare with the same commands given later."""
+    for integrator in diagnosis.integrators:
+        _timing(diagnosis, integrator)
+    for env_id in diagnosis.subject.environments:
+        _cost(diagnosis, env_id)
+
+
+def _timing(diagnosis: Diagnosis, integrator: str) -> None:
+    """A delayed motion equals that under later commands; one like no delay at all is wrong."""
+    subject = diagnosis.subject
+    half = 0.5 * subject.control_period
+    commands = actuator_limit(subject) * np.sin(np.arange(1, DECISIONS + 1))
+    at_once = _follow(diagnosis, integrator, "at_once", commands, 2, 0)
+    wrong = []
+    for halves in HALF_PERIODS:
+        delayed = _follow(diagnosis, integrator, f"delayed_{halves}", commands, 2, halves)
+        later = np.concatenate([np.zeros(halves), np.repeat(commands, 2)])[: 2 * DECISIONS]
+        shifted = _follow(diagnosis, integrator, f"shifted_{halves}", later, 1, 0)[::2]
+        delays = different(delayed, at_once) > 0
+        wrong.append(float(different(delayed, shifted) if delays else len(delayed)))
+    diagnosis.add(
+        integrator,
+        f"instants of {DECISIONS + 1} at which delayed commands differ from later ones, by 1/2, 1, "
+        "3/2 control periods",
+        wrong, "", Expectation("0: the same bit by bit", "exactly", not any(wrong)),
+        steps=(half,),
+    )  # fmt: skip
+
+
+def different(a: Array, b: Array) -> int:
+    """Instants at which two motions of shape (instants, n) differ; two that ended do not."""
+    return int((~((a == b) | (np.isnan(a) & np.isnan(b)))).any(axis=1).sum())
+
+
+def _follow(
+    diagnosis: Diagnosis, integrator: str, name: str, values: Array, halves: int, latency: int
+) -> Array:
+    """States at control instants, shape (instants, n); times in halves of a control period."""
+    subject = diagnosis.subject
+    half = 0.5 * subject.control_period
+    rollout = diagnosis.bench.open_loop(
+        f"{SECTION}/{name}/{integrator}", subject, integrator, half, Commands(name, values),
+        subject.start[None], duration=DECISIONS * subject.control_period,
+        control_period=halves * half, action_latency=latency * half,
+    )  # fmt: skip
+    states: Array = rollout.state[:, 0]
+    return states
+
+
+def _cost(diagnosis: Diagnosis, env_id: str) -> None:
+    """Success of the hand-made controller under latency against the truth's."""
+    period = diagnosis.subject.control_period
+
+    def shares(integrator: str) -> list[float | None]:
+        return [success(diagnosis, env_id, integrator, period, k * period) for k in PERIODS]
+
+    truths = shares(TRUTH)
+    if None in truths:
+        return
+    at = ", ".join(map(str, PERIODS))
+    for integrator in diagnosis.integrators:
+        if integrator != TRUTH:
+            success_line(
+                diagnosis, integrator, env_id,
+                f"success of the hand-made controller {at} control periods late",
+                truths, shares(integrator), (period,),
+            )  # fmt: skip

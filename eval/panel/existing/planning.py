@@ -1,0 +1,75 @@
+"""An evaluation planned: a panel without training around one policy's home."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from integ_gym.envs import Discretization
+from integ_gym.envs import testbed_of
+from ..specification import Home, environments_of
+from .policy import Existing
+from ..specification import PanelSpec
+from ..specification import standard_perturbations
+from integ_gym.train import possible_baselines
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The discretizations to evaluate on; the truth, where there is one, always comes with them.
+
+    Attributes:
+        integrators: names; by default all that the testbed offers but the truth.
+        dts: steps, s; by default the testbed's.
+        episodes: paired starts.
+        episode_seed: seed of episode 0.
+    """
+
+    integrators: Sequence[str] = ()
+    dts: Sequence[float] = ()
+    episodes: int = 50
+    episode_seed: int = 1000
+
+
+def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
+    """The evaluation as a panel without training, all its cells checked.
+
+    A baseline that cannot be made for the environment, such as a hand-made controller without
+    gravity, is left out.
+
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    testbed = testbed_of(env_id, existing.environment)
+    home, name = main_home(existing.home), existing.policy.policy_id
+    engine = home.engine if grid.integrators else testbed.home.engine
+    columns = [
+        Discretization(integrator, dt, home.control_period, engine)
+        for integrator in grid.integrators or testbed.integrators(engine)
+        for dt in grid.dts or testbed.steps(home)
+    ]
+    spec = PanelSpec(
+        name=f"evaluate {name}",
+        env_id=env_id,
+        control_period=home.control_period,
+        train=(),
+        grid=tuple(dict.fromkeys([*columns, *existing.home.shares])),
+        seeds=(),
+        environment=existing.environment,
+        ladder=False,
+        episodes=grid.episodes,
+        episode_seed=grid.episode_seed,
+        question=f"Does {name} survive another integrator or timestep?",
+    )
+    for cell in spec.columns():
+        environments_of(testbed, cell, 1).close()
+    return replace(
+        spec,
+        perturbations=standard_perturbations(spec.nominal),
+        baselines=possible_baselines(spec.nominal, testbed.controller),
+    )
+
+
+def main_home(home: Home) -> Discretization:
+    """The discretization that most of the training ran on, the first of equals."""
+    return max(home.shares, key=lambda member: home.shares[member])

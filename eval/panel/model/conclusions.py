@@ -1,0 +1,221 @@
+"""What a panel concludes from its matrix."""
+
+from __future__ import annotations
+
+from .part import Estimate, Part
+from ...verdict import CellRole
+from ...verdict import CellStatus, Outcome
+from ...verdict import Quantity
+from ...verdict import Verdict as Judged
+
+
+class Verdict(Part, frozen=True, kw_only=True):
+    """Verdict on one declared transfer; the p-values are null for `not_learned`.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell that its policies were transferred to.
+        name: name of the transfer.
+        verdict: `fails`, `transfers`, `inconclusive` or `not_learned`.
+        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
+        gap: loss of success; positive is worse.
+        p_exceeds: p-value for "gap > 0.2".
+        p_equivalent: p-value for "gap within ±0.1".
+        p_exceeds_adjusted: p-value for "gap > 0.2" after Holm's procedure over the family.
+        p_equivalent_adjusted: p-value for "gap within ±0.1" after Holm's procedure.
+        reason: why, in one sentence with numbers.
+    """
+
+    row: str
+    cell: str
+    name: str
+    verdict: Judged
+    quantity: Quantity
+    gap: Estimate
+    p_exceeds: float | None
+    p_equivalent: float | None
+    p_exceeds_adjusted: float | None
+    p_equivalent_adjusted: float | None
+    reason: str
+
+
+class CellFinding(Part, frozen=True, kw_only=True):
+    """What one cell says about "A beats B".
+
+    Attributes:
+        name: name of the cell.
+        role: `quarter_step` or `reference` where the cell decides.
+        status: `win`, `reversal`, `undecided`; `unsolved` or `too_few_seeds` where the cell is
+            uninformative.
+        difference: success of A minus success of B.
+        p_win: p-value for "A is better", not adjusted.
+        p_reversal: p-value for "B is better", not adjusted.
+        p_reversal_adjusted: p-value for "B is better" after Holm's procedure; null in an
+            uninformative cell.
+    """
+
+    name: str
+    role: CellRole | None
+    status: CellStatus
+    difference: Estimate
+    p_win: float
+    p_reversal: float
+    p_reversal_adjusted: float | None
+
+
+class PolicyComparison(Part, frozen=True, kw_only=True):
+    """Whether "A beats B" survives refinement.
+
+    Attributes:
+        a: name of the row of A.
+        b: name of the row of B.
+        outcome: `accepted`, `rejected` or `uninformative`.
+        reason: why, in one sentence with numbers.
+        cells: what each cell says.
+    """
+
+    a: str
+    b: str
+    outcome: Outcome
+    reason: str
+    cells: tuple[CellFinding, ...]
+
+
+class RemedyLoss(Part, frozen=True, kw_only=True):
+    """A row of a single discretization that loses success in a cell.
+
+    Attributes:
+        row: name of the row.
+        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
+        gap: loss of success of the row.
+        difference: success of the mixture minus its own.
+    """
+
+    row: str
+    quantity: Quantity
+    gap: Estimate
+    difference: Estimate
+
+
+class RemedyCell(Part, frozen=True, kw_only=True):
+    """A mixture in one cell, beside rows of a single discretization.
+
+    Attributes:
+        cell: name of the cell.
+        member: whether the mixture was trained there.
+        solved: whether any row solves the cell.
+        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
+        gap: loss of success of the mixture.
+        lost: rows trained elsewhere whose loss is estimated above 0.2.
+    """
+
+    cell: str
+    member: bool
+    solved: bool
+    quantity: Quantity
+    gap: Estimate
+    lost: tuple[RemedyLoss, ...]
+
+
+class Remedy(Part, frozen=True, kw_only=True):
+    """A mixture held against single discretizations; exploratory.
+
+    Attributes:
+        row: name of the mixture's row.
+        singles: names of the rows of a single discretization that learned.
+        cells: every cell of the grid, and the reference.
+        summary: what came out, in sentences with numbers.
+    """
+
+    row: str
+    singles: tuple[str, ...]
+    cells: tuple[RemedyCell, ...]
+    summary: str
+
+
+class Median(Part, frozen=True, kw_only=True):
+    """Median over seeds of what may not be reached; null where it is not.
+
+    Attributes:
+        estimate: the median; seeds that never got there count as longest.
+        low: lower end of its interval.
+        high: upper end of its interval.
+        level: nominal coverage of the interval, in (0, 1).
+    """
+
+    estimate: float | None
+    low: float | None
+    high: float | None
+    level: float
+
+
+class TrainingCost(Part, frozen=True, kw_only=True):
+    """Decisions of training until training episodes succeeded.
+
+    Attributes:
+        window: finished training episodes over which success is averaged.
+        rate: share of them that must succeed.
+        by_seed: decisions of every seed, shape (seeds,); null where it was not reached.
+        reached: how many seeds reached it.
+        median: median over seeds; null of fewer than two.
+    """
+
+    window: int
+    rate: float
+    by_seed: tuple[float | None, ...]
+    reached: int
+    median: Median | None
+
+
+class EngineAgreement(Part, frozen=True, kw_only=True):
+    """A cell on a foreign engine beside the native cell of the same map, its twin.
+
+    Attributes:
+        cell: name of the cell.
+        engine: the simulator.
+        integrator: integrator, as the simulator calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        map: the one-step map that it applies.
+        twin: name of the native cell; null without one.
+        episodes: how many episodes in the cell, over all rows.
+        success: success rate of these, in [0, 1].
+        twin_success: success rate in the twin, in [0, 1]; null without a twin.
+        differing: episodes that end otherwise in the twin; null without one.
+        largest: largest difference of a row's success; null without a twin.
+    """
+
+    cell: str
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    map: str
+    twin: str | None
+    episodes: int
+    success: float
+    twin_success: float | None
+    differing: int | None
+    largest: float | None
+
+
+class Failure(Part, frozen=True, kw_only=True):
+    """A failed episode.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        policy: id of the policy.
+        episode_index: place among the paired starts.
+        record_id: id of its evidence record.
+        label: failure label.
+        reason: why, in one sentence with numbers.
+    """
+
+    row: str
+    cell: str
+    policy: str
+    episode_index: int
+    record_id: str
+    label: str
+    reason: str

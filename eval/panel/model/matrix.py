@@ -1,0 +1,164 @@
+"""A panel's matrix: its rows, its cells, and what each row did in each cell."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from .part import Estimate, Part
+from ...verdict import CellRole, ReferenceClass
+
+RowKind: TypeAlias = Literal["trained", "given", "baseline"]
+"""Trained by the panel, given to it, or a baseline that nobody trained."""
+
+CellKind: TypeAlias = Literal["grid", "reference", "perturbation", "ladder"]
+"""Of the grid; the truth; with a changed plant or delay; the control period follows the step."""
+
+
+class Policy(Part, frozen=True, kw_only=True):
+    """One policy of a row.
+
+    Attributes:
+        id: name of the policy in the evidence, `policy_id`.
+        seed: training seed; null where it is not known.
+        hash: hash of the policy's content; null for a baseline of an evaluation.
+        file: path of its file beside ``panel.json``; null for a baseline.
+    """
+
+    id: str
+    seed: int | None = None
+    hash: str | None = None
+    file: str | None = None
+
+
+class Row(Part, frozen=True, kw_only=True):
+    """Policies of one training discretization or mixture, one for each training seed.
+
+    Attributes:
+        name: name of the row, unique.
+        kind: `trained`, `given` or `baseline`.
+        home: name of the cell that it was trained in; null without one, or of a mixture.
+        shares: share of each cell, by name, that its training drew from; empty for a baseline.
+        integrator: integrator of its home; null without one, or of a mixture.
+        dt: integration step of its home, s; null without one, or of a mixture.
+        control_period: time between two decisions in training, s; null for a baseline.
+        seeds: how many policies it has.
+        policies: its policies.
+        home_success: success rate at home, in [0, 1]; null without a home.
+        learned: whether home success is at least 0.5; null without a home.
+        training_steps: decisions that each policy was trained for; null where it was not trained.
+    """
+
+    name: str
+    kind: RowKind
+    home: str | None
+    shares: dict[str, float]
+    integrator: str | None
+    dt: float | None
+    control_period: float | None
+    seeds: int
+    policies: tuple[Policy, ...]
+    home_success: Estimate | None
+    learned: bool | None
+    training_steps: int | None
+
+    @property
+    def baseline(self) -> bool:
+        """Whether nobody trained it."""
+        return self.kind == "baseline"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether it was trained on a mixture of discretizations."""
+        return len(self.shares) > 1
+
+
+class Cell(Part, frozen=True, kw_only=True):
+    """One discretization in which policies were evaluated.
+
+    Attributes:
+        name: name of the cell, unique.
+        engine: `native`, or the simulator that advances the plant.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        kind: `grid`, `reference`, `perturbation` or `ladder`.
+        perturbation: name of the change of the plant or its delays; null without one.
+        role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+    """
+
+    name: str
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    kind: CellKind
+    perturbation: str | None
+    role: CellRole | None
+
+    @property
+    def reference(self) -> bool:
+        """Whether this is the truth column."""
+        return self.perturbation is None and "reference" in (self.kind, self.role)
+
+    @property
+    def scheme(self) -> str:
+        """Integrator, and the engine where it is not ours."""
+        return self.integrator if self.engine == "native" else f"{self.engine} {self.integrator}"
+
+    @property
+    def plain(self) -> bool:
+        """Whether the plant and its delays are those of the spec."""
+        return self.perturbation is None and self.kind != "perturbation"
+
+
+class Entry(Part, frozen=True, kw_only=True):
+    """What one row did in one cell.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        episodes: how many episodes, over all policies of the row.
+        success: success rate, in [0, 1].
+        success_by_seed: success rate of each policy, shape (seeds,).
+        returns: interquartile mean of the returns; null where one of them is not finite; called
+            ``return`` in the file.
+        time_to_success: time to success, s, of the episodes that succeed; null without one.
+        time_to_success_episodes: how many episodes succeed.
+        energy_residual: sum of the energy residual over an episode, J; null where not known.
+        energy_residual_abs: sum of the residual's sizes, J; null where not known.
+        diverged: episodes that the simulation did not survive.
+        not_converged: episodes in which the solver missed its tolerance.
+        home_drop: success at home minus success here; null at home and without one.
+        transfer_gap: success of the policies trained here minus that of these; null without any.
+        reference_class: the cell's pass or fail beside the reference's; null where the reference
+            has another plant or control period.
+        labels: episodes by failure label; `none` are those that succeed.
+        file: evidence files that hold the records, beside ``panel.json``.
+        query: command that lists the records.
+    """
+
+    row: str
+    cell: str
+    episodes: int
+    success: Estimate
+    success_by_seed: tuple[float, ...]
+    returns: Estimate | None = msgspec.field(name="return")
+    time_to_success: Estimate | None
+    time_to_success_episodes: int
+    energy_residual: Estimate | None
+    energy_residual_abs: Estimate | None
+    diverged: int
+    not_converged: int
+    home_drop: Estimate | None
+    transfer_gap: Estimate | None
+    reference_class: ReferenceClass | None
+    labels: dict[str, int]
+    file: tuple[str, ...]
+    query: str
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the reference contradicts its pass or fail."""
+        return self.reference_class in ("false_pass", "false_fail")

@@ -1,0 +1,181 @@
+"""A whole panel, as ``panel.json`` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+from functools import cached_property
+from typing import Any, Final, Literal, NamedTuple
+
+from .conclusions import EngineAgreement, Failure, PolicyComparison, Remedy, TrainingCost, Verdict
+from .matrix import Cell, Entry, Row
+from .part import Part
+from ...verdict import require_unique
+
+SCHEMA_VERSION: Final = 2
+"""Version of ``panel.json`` that is written and read here."""
+
+ROW_ORDER: Final = ("trained", "given", "baseline")
+"""Kinds of rows in the order in which they are shown."""
+
+
+class Cost(Part, frozen=True, kw_only=True):
+    """What a run took, interrupted runs included.
+
+    Attributes:
+        wall_seconds: time during which some unit of work was under way, s.
+        workers: how many processes worked.
+        train_seconds: time of all training runs, added up, s.
+        evaluate_seconds: time of all evaluations, added up, s.
+    """
+
+    wall_seconds: float
+    workers: int
+    train_seconds: float
+    evaluate_seconds: float
+
+
+class Group(NamedTuple):
+    """Neighbouring columns: one integrator from its coarsest step to its finest."""
+
+    label: str
+    cells: tuple[Cell, ...]
+    reference: bool = False
+
+
+class Panel(Part, frozen=True, kw_only=True, dict=True):
+    """Everything that a panel found.
+
+    Attributes:
+        schema_version: version of this form.
+        name: name of the panel.
+        question: question that the panel asks.
+        answer: answer to it, in sentences with numbers.
+        warnings: what a reader must know before trusting anything here.
+        spec: specification of the panel.
+        protocol_gaps: what of the protocol the panel leaves out, in sentences.
+        command: command that makes it again.
+        directory: directory in which it was made.
+        created: when this was written, UTC.
+        platform: operating system and machine on which this was written.
+        versions: versions of Python and of all packages that the results depend on.
+        cost: time that it took.
+        rows: policies, by what they were trained on.
+        cells: discretizations in which policies were evaluated.
+        matrix: what each row did in each cell that it was evaluated in.
+        verdicts: verdicts on the declared family of transfers.
+        policy_comparisons: comparisons of declared pairs of rows.
+        remedies: mixtures held against single discretizations.
+        training_costs: what training cost, by row.
+        engine_agreement: cells on foreign engines beside their native twins.
+        failures: a sample of the failed episodes of policies that are no baselines.
+        failures_total: how many such episodes there are.
+
+    Raises:
+        ValueError: if a name occurs twice, or the matrix names a row or cell that the panel does
+            not declare.
+    """
+
+    schema_version: Literal[2] = SCHEMA_VERSION
+    name: str
+    question: str
+    answer: str
+    warnings: tuple[str, ...] = ()
+    spec: dict[str, Any]
+    protocol_gaps: tuple[str, ...] = ()
+    command: str
+    directory: str
+    created: datetime
+    platform: str
+    versions: dict[str, str]
+    cost: Cost
+    rows: tuple[Row, ...]
+    cells: tuple[Cell, ...]
+    matrix: tuple[Entry, ...]
+    verdicts: tuple[Verdict, ...] = ()
+    policy_comparisons: tuple[PolicyComparison, ...] = ()
+    remedies: tuple[Remedy, ...] = ()
+    training_costs: dict[str, TrainingCost] = {}  # noqa: RUF012 (msgspec copies it)
+    engine_agreement: tuple[EngineAgreement, ...] = ()
+    failures: tuple[Failure, ...] = ()
+    failures_total: int = 0
+
+    def __post_init__(self) -> None:
+        require_unique([row.name for row in self.rows], "row")
+        require_unique([cell.name for cell in self.cells], "cell")
+        require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
+        for entry in self.matrix:
+            if entry.row not in self._row_places or entry.cell not in self._cell_places:
+                raise ValueError(
+                    f"the matrix has {entry.row!r} in {entry.cell!r}, but rows and cells do not "
+                    "declare both"
+                )
+
+    def row(self, name: str) -> Row:
+        """The row of a name."""
+        return self.rows[self._row_places[name]]
+
+    def cell(self, name: str) -> Cell:
+        """The cell of a name."""
+        return self.cells[self._cell_places[name]]
+
+    def entry(self, row: str, cell: str) -> Entry | None:
+        """What a row did in a cell, or None where it was not evaluated."""
+        return self._entries.get((row, cell))
+
+    def anchor(self, row: str, cell: str) -> str | None:
+        """Name of an entry's place in the report; None where there is none."""
+        if self.entry(row, cell) is None:
+            return None
+        return f"r{self._row_places[row]}c{self._cell_places[cell]}"
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Columns of the success matrix, the reference last."""
+        schemes: dict[str, list[Cell]] = {}
+        for cell in self.cells:
+            if cell.kind == "grid" and cell.plain and not cell.reference:
+                schemes.setdefault(cell.scheme, []).append(cell)
+        groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
+        truth = tuple(cell for cell in self.cells if cell.reference)
+        return (*groups, Group("reference", truth, reference=True)) if truth else tuple(groups)
+
+    @cached_property
+    def columns(self) -> tuple[Cell, ...]:
+        """Cells of the success matrix, in column order."""
+        return tuple(cell for group in self.groups for cell in group.cells)
+
+    @cached_property
+    def ordered_rows(self) -> tuple[Row, ...]:
+        """Trained rows, then given policies, then baselines."""
+        return tuple(sorted(self.rows, key=lambda row: ROW_ORDER.index(row.kind)))
+
+    @cached_property
+    def truth(self) -> Cell | None:
+        """The reference cell, or None."""
+        return next((cell for cell in self.cells if cell.reference), None)
+
+    @cached_property
+    def mixed_periods(self) -> bool:
+        """Whether the matrix mixes control periods, so that columns must name theirs."""
+        return len({cell.control_period for cell in self.columns}) > 1
+
+    def on_truth(self, row: str) -> Entry | None:
+        """What a row did on the reference, or None."""
+        return None if self.truth is None else self.entry(row, self.truth.name)
+
+    @cached_property
+    def _row_places(self) -> dict[str, int]:
+        return {row.name: place for place, row in enumerate(self.rows)}
+
+    @cached_property
+    def _cell_places(self) -> dict[str, int]:
+        return {cell.name: place for place, cell in enumerate(self.cells)}
+
+    @cached_property
+    def _entries(self) -> dict[tuple[str, str], Entry]:
+        return {(entry.row, entry.cell): entry for entry in self.matrix}
+
+
+def _coarse_first(cells: Iterable[Cell]) -> tuple[Cell, ...]:
+    return tuple(sorted(cells, key=lambda cell: (-cell.control_period, -cell.dt)))

@@ -1,0 +1,281 @@
+"""From rows, cells and outcomes to the panel that ``panel.json`` holds."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from integ_gym.envs import Discretization
+from ..specification import Cell
+from .engine_agreement import agreement_answer
+from .matrix import Matrix, Row
+from .layout import PanelLayout
+from ..model import Cell as PanelCell
+from ..model import (
+    Cost,
+    EngineAgreement,
+    Estimate,
+    Failure,
+    Panel,
+    Policy,
+    PolicyComparison,
+    TrainingCost,
+    Verdict,
+    build,
+)
+from ..model import Row as PanelRow
+from .remedy import remedies
+from ...statistics import rate_interval
+from ...verdict import LEARNED, Judgement, PolicyCell, compare_policies, judge_family
+
+FAILURE_SAMPLE = 40
+"""Failed episodes listed in the artefact; the evidence holds them all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What a panel says beside its outcome; see :class:`Panel` for what is not told here.
+
+    Attributes:
+        policies: by id.
+        files: evidence file that holds the records of a policy, by id, beside ``panel.json``.
+        training_steps: decisions that each policy was trained for; None where none was.
+        remark: a sentence that is added to the answer.
+    """
+
+    name: str
+    question: str
+    spec: dict[str, Any]
+    protocol_gaps: Sequence[str]
+    command: str
+    directory: str
+    versions: dict[str, str]
+    cost: Cost
+    policies: Mapping[str, Policy]
+    files: Mapping[str, str]
+    training_steps: int | None = None
+    training_costs: dict[str, TrainingCost] = field(default_factory=dict)
+    engine_agreement: tuple[EngineAgreement, ...] = ()
+    warnings: Sequence[str] = ()
+    remark: str = ""
+
+
+def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
+    """Everything that a panel found.
+
+    Args:
+        layout: rows and cells.
+        matrix: outcomes.
+        facts: what else there is to say.
+    """
+    judgements = _judge(layout, matrix)
+    failures = [
+        failure
+        for row in layout.rows
+        if row.kind != "baseline"
+        for cell in layout.cells_of[row.name]
+        for failure in matrix.failures(row.name, cell)
+    ]
+    answer = _answer(layout, matrix, judgements, facts.engine_agreement)
+    return Panel(
+        name=facts.name,
+        question=facts.question,
+        answer=f"{answer} {facts.remark}".rstrip(),
+        warnings=tuple(facts.warnings),
+        spec=facts.spec,
+        protocol_gaps=tuple(facts.protocol_gaps),
+        command=facts.command,
+        directory=facts.directory,
+        created=datetime.now(UTC).replace(microsecond=0),
+        platform=platform.platform(),
+        versions=facts.versions,
+        cost=facts.cost,
+        rows=tuple(_row(row, layout, matrix, facts) for row in layout.rows),
+        cells=tuple(_cell(cell) for cell in layout.cells.values()),
+        matrix=tuple(
+            matrix.entry(
+                row.name,
+                cell,
+                layout.native(cell),
+                layout.reference_of(cell),
+                tuple(dict.fromkeys(facts.files[policy] for policy in row.policies)),
+                _query(facts.directory, row, cell),
+            )
+            for row in layout.rows
+            for cell in layout.cells_of[row.name]
+        ),
+        verdicts=tuple(
+            build(Verdict, **vars(judgement), row=row, cell=cell)
+            for judgement, (row, cell) in zip(judgements, layout.family, strict=True)
+        ),
+        policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
+        remedies=remedies(layout, matrix),
+        training_costs=facts.training_costs,
+        engine_agreement=facts.engine_agreement,
+        failures=_spread(failures),
+        failures_total=len(failures),
+    )
+
+
+def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
+    comparisons = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
+    return judge_family(comparisons) if comparisons else ()
+
+
+def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyComparison:
+    """Policies of two rows, compared in every grid cell and on the reference.
+
+    The finest step of both rows' own integrators decides, and so does the reference.
+    """
+    homes = [d for name in (a, b) for d in layout.homes[name].shares]
+    own = {(d.engine, d.integrator) for d in homes}
+    cells = []
+    for name in layout.cells_of[a]:
+        cell = layout.cells[name]
+        if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
+            continue
+        role: Any = cell.role
+        place = cell.discretization
+        if role == "quarter_step" and (place.engine, place.integrator) not in own:
+            role = None
+        cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
+    return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells)))
+
+
+def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Facts) -> PanelRow:
+    trained = layout.homes.get(row.name)
+    home = trained if isinstance(trained, Discretization) else None
+    rates = matrix.home_rates(row.name)
+    return PanelRow(
+        name=row.name,
+        kind=row.kind,
+        home=row.home,
+        shares=dict(row.shares),
+        integrator=home.integrator if home else None,
+        dt=home.dt if home else None,
+        control_period=trained.control_period if trained else None,
+        seeds=len(row.policies),
+        policies=tuple(facts.policies[policy] for policy in row.policies),
+        home_success=None if rates is None else Estimate.of(rate_interval(rates)),
+        learned=matrix.learned(row.name),
+        training_steps=facts.training_steps if row.kind == "trained" else None,
+    )
+
+
+def _cell(cell: Cell) -> PanelCell:
+    return build(
+        PanelCell,
+        name=cell.name,
+        **cell.discretization.arguments(),
+        kind=cell.kind,
+        perturbation=cell.perturbation.name if cell.perturbation else None,
+        role=cell.role,
+    )
+
+
+def _query(directory: str, row: Row, cell: str) -> str:
+    """The command that lists the records behind an entry."""
+    policies = ", ".join(_quoted(policy) for policy in row.policies)
+    sql = (
+        "SELECT record_id, episode_index, success, failure_label FROM records "
+        f"WHERE cell = {_quoted(cell)} AND policy_id IN ({policies})"
+    )
+    return shlex.join(["integ-gym", "evidence", "query", directory, sql])
+
+
+def _quoted(text: str) -> str:
+    """A string literal of SQL."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _spread(failures: Sequence[Failure]) -> tuple[Failure, ...]:
+    """A sample that takes turns between cells and labels, in a fixed order."""
+    groups: dict[tuple[str, str, str], list[Failure]] = {}
+    for failure in failures:
+        groups.setdefault((failure.label, failure.row, failure.cell), []).append(failure)
+    sample: list[Failure] = []
+    depth = 0
+    while len(sample) < min(FAILURE_SAMPLE, len(failures)):
+        layer = [group[depth] for group in groups.values() if len(group) > depth]
+        step = max(1, len(layer) // FAILURE_SAMPLE)
+        sample += layer[::step][: FAILURE_SAMPLE - len(sample)]
+        depth += 1
+    return tuple(sample)
+
+
+def _answer(
+    layout: PanelLayout,
+    matrix: Matrix,
+    judgements: Sequence[Judgement],
+    agreement: Sequence[EngineAgreement],
+) -> str:
+    """The panel's question answered in one sentence with numbers."""
+    judged = [
+        (judgement, pair)
+        for judgement, pair in zip(judgements, layout.family, strict=True)
+        if judgement.verdict != "not_learned"
+    ]
+    if not judged:
+        if judgements:
+            return _unlearned_answer(dict.fromkeys(row for row, _ in layout.family), matrix)
+        return agreement_answer(agreement) or _range_answer(layout, matrix)
+    failed = [one for one in judged if one[0].verdict == "fails"]
+    worst, pair = max(failed or judged, key=lambda one: one[0].gap.estimate)
+    fails = len(failed)
+    holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
+    if holds == len(judged):
+        return f"Yes: all {holds} declared transfers hold within ±0.1 success."
+    verdict = "No" if fails else "Not shown either way"
+    return (
+        f"{verdict}: of {len(judged)} declared transfers {fails} fail and {holds} hold; "
+        f"{_most(worst, pair, matrix)}."
+    )
+
+
+def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
+    """The largest loss in words."""
+    row, cell = pair
+    home = matrix.home_rates(row)
+    assert home is not None
+    at_home, there = home.mean(), matrix.rates(row, cell).mean()
+    quantity = judgement.quantity.replace("_", " ")
+    return (
+        f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home "
+        f"and {there:.2f} on {cell} ({quantity} {judgement.gap})"
+    )
+
+
+def _unlearned_answer(rows: Iterable[str], matrix: Matrix) -> str:
+    """What to say where no row of the declared transfers has learned."""
+    home = {
+        row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
+    }
+    best = max(home, key=lambda row: home[row])
+    return (
+        "Not answered: no policies of the declared transfers have learned, which takes a success "
+        f"of {LEARNED} at home; those trained on {best} come nearest, with {home[best]:.2f}. Train "
+        "longer (`total_steps` in [training]), or set an easier task."
+    )
+
+
+def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
+    row = layout.rows[0].name
+    columns = [n for n in layout.cells_of[row] if layout.cells[n].kind in ("grid", "reference")]
+    rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
+    low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
+    if rates[low] == rates[high]:
+        return (
+            f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
+            f"discretizations{', the reference among them' if layout.reference else ''}."
+        )
+    anchor, where = layout.reference, "the reference"
+    if anchor is None:
+        anchor, where = next(iter(layout.rows[0].shares)), "its home"
+    return (
+        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
+        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
+    )

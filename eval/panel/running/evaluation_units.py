@@ -1,0 +1,209 @@
+"""Evaluation as units of work: batches of policies, each finished by one atomic commit.
+
+Which policies share a batch depends on cores and memory. A batch's marker lists its policies with
+their hashes, so that another division goes on where an interrupted one ended.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..specification import Cell
+from .evaluation import Conditions, Subject, conditions_of, evaluate
+from .expected_time import cell_seconds, cell_timing, cells_seconds
+from .run_directory import RunDirectory, key_of
+from ..specification import PanelSpec
+from .work import Work
+from integ_gym.evidence import Layout
+from integ_gym.evidence import EvidenceStore
+from integ_gym.support import report_work
+
+PREFIX = "evaluate-"
+
+LONGEST = 60.0
+"""What a batch should take at most, s."""
+
+MEMORY = 1 << 30
+"""What the episodes of a batch may take, bytes."""
+
+COPIES = 6
+"""How often a cell's rows are in memory: as they come, by episode, as a table, as a row group."""
+
+
+ENOUGH = 4
+"""Batches per worker that keep all workers busy to the end."""
+
+Tables: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore], Iterable[Any]]
+"""See :func:`integ_gym.eval.panel.running.evaluation.evaluate`."""
+
+
+class Evaluated(NamedTuple):
+    """Where the evaluation of a policy is.
+
+    Attributes:
+        unit: that holds it.
+        policy_hash: of the policy that was evaluated.
+    """
+
+    unit: str
+    policy_hash: str
+
+    @property
+    def file(self) -> str:
+        """The records, relative to the run's directory."""
+        return f"evidence/{self.unit}.parquet"
+
+
+def evaluated(directory: RunDirectory) -> dict[str, Evaluated]:
+    """The evaluations that are there, by policy."""
+    return {
+        policy: Evaluated(unit, policy_hash)
+        for unit, marker in directory.markers(PREFIX).items()
+        if directory.has_records(unit)
+        for policy, policy_hash in marker["policies"].items()
+    }
+
+
+def not_evaluated(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
+) -> list[Subject]:
+    """Subjects without an evaluation; what killed or damaged units left is removed.
+
+    Raises:
+        RunDirectoryError: if one was evaluated under another specification, version or hash.
+    """
+    hashes = _hashes(subjects)
+    for unit, marker in directory.markers(PREFIX).items():
+        own = {policy: hashes.get(policy, "") for policy in marker["policies"]}
+        if directory.finished(unit, _key(spec, own)) is None:
+            directory.discard_remains(unit)
+    directory.discard_unmarked(PREFIX)
+    done = evaluated(directory)
+    return [subject for subject in subjects if subject.policy.policy_id not in done]
+
+
+def batches_of(
+    spec: PanelSpec, subjects: Sequence[Subject], workers: int
+) -> list[tuple[Subject, ...]]:
+    """Divide subjects into batches of one size, some for every worker.
+
+    Those of one home stay together as far as that goes.
+    """
+    if not subjects:
+        return []
+    fewest = math.ceil(len(subjects) / _fitting(spec, subjects))
+    count = min(len(subjects), workers * math.ceil(fewest / workers))
+    homes = [subject.home for subject in subjects]
+    order = sorted(range(len(subjects)), key=lambda place: homes.index(homes[place]))
+    return [tuple(subjects[place] for place in part) for part in np.array_split(order, count)]
+
+
+def evaluate_all(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    subjects: Sequence[Subject],
+    work: Work,
+    workers: int,
+) -> None:
+    """Evaluate all subjects that have not been, each batch finished by one commit.
+
+    Args:
+        spec: the panel.
+        directory: held by the caller.
+        subjects: the policies.
+        work: what runs the batches.
+        workers: processes that it has.
+    """
+    waiting = not_evaluated(spec, directory, subjects)
+    work.skip(evaluation_seconds(spec, subjects) - evaluation_seconds(spec, waiting))
+    batches = batches_of(spec, waiting, workers)
+    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
+        tables = partial(_tables, spec)
+        work.do("evaluating", _commit, {_named(b): (spec, directory, b, tables) for b in batches})
+        return
+    for batch in batches:
+        _commit(spec, directory, batch, partial(_divided, spec, work, workers))
+
+
+def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    """Time that the evaluation of all subjects takes one worker, s."""
+    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
+
+
+def _tables(
+    spec: PanelSpec, batch: Sequence[Subject], conditions: Conditions, store: EvidenceStore
+) -> Iterator[Any]:
+    """The tables of a batch, its work being reported."""
+    share = conditions.episodes / spec.episodes
+    return evaluate(
+        batch, conditions, store, lambda cell, n: report_work(share * n * cell_seconds(spec, cell))
+    )
+
+
+def _listed(*given: Any) -> list[Any]:
+    return list(_tables(*given))
+
+
+def _divided(
+    spec: PanelSpec,
+    work: Work,
+    workers: int,
+    batch: Sequence[Subject],
+    conditions: Conditions,
+    store: EvidenceStore,
+) -> Iterator[Any]:
+    """The tables of a batch whose episodes are divided among all workers."""
+    parts = {
+        f"{_named(batch)} from episode {part.first}": (spec, batch, part, store)
+        for part in conditions.divided(workers)
+    }
+    return chain.from_iterable(work.do("evaluating", _listed, parts))
+
+
+def _commit(
+    spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject], tables: Tables
+) -> None:
+    """Evaluate policies in all their cells and mark that as finished."""
+    hashes = _hashes(batch)
+    first, others = next(iter(hashes)), len(hashes) - 1
+    unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
+    start = time.time()
+    store = EvidenceStore(directory.evidence)
+    store.commit_all(unit, tables(batch, conditions_of(spec), store))
+    directory.finish(unit, _key(spec, hashes), start, policies=hashes)
+
+
+def _named(batch: Sequence[Subject]) -> str:
+    return ", ".join(subject.policy.policy_id for subject in batch)
+
+
+def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
+    return {subject.policy.policy_id: subject.policy.content_hash for subject in subjects}
+
+
+def _key(spec: PanelSpec, hashes: Mapping[str, str]) -> str:
+    return key_of(spec.engine_versions(), spec=spec.to_json(), policies=hashes)
+
+
+def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
+    """How many policies fit a batch: one where each lane costs its own."""
+    if not spec.testbed.batched:
+        return 1
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
+    seconds = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
+    most_bytes = COPIES * spec.episodes * max(_bytes(spec, cell) for cell in cells.values())
+    return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
+
+
+def _bytes(spec: PanelSpec, cell: Cell) -> int:
+    """Size of the rows of one episode in a cell."""
+    columns = len(Layout(spec.nominal.plant, spec.nominal.task))
+    return 8 * columns * (cell_timing(spec, cell).horizon + 1)

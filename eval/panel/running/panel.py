@@ -1,0 +1,115 @@
+"""The panel: training runs and evaluations in a pool of processes, resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from .evaluation import Subject
+from .evaluation_units import evaluate_all, evaluation_seconds
+from .training import check_training, train_units
+from .reuse import FinishedPolicies
+from .run_directory import RunDirectory
+from ..specification import PanelSpec, SpecError
+from .units import Unit, units_of
+from .work import PanelError, working
+from integ_gym.train import make_baseline
+from integ_gym.train import Policy
+from integ_gym.train import POLICY_FILE, read_trained
+from integ_gym.support import cores
+
+
+def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
+    """Check what only the trainer and the baselines know.
+
+    Args:
+        spec: the panel.
+        workers: processes, if so many are requested.
+
+    Raises:
+        SpecError: for unknown hyperparameters or baselines, or what the trainer cannot train.
+        ModuleNotFoundError: if it needs an extra that is missing.
+    """
+    for name in ("env_id", "env_arguments", "seed"):
+        if name in spec.training:
+            raise SpecError(
+                f"panel {spec.name!r}: `{name}` in `training` is set by the panel itself; use "
+                "`env_id`, `environment` and `seeds`"
+            )
+    try:
+        for unit in units_of(spec):
+            if unit.home is None:
+                baseline_of(spec, unit.row)
+        check_training(spec, workers)
+    except (TypeError, ValueError) as error:
+        raise SpecError(f"panel {spec.name!r}: {error}") from error
+
+
+def baseline_of(spec: PanelSpec, name: str) -> Policy:
+    """A baseline of a panel.
+
+    Raises:
+        ValueError: for one that cannot be made.
+    """
+    return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
+
+
+def complete_panel(
+    spec: PanelSpec,
+    out: Path,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    policies: Path | None = None,
+    finish: Callable[[RunDirectory], None] = lambda directory: None,
+) -> RunDirectory:
+    """Train and evaluate everything that is not finished yet.
+
+    Args:
+        spec: the panel.
+        out: its directory.
+        workers: processes; by default one per core.
+        progress: show a bar with the remaining time.
+        policies: directory of a finished panel whose policies are taken instead of training.
+        finish: called at the end, while the directory is still held.
+
+    Raises:
+        SpecError, RunDirectoryError: for what cannot be run, before anything is written.
+        PanelError: if a unit of work fails; what was finished stays.
+    """
+    check_spec(spec, workers)
+    directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
+    finished = None if policies is None else FinishedPolicies(policies, spec)
+    with directory.opened():
+        if finished is not None:
+            finished.bring(directory)
+        _run_units(spec, directory, workers, progress)
+        finish(directory)
+    return directory
+
+
+def _run_units(
+    spec: PanelSpec, directory: RunDirectory, requested: int | None, progress: bool
+) -> None:
+    units, workers = units_of(spec), requested or cores()
+    train_units(spec, directory, units, requested, progress)
+    subjects = [subject_of(spec, directory, unit) for unit in units]
+    seconds = evaluation_seconds(spec, subjects)
+    with working(f"panel {spec.name}", seconds, workers, progress) as work:
+        evaluate_all(spec, directory, subjects, work, workers)
+
+
+def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
+    """The policy of a unit, read from its file or built."""
+    cells = spec.cells_of(unit.home)
+    if unit.home is None:
+        return Subject(baseline_of(spec, unit.row), cells)
+    policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
+    marker = directory.marker(unit.training)
+    if marker is None or marker.get("policy") != card["content_hash"]:
+        raise PanelError(
+            f"policies/{unit.policy} is not the policy that this panel trained; restore it, or "
+            "give another directory with --out"
+        )
+    return Subject(replace(policy, policy_id=unit.policy), cells, unit.home, unit.seed)

@@ -1,0 +1,113 @@
+"""What episodes of other cells say about the failures in a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import Discretization
+from integ_gym.envs import Settings
+from ..specification import Cell, Home
+from integ_gym.evidence import Home as HomeReplay
+from integ_gym.evidence import Replays
+
+Flags = npt.NDArray[np.bool_]
+Key = tuple[Discretization, str | None]
+
+_DISTURBANCES = {
+    "without_noise": {"observation_noise"},
+    "without_delay": {"action_latency", "sensor_period"},
+}
+"""Replays to the arguments that they do without."""
+
+
+class Successes:
+    """Which episodes succeeded, policy by policy and cell by cell.
+
+    Args:
+        homes: training discretization or mixture of every policy, or None.
+        cells: cells that every policy is evaluated in.
+        environment: constructor arguments common to all cells.
+        first: index of the first episode of every cell.
+    """
+
+    def __init__(
+        self,
+        homes: Sequence[Home | None],
+        cells: Sequence[Sequence[Cell]],
+        environment: Mapping[str, Any],
+        first: int = 0,
+    ) -> None:
+        self._homes = homes
+        self._environment = environment
+        self._first = first
+        self._awaited = [{_key(cell) for cell in own} for own in cells]
+        self._known: dict[tuple[int, Key], Flags] = {}
+
+    def note(self, cell: Cell, policies: Sequence[int], success: Flags) -> None:
+        """Take in a cell's outcomes, shape (policies, episodes)."""
+        for place, flags in zip(policies, success, strict=True):
+            self._known[place, _key(cell)] = flags
+            self._awaited[place].discard(_key(cell))
+
+    def suffice(self, cell: Cell, policies: Sequence[int]) -> bool:
+        """Whether all replays that labels in the cell rest on have been run, of those that will."""
+        return all(self._awaited[p].isdisjoint(self._needed(cell, p)) for p in policies)
+
+    def replays(self, cell: Cell, policies: Sequence[int]) -> list[dict[int, Replays]]:
+        """What is known about each episode of a cell that was noted, policy by policy."""
+        return [self._replays_of(cell, place) for place in policies]
+
+    def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
+        said = {"home": self._said_at_home(cell, place), **self._undisturbed(cell, place)}
+        return {
+            self._first + k: Replays(**{name: _episode(x, k) for name, x in said.items()})
+            for k in range(len(self._known[place, _key(cell)]))
+        }
+
+    def _needed(self, cell: Cell, place: int) -> set[Key]:
+        home = self._homes[place]
+        at_home = set() if home is None else {(d, _disturbance(cell)) for d in home.shares}
+        return {*at_home, (cell.discretization, None)} - {_key(cell)}
+
+    def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
+        """Whether each episode succeeded in one of the training discretizations, all being run."""
+        home = self._homes[place]
+        if home is None:
+            return "no home"
+        if cell.discretization in home.shares:
+            return "is home"
+        runs = [self._known.get((place, (d, _disturbance(cell)))) for d in home.shares]
+        known = [run for run in runs if run is not None]
+        return np.any(known, axis=0) if len(known) == len(runs) else None
+
+    def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
+        """The unperturbed cell answers for noise and delays that a perturbation alone brings in."""
+        plain = self._known.get((place, (cell.discretization, None)))
+        return {
+            replay: plain if self._changes_only(cell, names) else None
+            for replay, names in _DISTURBANCES.items()
+        }
+
+    def _changes_only(self, cell: Cell, names: set[str]) -> bool:
+        """Whether the perturbation changes these arguments alone, from their undisturbed values."""
+        if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
+            return False
+        plain = replace(cell, perturbation=None).arguments(self._environment)
+        return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
+
+
+def _key(cell: Cell) -> Key:
+    return cell.discretization, _disturbance(cell)
+
+
+def _disturbance(cell: Cell) -> str | None:
+    return cell.perturbation.name if cell.perturbation else None
+
+
+def _episode(said: Flags | HomeReplay, episode: int) -> Any:
+    return bool(said[episode]) if isinstance(said, np.ndarray) else said

@@ -1,0 +1,259 @@
+"""A panel's directory: who it belongs to, which units are finished, and one runner at a time."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from integ_gym.support import installed_versions
+from integ_gym.support import replace_file
+
+MANIFEST = "run.json"
+LOCK = ".lock"
+PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
+"""Packages whose version can change a result of the native engine."""
+
+
+class RunDirectoryError(ValueError):
+    """A directory that a run cannot use, in one sentence with the remedy."""
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on."""
+    return installed_versions(PACKAGES)
+
+
+class RunDirectory:
+    """Directory of one run, with the markers of its finished units.
+
+    A unit of work is finished when its marker ``units/NAME.json`` exists; the marker is written
+    last and in one step. Files of a unit without a marker are remains of a killed run.
+
+    Args:
+        path: the directory.
+        specification: what the run is; another one in the same directory is refused.
+        engines: versions of the distributions behind foreign engines; so are others of them.
+    """
+
+    def __init__(
+        self, path: Path, specification: Mapping[str, Any], engines: Mapping[str, str] | None = None
+    ) -> None:
+        self.path = path
+        self.evidence = path / "evidence"
+        self.policies = path / "policies"
+        self._units = path / "units"
+        self._specification = json.loads(json.dumps(specification))
+        self._engines = dict(engines or {})
+
+    def versions(self) -> dict[str, str]:
+        """Versions of Python and of all packages that this run's results depend on."""
+        return {**package_versions(), **self._engines}
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """Create or check the directory and hold it for one runner.
+
+        The hold is released even when the process is killed.
+
+        Raises:
+            RunDirectoryError: if it holds another run, another version's results or other files,
+                or if another process runs in it.
+        """
+        self._check()
+        for folder in (self.evidence, self.policies, self._units):
+            folder.mkdir(parents=True, exist_ok=True)
+        with self._locked():
+            self._check()
+            manifest = self.path / MANIFEST
+            if not manifest.exists():
+                content = {"specification": self._specification, "versions": self.versions()}
+                write_json(manifest, content)
+            yield
+
+    def _check(self) -> None:
+        manifest = self.path / MANIFEST
+        if manifest.exists():
+            self._check_manifest(manifest)
+        elif self.path.exists() and not self._is_bare():
+            raise RunDirectoryError(
+                f"{self.path} exists and holds no panel; give another directory with --out"
+            )
+
+    def _is_bare(self) -> bool:
+        """Whether there is nothing but what a run killed at once may have left."""
+        folders = (self.evidence, self.policies, self._units)
+        own = {folder.name for folder in folders} | {LOCK}
+        if not self.path.is_dir() or any(any(folder.glob("*")) for folder in folders):
+            return False
+        names = [entry.name for entry in self.path.iterdir()]
+        return all(name in own or name.startswith(f".{MANIFEST}.") for name in names)
+
+    def _check_manifest(self, manifest: Path) -> None:
+        held = read_json(manifest)
+        other = list(_differences(held.get("specification", {}), self._specification))
+        if other:
+            raise RunDirectoryError(
+                f"{self.path} holds another panel: {', '.join(other)}; give another directory "
+                "with --out, or the specification that it was started with"
+            )
+        versions = self.versions()
+        changed = [
+            f"{name} {was} (now {versions.get(name, 'missing')})"
+            for name, was in held.get("versions", {}).items()
+            if versions.get(name) != was
+        ]
+        if changed:
+            raise RunDirectoryError(
+                f"{self.path} holds results of {', '.join(changed)}, which are never mixed with "
+                "those of another version; finish it with that version, or give another directory "
+                "with --out"
+            )
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        with (self.path / LOCK).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise RunDirectoryError(
+                    f"another process is running the panel in {self.path}; wait for it, or give "
+                    "another directory with --out"
+                ) from None
+            yield
+
+    def marker(self, unit: str) -> Mapping[str, Any] | None:
+        """What was noted when the unit was finished, or None."""
+        path = self._marker(unit)
+        return read_json(path) if path.exists() else None
+
+    def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
+        """Markers of the units whose names begin with ``prefix``, by name."""
+        found = sorted(self._units.glob(f"{prefix}*.json"))
+        return {path.stem: read_json(path) for path in found}
+
+    def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
+        """The marker of a finished unit, or None; one that has lost a file is done again.
+
+        Args:
+            unit: name.
+            key: of its inputs; see :func:`key_of`.
+            files: what it wrote beside its records.
+
+        Raises:
+            RunDirectoryError: if the unit was finished under another key.
+        """
+        held = self.marker(unit)
+        if held is not None and held.get("key") != key:
+            raise RunDirectoryError(
+                f"{self.path}: unit {unit} belongs to another specification, version or policy; "
+                "give another directory with --out"
+            )
+        return held if self.has_records(unit) and all(file.exists() for file in files) else None
+
+    def has_records(self, unit: str) -> bool:
+        """Whether the unit's records are there."""
+        return self._records(unit).exists()
+
+    def finish(
+        self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any
+    ) -> None:
+        """Mark a unit as finished; its files must be in place.
+
+        Args:
+            unit: name.
+            key: of its inputs; see :func:`key_of`.
+            start: Unix time when work on it began, s.
+            seconds: its share of that time, s; by default all.
+            facts: what else to note.
+        """
+        end = time.time()
+        share = end - start if seconds is None else seconds
+        times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
+        write_json(self._marker(unit), {"key": key, **times, **facts})
+
+    def adopt(self, other: RunDirectory, unit: str) -> None:
+        """Take a finished unit's records, and then its marker, from another directory."""
+        replace_file(self._records(unit), other._records(unit).read_bytes())
+        write_json(self._marker(unit), read_json(other._marker(unit)))
+
+    def seconds(self, units: Iterable[str]) -> float:
+        """Time that was spent on finished units, added up, s."""
+        return sum(float(marker["seconds"]) for marker in self._markers(units))
+
+    def wall_seconds(self, units: Iterable[str]) -> float:
+        """Time during which some unit was worked on, over all runs, s."""
+        total, reached = 0.0, -math.inf
+        markers = self._markers(units)
+        for start, end in sorted((float(m["start"]), float(m["end"])) for m in markers):
+            total += max(0.0, end - max(start, reached))
+            reached = max(reached, end)
+        return total
+
+    def _markers(self, units: Iterable[str]) -> list[Mapping[str, Any]]:
+        found = [self.marker(unit) for unit in units]
+        return [marker for marker in found if marker is not None]
+
+    def discard_remains(self, unit: str) -> None:
+        """Remove what is left of a unit that was not finished or has lost a file."""
+        self._marker(unit).unlink(missing_ok=True)
+        self._records(unit).unlink(missing_ok=True)
+
+    def discard_unmarked(self, prefix: str) -> None:
+        """Remove the records of all units without a marker whose names begin with ``prefix``."""
+        for path in self.evidence.glob(f"{prefix}*.parquet"):
+            if not self._marker(path.stem).exists():
+                path.unlink()
+
+    def _marker(self, unit: str) -> Path:
+        return self._units / f"{unit}.json"
+
+    def _records(self, unit: str) -> Path:
+        return self.evidence / f"{unit}.parquet"
+
+
+def key_of(engines: Mapping[str, str], **parts: Any) -> str:
+    """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
+    text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
+    """What differs between two specifications: numbers and texts as they were and are."""
+    for key in {**held, **now}:
+        one, other, name = held.get(key), now.get(key), f"{of}{key}"
+        if one == other:
+            continue
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from _differences(one, other, f"{name}.")
+        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
+            yield f"another `{name}`"
+        else:
+            yield f"`{name}` {one} (now {other})"
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        RunDirectoryError: if it is not one.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError) as error:
+        raise RunDirectoryError(f"cannot read {path}: {error}") from error
+    if not isinstance(content, dict):
+        raise RunDirectoryError(f"{path} does not hold a JSON object")
+    return content
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON in one step: the file is there whole or not at all."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    replace_file(path, f"{text}\n".encode())

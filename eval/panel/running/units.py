@@ -1,0 +1,73 @@
+"""Units of work of a panel: training runs, and evaluations."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from ..specification import Home, file_name, training_arguments
+from ..specification import engine_versions
+from .run_directory import RunDirectory, key_of
+from ..specification import PanelSpec
+from integ_gym.train import PPOConfig
+from integ_gym.train import POLICY_FILE
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One training run with its evaluation, or the evaluation of one baseline.
+
+    Attributes:
+        row: name of the panel's row.
+        home: training discretization or mixture, or None for a baseline.
+        seed: training seed, or None.
+    """
+
+    row: str
+    home: Home | None = None
+    seed: int | None = None
+
+    @property
+    def policy(self) -> str:
+        """Identifier of the policy, usable as a file name."""
+        seed = "" if self.seed is None else f"-seed{self.seed}"
+        return file_name(self.row) + seed
+
+    @property
+    def training(self) -> str:
+        """Name of the training unit."""
+        return f"train-{self.policy}"
+
+
+def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
+    """Baselines first, which are quick, then the training runs, seed by seed."""
+    baselines = tuple(Unit(name) for name in spec.baselines)
+    return baselines + tuple(Unit(h.name, h, seed) for seed in spec.seeds for h in spec.train)
+
+
+def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
+    """Hyperparameters of one training run."""
+    assert unit.home is not None
+    return PPOConfig.of(
+        spec.env_id,
+        env_arguments=training_arguments(unit.home, spec.environment),
+        seed=unit.seed,
+        **spec.training,
+    )
+
+
+def training_key(config: PPOConfig) -> str:
+    """Hash of all that a training run depends on."""
+    arguments = config.env_arguments
+    members = (arguments, *arguments.get("mixture", ()))
+    engines = {member["engine"] for member in members if "engine" in member}
+    return key_of(engine_versions(engines), config=asdict(config))
+
+
+def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
+    """Whether the unit's policy and its records are there.
+
+    Raises:
+        RunDirectoryError: if they are of another configuration or version.
+    """
+    policy = directory.policies / unit.policy / POLICY_FILE
+    return directory.finished(unit.training, key, policy) is not None

@@ -1,0 +1,87 @@
+"""Engines as cells of a panel: which are installed, what they apply, and their versions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from integ_gym.envs import NATIVE, Discretization
+from integ_gym.envs import ENGINES, missing_modules
+from integ_gym.envs import map_names
+from integ_gym.support import unknown_name
+from integ_gym.support import package_version
+
+INSTALLED = "installed"
+"""In place of an engine's name: every installed one but the native."""
+
+
+def foreign_engines() -> tuple[str, ...]:
+    """Names of all engines but the native one, installed or not."""
+    return tuple(name for name in ENGINES.names() if name != NATIVE)
+
+
+def absent_engines() -> tuple[str, ...]:
+    """Names of the engines whose extra is not installed."""
+    return tuple(name for name in foreign_engines() if missing_modules(name))
+
+
+def installed_engines() -> tuple[str, ...]:
+    """Names of the installed engines, without the native one."""
+    return tuple(name for name in foreign_engines() if not missing_modules(name))
+
+
+def integrator_applying(engine: str, maps: Sequence[str]) -> str | None:
+    """An engine's own name for the first of some one-step maps that it applies.
+
+    Args:
+        engine: registered name, not the native one.
+        maps: names of one-step maps, the preferred one first.
+
+    Returns:
+        The first such integrator in the engine's order, or None if it applies none of the maps.
+    """
+    own = ENGINES.load(engine).maps
+    return next((name for wanted in maps for name in own if own[name] == wanted), None)
+
+
+def map_of(discretization: Discretization) -> str:
+    """The one-step map that a discretization applies."""
+    maps = ENGINES.load(discretization.engine).maps
+    return str(maps.get(discretization.integrator, discretization.integrator))
+
+
+def engine_versions(engines: Iterable[str]) -> dict[str, str]:
+    """Distribution and version behind each engine, this package itself left out."""
+    packages = {ENGINES.load(name).package for name in engines} - {"integ-gym"}
+    return {package: package_version(package) or "unknown" for package in sorted(packages)}
+
+
+def on_installed(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A table of ``engine = "installed"`` and ``map`` as one table per installed engine.
+
+    Args:
+        entry: with ``map``, one name or several, the preferred one first, and ``dt``.
+
+    Returns:
+        Tables of ``engine``, ``integrator`` and ``dt``; engines that apply none of the maps are
+        left out.
+
+    Raises:
+        ValueError: for an integrator, which engines call differently, and for unknown maps.
+    """
+    if "integrator" in entry or "map" not in entry:
+        raise ValueError(
+            f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call their '
+            f"integrators differently; known maps: {', '.join(map_names())}"
+        )
+    maps = entry["map"] if isinstance(entry["map"], list) else [entry["map"]]
+    for name in maps:
+        if name not in map_names():
+            raise ValueError(unknown_name("map in `evaluate`", str(name), map_names()))
+    chosen = {engine: integrator_applying(engine, maps) for engine in installed_engines()}
+    others = {key: value for key, value in entry.items() if key not in ("engine", "map")}
+    return [
+        {"engine": engine, "integrator": integrator, **others}
+        for engine, integrator in chosen.items()
+        if integrator is not None
+    ]

@@ -1,0 +1,190 @@
+"""The panel's specification: what is trained and evaluated, as rows and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from integ_gym.envs import Discretization
+from integ_gym.envs import INTEGRATORS
+from integ_gym.envs import WEIGHT
+from integ_gym.envs import Testbed, testbed_of
+from integ_gym.support import package_version
+from .cells import Cell, Home, Perturbation, nominal_setup
+from .engine_cells import engine_versions
+from integ_gym.train import BASELINES
+
+_DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
+"""Arguments that disturb what the policy is told and does, not the plant."""
+
+
+@dataclass(frozen=True)
+class PanelSpec:
+    """One panel; see docs/panel.md for the TOML form."""
+
+    name: str
+    env_id: str
+    control_period: float
+    train: tuple[Home, ...]
+    grid: tuple[Discretization, ...]
+    seeds: tuple[int, ...]
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+    baselines: tuple[str, ...] = ()
+    """Policies without training that the rows are held against."""
+    perturbations: tuple[Perturbation, ...] = ()
+    family: tuple[tuple[str, str], ...] = ()
+    """Declared comparisons: (training discretization or mixture, cell)."""
+    compare: tuple[tuple[str, str], ...] = ()
+    """Pairs of the same whose policies are compared under refinement."""
+    trainer: str = "fleet"
+    """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
+    memory_gib: float | None = None
+    """What the fleet's processes may take together, GiB; it changes no result."""
+    ladder: bool = True
+    """Also refine each policy's own discretization with the control period following dt."""
+    episodes: int = 20
+    episode_seed: int = 1000
+    question: str = "Does a policy trained on one integrator and timestep survive another?"
+    left_out: tuple[str, ...] = ()
+    """Engines that are not installed, where the grid asks for all that are."""
+
+    @property
+    def testbed(self) -> Testbed:
+        """What makes the environments."""
+        return testbed_of(self.env_id, self.environment)
+
+    @property
+    def nominal(self) -> Any:
+        """The setup of the undisturbed task; see :func:`~integ_gym.eval.panel.specification.cells.nominal_setup`."""
+        return nominal_setup(self.testbed, self.control_period)
+
+    @property
+    def reference(self) -> Discretization | None:
+        """The truth column: the plant solved to rounding under the same zero-order hold."""
+        return self.testbed.truth(self.control_period)
+
+    def columns(self) -> tuple[Cell, ...]:
+        """Cells that every row is evaluated in: the grid, then the reference if there is one."""
+        grid = tuple(
+            Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
+            for d in self.grid
+            if d != self.reference
+        )
+        if self.reference is None:
+            return grid
+        return (*grid, Cell(self.reference, "reference", role="reference"))
+
+    def trained_on(self) -> tuple[Discretization, ...]:
+        """All discretizations that something is trained on."""
+        return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
+
+    def _decides(self, discretization: Discretization) -> bool:
+        """Whether it is its integrator's finest step, a quarter of what it was trained at."""
+        own = (discretization.engine, discretization.integrator)
+        dts = [d.dt for d in self.grid if (d.engine, d.integrator) == own]
+        homes = [d.dt for d in self.trained_on() if (d.engine, d.integrator) == own]
+        coarsest = max(homes, default=self.control_period)
+        finest = discretization.dt <= min(dts)
+        return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
+
+    def gaps(self) -> list[str]:
+        """What every panel has and this one lacks, in sentences."""
+        found = []
+        if self.reference is None:
+            found.append(
+                f"{self.env_id} has no reference solution: its cells are held against the home and "
+                "against each other, not against the truth."
+            )
+        found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
+        changed = {name for p in self.perturbations for name in p.environment}
+        if not changed - _DELAYS:
+            found.append("No perturbation of the plant is evaluated.")
+        if "action_latency" not in changed:
+            found.append("No action latency is evaluated.")
+        found += [
+            f'Engine {name} is not installed, so it is left out: pip install "integ-gym[{name}]".'
+            for name in self.left_out
+        ]
+        setup = self.nominal
+        if setup.settings.duration < setup.task.goal_stay:
+            found.append(
+                f"Episodes last {setup.settings.duration:g} s, but success takes "
+                f"{setup.task.goal_stay:g} s at the goal: nobody can succeed."
+            )
+        return found
+
+    def cells_of(self, home: Home | None) -> tuple[Cell, ...]:
+        """Cells of one row, those it was trained in first: columns, perturbations, its ladder."""
+        own = () if home is None else tuple(home.shares)
+        columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
+        perturbed = [
+            Cell(d, "perturbation", perturbation=p)
+            for p in self.perturbations
+            for d in dict.fromkeys((*own, self.reference))
+            if d is not None
+        ]
+        return (*columns, *perturbed, *self._ladder(home))
+
+    def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
+        """Of a single discretization whose control period can follow its step."""
+        fixed = self.testbed.control_period is not None
+        if fixed or not self.ladder or not isinstance(home, Discretization):
+            return ()
+        steps = [home.dt / 2.0, home.dt / 4.0]
+        return tuple(
+            Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
+        )
+
+    def engine_versions(self) -> dict[str, str]:
+        """Version of the distribution behind each foreign engine that is used."""
+        return engine_versions({d.engine for d in (*self.trained_on(), *self.grid)})
+
+    def to_json(self) -> dict[str, Any]:
+        """The specification as plain data, everything resolved."""
+        return {
+            "name": self.name,
+            "question": self.question,
+            "env_id": self.env_id,
+            "control_period": self.control_period,
+            "environment": dict(self.environment),
+            "training": dict(self.training),
+            "trainer": self._trainer(),
+            "train": [_plain(home) for home in self.train],
+            "grid": [d.arguments() for d in self.grid],
+            "seeds": list(self.seeds),
+            "baselines": list(self.baselines),
+            "perturbations": [
+                {"name": p.name, "environment": dict(p.environment)} for p in self.perturbations
+            ],
+            "family": [list(pair) for pair in self.family],
+            "compare": [list(pair) for pair in self.compare],
+            "ladder": self.ladder,
+            "episodes": self.episodes,
+            "episode_seed": self.episode_seed,
+            "sources": self._sources(),
+        }
+
+    def _trainer(self) -> dict[str, str | None]:
+        """The trainer, with what its results depend on beside the packages of every panel."""
+        return {"name": self.trainer, **({"jax": package_version("jax")} if self.fleet else {})}
+
+    @property
+    def fleet(self) -> bool:
+        """Whether the policies are trained by the fleet trainer."""
+        return self.trainer == "fleet"
+
+    def _sources(self) -> dict[str, str | None]:
+        """SHA-256 of the source of every integrator of the user's own."""
+        used = (*self.trained_on(), *self.grid)
+        names = {d.integrator for d in used if ":" in d.integrator}
+        return {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
+
+
+def _plain(home: Home) -> dict[str, Any]:
+    """A training discretization or mixture as plain data."""
+    if isinstance(home, Discretization):
+        return home.arguments()
+    members = [{**member.arguments(), WEIGHT: weight} for member, weight in home.weights]
+    return {"mixture": home.name, "members": members}

@@ -1,0 +1,48 @@
+"""Horizontal axes of success rates and of their differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from integ_gym.support import fixed
+from ...panel.model import Estimate
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A horizontal axis.
+
+    Attributes:
+        low, high: its ends.
+        ticks: values, and how they are written.
+        margins: whether the margins of the verdicts are drawn.
+    """
+
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]
+    margins: bool = False
+
+    def share(self, value: float) -> float:
+        """Place of a value, cut to the axis, in [0, 1] of the width with room for markers."""
+        inside = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
+        return 0.02 + 0.96 * inside
+
+
+RATE_AXIS: Final = Axis(0.0, 1.0, tuple((0.25 * k, fixed(0.25 * k)) for k in range(5)))
+"""Axis of success rates."""
+
+
+def difference_axis(values: Iterable[Estimate], size: float = 0.2, margins: bool = False) -> Axis:
+    """An axis for differences of rates that holds all of them and the margins of the verdicts."""
+    ends = [end for value in values for end in (value.estimate, *value.ends)]
+    low = math.floor(min([-0.2, *ends]) * 5.0 - 1e-9) / 5.0
+    high = math.ceil(max([0.4, *ends]) * 5.0 + 1e-9) / 5.0
+    low, high = max(low, -1.0), min(high, 1.0)
+    size = size if high - low <= 1.6 else 0.5
+    first, last = math.ceil(low / size - 1e-9), math.floor(high / size + 1e-9)
+    ticks = [round(size * k, 2) for k in range(first, last + 1)]
+    return Axis(low, high, tuple((tick, fixed(tick, 1)) for tick in ticks), margins)

@@ -1,0 +1,148 @@
+"""What to conclude from false passes and false fails, in plain sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from integ_gym.support import NONE, fixed, plural
+from ...panel.model import Entry, Panel, Row
+from .trust import Trust
+from .words import CLASS_WORDS
+from ...verdict import PASS
+
+_NAMED: Final = 5  # names in one sentence
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One plain sentence about false passes or false fails.
+
+    Attributes
+    ----------
+    kind
+        `false_pass`, `false_fail`, `agreement` or `missing`.
+    lead
+        The sentence.
+    close
+        Whether seed noise alone could move a rate in it across the line.
+    entries
+        How many entries of the matrix it speaks of.
+    """
+
+    kind: str
+    lead: str
+    close: bool = False
+    entries: int = 0
+
+
+def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
+    """What to conclude from the classes against the reference, the surest first."""
+    if panel.truth is None:
+        return (
+            Finding(
+                "missing",
+                "There is no truth column here: this page shows where discretizations "
+                "disagree, not which of them is right.",
+            ),
+        )
+    if not trusts:
+        return (
+            Finding(
+                "missing",
+                "Nothing was compared with the reference here, so this panel cannot tell "
+                "false passes from true ones.",
+            ),
+        )
+    judged = [entry for trust in trusts for entry in trust.judged]
+    passes = (_false_passes(panel, trusts, row) for row in panel.ordered_rows)
+    fails = (_false_fails(panel, trust) for trust in trusts)
+    found = [finding for finding in (*passes, *fails) if finding]
+    found.sort(key=lambda finding: (finding.close, -finding.entries))
+    return (_agreement(judged), *found)
+
+
+def _agreement(judged: Sequence[Entry]) -> Finding:
+    wrong = [entry for entry in judged if entry.contradicted]
+    if not wrong:
+        return Finding(
+            "agreement",
+            f"Every pass and every fail agrees with the reference, in all {len(judged)} "
+            f"pairs of policies and discretizations compared{_none_passes(judged)}.",
+        )
+    counts = Counter(str(entry.reference_class) for entry in wrong)
+    parts = [
+        plural(counts[kind], CLASS_WORDS[kind], more)
+        for kind, more in (("false_pass", "false passes"), ("false_fail", "false fails"))
+        if counts[kind]
+    ]
+    return Finding(
+        "agreement",
+        f"{len(judged) - len(wrong)} of {plural(len(judged), 'answer')} agree with the "
+        f"reference; {' and '.join(parts)} do not.",
+    )
+
+
+def _none_passes(judged: Sequence[Entry]) -> str:
+    passing = any(entry.reference_class == "true_pass" for entry in judged)
+    return "" if passing else ", but none of them passes: this tells nothing about transfer"
+
+
+def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | None:
+    """Where a row that fails on the reference passes."""
+    wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
+    if not wrong:
+        return None
+    truth = panel.on_truth(row.name)
+    at_home = next((entry for entry in wrong if entry.cell == row.home), None)
+    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
+    if at_home is None:
+        text = f"{row.name} reaches {_rate(truth)} on the reference, but passes on {others}."
+    else:
+        text = (
+            f"The policies trained on {row.name} reach {_rate(at_home)} at home but "
+            f"{_rate(truth)} on the reference: that win belongs to the simulator, not to "
+            "the physics."
+        ) + (f" They also pass on {others}." if others else "")
+    close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
+    return Finding("false_pass", text, close, len(wrong))
+
+
+def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
+    """What works on the reference and fails in one cell."""
+    wrong = trust.of("false_fail")
+    if not wrong:
+        return None
+    pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]
+    rows = _and(pairs, "rows")
+    text = (
+        f"{trust.cell.name} fails what passes on the reference: {rows}. Judged there, "
+        f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
+        "thrown away."
+    )
+    close = any(_undecided(entry) or _undecided(panel.on_truth(entry.row)) for entry in wrong)
+    return Finding("false_fail", text, close, len(wrong))
+
+
+def _rate(entry: Entry | None) -> str:
+    return NONE if entry is None else fixed(entry.success.estimate)
+
+
+def _undecided(entry: Entry | None) -> bool:
+    """Whether the interval of the rate reaches across the line between pass and fail."""
+    if entry is None:
+        return False
+    low, high = entry.success.ends
+    return low < PASS <= high
+
+
+def _and(parts: Sequence[str], noun: str) -> str:
+    """Names as a list in a sentence, cut where it gets too long to read."""
+    named = list(parts)
+    if len(parts) > _NAMED:
+        named = [*parts[: _NAMED - 1], f"{len(parts) - _NAMED + 1} other {noun}"]
+    if len(named) < 2:
+        return "".join(named)
+    return f"{', '.join(named[:-1])} and {named[-1]}"

@@ -1,0 +1,188 @@
+"""Refinement ladders: success of one row as the step shrinks."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from integ_gym.support import step
+from ...panel.model import Entry, Estimate, Panel, Row
+from .checks import close
+from ...scheme_style import Schemes, SchemeStyle, styles_of
+
+
+@dataclass(frozen=True)
+class Rung:
+    """Success at one step of a refinement ladder."""
+
+    dt: float
+    entry: Entry
+
+
+Rungs: TypeAlias = Mapping[str, tuple[Rung, ...]]
+"""For every scheme, rungs from coarse to fine."""
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Success of one row under refinement.
+
+    Attributes
+    ----------
+    fixed
+        For every scheme, rungs from coarse to fine at the row's own control period.
+    following
+        The same where the control period is the step itself; empty where the panel has none.
+    truth
+        The row on the reference at its own control period, or None.
+    """
+
+    row: Row
+    control_period: float | None
+    fixed: Rungs
+    following: Rungs
+    truth: Entry | None
+
+
+@dataclass(frozen=True)
+class Point:
+    """Success at one step; ``x`` is its place in [0, 1] from the coarsest step to the finest."""
+
+    x: float
+    value: Estimate
+    words: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """One scheme's line; ``aside``: widths of a line by which it is moved, to stay visible."""
+
+    name: str
+    style: SchemeStyle
+    aside: float
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class LadderPlot:
+    """One plot of success against the step, equal factors equally far apart.
+
+    Attributes:
+        about: what happens to the control period.
+        ticks: place in [0, 1] and step, s, as it is written.
+        series: one for each scheme.
+        truth: success on the reference; None where it is not drawn.
+    """
+
+    about: str
+    ticks: tuple[tuple[float, str], ...]
+    series: tuple[Series, ...]
+    truth: Estimate | None
+
+
+@dataclass(frozen=True)
+class LadderPlots:
+    """The plots of all rows that have a ladder.
+
+    Attributes:
+        schemes: styles of the schemes in them.
+        rows: names of rows, each with its plots.
+        follows: whether the control period follows the step in some.
+    """
+
+    schemes: Schemes
+    rows: tuple[tuple[str, tuple[LadderPlot, ...]], ...]
+    follows: bool
+
+
+def ladder_plots(panel: Panel) -> LadderPlots | None:
+    """Plots of all ladders; None if the panel has none."""
+    ladders = ladders_of(panel)
+    if not ladders:
+        return None
+    schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
+    rows = tuple((ladder.row.name, _plots(ladder, schemes)) for ladder in ladders)
+    return LadderPlots(schemes, rows, any(ladder.following for ladder in ladders))
+
+
+def _plots(ladder: Ladder, schemes: Schemes) -> tuple[LadderPlot, ...]:
+    truth = None if ladder.truth is None else ladder.truth.success
+    period = "" if ladder.control_period is None else f" at {step(ladder.control_period)} s"
+    plots = []
+    if ladder.fixed:
+        plots.append(_plot(f"control period fixed{period}", ladder.fixed, schemes, truth))
+    if ladder.following:
+        plots.append(_plot("control period follows the step", ladder.following, schemes, None))
+    return tuple(plots)
+
+
+def _plot(about: str, rungs: Rungs, schemes: Schemes, truth: Estimate | None) -> LadderPlot:
+    steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
+    span = math.log(steps[0] / steps[-1])
+    places = {dt: math.log(steps[0] / dt) / span for dt in steps}
+    ticks = steps if len(steps) < 6 else steps[:: math.ceil(len(steps) / 5)]
+    order = list(schemes)
+    series = []
+    for name, line in rungs.items():
+        points = tuple(
+            Point(
+                places[rung.dt],
+                rung.entry.success,
+                f"{name}, step {step(rung.dt)} s: success {rung.entry.success}",
+            )
+            for rung in line
+        )
+        aside = order.index(name) - (len(order) - 1) / 2.0
+        series.append(Series(name, schemes[name], aside, points))
+    return LadderPlot(about, tuple((places[dt], step(dt)) for dt in ticks), tuple(series), truth)
+
+
+def ladders_of(panel: Panel) -> tuple[Ladder, ...]:
+    """Refinement ladders of the rows that have one.
+
+    Rows that did not learn are left out if others did, and baselines if others are there.
+    """
+    ladders = [ladder for row in panel.ordered_rows if (ladder := _ladder(panel, row))]
+    others = [ladder for ladder in ladders if not ladder.row.baseline]
+    learned = [ladder for ladder in others if ladder.row.learned is not False]
+    return tuple(learned or others or ladders)
+
+
+def _ladder(panel: Panel, row: Row) -> Ladder | None:
+    period = row.control_period if row.control_period is not None else _usual_period(panel)
+    fixed_period: dict[str, list[Rung]] = {}
+    following: dict[str, list[Rung]] = {}
+    engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
+    for cell in panel.cells:
+        entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
+        if entry is None or not cell.plain:
+            continue
+        if close(cell.control_period, cell.dt):
+            following.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
+        if period is not None and close(cell.control_period, period) and not cell.reference:
+            fixed_period.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
+    at_fixed, along = _ladder_rungs(fixed_period), _ladder_rungs(following)
+    if not at_fixed and not along:
+        return None
+    same = (c for c in panel.cells if c.reference and period and close(c.control_period, period))
+    truth = next(same, panel.truth)
+    on_truth = None if truth is None else panel.entry(row.name, truth.name)
+    return Ladder(row, period, at_fixed, along, on_truth)
+
+
+def _usual_period(panel: Panel) -> float | None:
+    periods = Counter(cell.control_period for cell in panel.columns)
+    return periods.most_common(1)[0][0] if periods else None
+
+
+def _ladder_rungs(found: Mapping[str, list[Rung]]) -> dict[str, tuple[Rung, ...]]:
+    """Ladders of at least two steps, each from coarse to fine."""
+    ladders = {}
+    for scheme, rungs in found.items():
+        unique = {rung.dt: rung for rung in reversed(rungs)}
+        if len(unique) > 1:
+            ladders[scheme] = tuple(unique[dt] for dt in sorted(unique, reverse=True))
+    return ladders

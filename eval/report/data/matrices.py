@@ -1,0 +1,210 @@
+"""Matrices: success, returns and energy of every row in every cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from integ_gym.support import ENERGY_FLOOR, symlog
+from integ_gym.support import compact, fixed, plural
+from ...panel.model import Cell, Entry, Estimate, Group, Panel, Row
+from .words import CLASS_WORDS, KIND_WORDS
+
+Tone: TypeAlias = Literal["rate", "warm", "cool", "empty"]
+"""The scale of a colour: of rates, of what is above or below zero, or none."""
+
+Shades: TypeAlias = tuple[tuple[Cell, "Shade | None"], ...]
+"""Neighbouring cells; None where a row was not evaluated."""
+
+
+@dataclass(frozen=True)
+class Shade:
+    """What one cell of a matrix shows.
+
+    Attributes:
+        text: the number.
+        tone: scale of the colour.
+        share: place on it, in [0, 1].
+        marks: short signs under the number.
+        words: all of it in words.
+        home: whether the row was trained there.
+    """
+
+    text: str
+    tone: Tone
+    share: float
+    marks: tuple[str, ...]
+    words: str
+    home: bool
+
+
+@dataclass(frozen=True)
+class MatrixLine:
+    """One row of a matrix, by groups of columns."""
+
+    row: Row
+    shades: tuple[tuple[Group, Shades], ...]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one kind under a heading."""
+
+    title: str
+    lines: tuple[MatrixLine, ...]
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A matrix with its legend.
+
+    Attributes:
+        title: what it shows.
+        about: how to read it.
+        groups: columns.
+        blocks: rows.
+        ends: the lowest and the highest value of the scale.
+        signed: whether the scale is that of `warm` and `cool`.
+        notes: what else the legend says.
+        periods: whether columns name their control period.
+    """
+
+    title: str
+    about: str
+    groups: tuple[Group, ...]
+    blocks: tuple[Block, ...]
+    ends: tuple[str, str]
+    signed: bool
+    notes: tuple[str, ...]
+    periods: bool
+
+
+def success_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of success rates, None without any column."""
+    classes = ("▲ false pass", "▽ false fail") if panel.truth is not None else ()
+    return _matrix(
+        panel,
+        "Success, trained on × evaluated on",
+        "share of episodes that succeed, mean over training seeds",
+        ("0", "1"),
+        (*classes, "✕n episodes diverged", "columns: step in seconds, coarse to fine"),
+        _success,
+    )
+
+
+def return_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of returns, where no truth judges success; None if the panel has none."""
+    found = [entry.returns.estimate for entry in panel.matrix if entry.returns is not None]
+    if panel.truth is not None or not found:
+        return None
+    low, high = min(found), max(found)
+
+    def shade(entry: Entry, home: bool) -> Shade:
+        value = None if entry.returns is None else entry.returns.estimate
+        share = 1.0 if value is None or high == low else (value - low) / (high - low)
+        words = f"{_where(entry)}: return {compact(value, 4)}"
+        return Shade(
+            compact(value, 3), "empty" if value is None else "rate", share, (), words, home
+        )
+
+    return _matrix(
+        panel,
+        "Return",
+        "sum of rewards of an episode, the interquartile mean over episodes",
+        (compact(low, 3), compact(high, 3)),
+        ("columns: step in seconds, coarse to fine",),
+        shade,
+    )
+
+
+def energy_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of energy residuals, None if the panel has none."""
+    columns = {cell.name for cell in panel.columns}
+    residuals = (entry.energy_residual for entry in panel.matrix if entry.cell in columns)
+    sizes = [abs(residual.estimate) for residual in residuals if residual is not None]
+    if not sizes:
+        return None
+    largest = max(sizes)
+    floor = largest * ENERGY_FLOOR
+
+    def shade(entry: Entry, home: bool) -> Shade:
+        return _energy(entry, home, floor, largest)
+
+    return _matrix(
+        panel,
+        "Energy that the numerics put in or took out",
+        "energy residual in joules, sum over an episode, mean over training seeds",
+        (f"−{compact(largest)} J", f"+{compact(largest)} J"),
+        (f"symmetric logarithm, linear below {compact(floor)} J",),
+        shade,
+        signed=True,
+    )
+
+
+def _matrix(
+    panel: Panel,
+    title: str,
+    about: str,
+    ends: tuple[str, str],
+    notes: tuple[str, ...],
+    shade: Callable[[Entry, bool], Shade],
+    *,
+    signed: bool = False,
+) -> Matrix | None:
+    """Rows by kind; ``shade`` turns an entry, and whether it is at home, into what it shows."""
+    if not panel.columns:
+        return None
+    blocks = []
+    for kind, heading in KIND_WORDS.items():
+        rows = [row for row in panel.ordered_rows if row.kind == kind]
+        if rows:
+            blocks.append(Block(heading, tuple(_line(panel, row, shade) for row in rows)))
+    return Matrix(
+        title, about, panel.groups, tuple(blocks), ends, signed, notes, panel.mixed_periods
+    )
+
+
+def _line(panel: Panel, row: Row, shade: Callable[[Entry, bool], Shade]) -> MatrixLine:
+    def shown(cell: Cell) -> Shade | None:
+        entry = panel.entry(row.name, cell.name)
+        return None if entry is None else shade(entry, cell.name in row.shares)
+
+    return MatrixLine(
+        row, tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups)
+    )
+
+
+def _where(entry: Entry) -> str:
+    return f"{entry.row}, evaluated on {entry.cell}"
+
+
+def _success(entry: Entry, home: bool) -> Shade:
+    words = [f"{_where(entry)}: success {entry.success}", plural(entry.episodes, "episode")]
+    marks = []
+    if home:
+        words.append("its training discretization")
+    if entry.reference_class is not None:
+        words.append(f"a {CLASS_WORDS[entry.reference_class]}")
+        marks += {"false_pass": ["▲"], "false_fail": ["▽"]}.get(entry.reference_class, [])
+    if entry.diverged:
+        words.append(f"{entry.diverged} diverged")
+        marks.append(f"✕{entry.diverged}")
+    rate = entry.success.estimate
+    return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home)
+
+
+def _energy(entry: Entry, home: bool, floor: float, largest: float) -> Shade:
+    residual = entry.energy_residual
+    if residual is None:
+        words = f"{_where(entry)}: energy residual not known"
+        return Shade(compact(None), "empty", 0.0, (), words, home)
+    value = residual.estimate
+    words = f"{_where(entry)}: {compact(value, 3, True)} J{_ends(residual)}"
+    share = symlog(abs(value), floor, largest)
+    return Shade(compact(value, 2, True), "warm" if value > 0.0 else "cool", share, (), words, home)
+
+
+def _ends(value: Estimate) -> str:
+    low, high = (compact(end, 3, True) for end in value.ends)
+    return f" ({low} to {high} J)" if value.bounded else ""

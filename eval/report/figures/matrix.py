@@ -1,0 +1,214 @@
+"""Figures of matrices: rows by kind, columns by integrator, the reference set apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+from integ_gym.support import PALETTE, ink_on, mixed, success_colour
+from integ_gym.support import (
+    INK,
+    LINE,
+    PAPER,
+    SOFT,
+    SUNK,
+    blank_figure,
+    draw_heading,
+    inch_canvas,
+    plain,
+)
+from integ_gym.support import NONE, step
+from ...panel.model import Cell, Group
+from ..data import MatrixLine, Matrix, Shade
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH, HEIGHT = 0.62, 0.46  # inches of a cell
+_LEFT, _TOP = 2.75, 1.62
+_GROUP_GAP: Final = 0.14  # inches between groups of columns
+_TRUTH_GAP: Final = 0.34
+_BOLD: Final = 0.0098  # width of a bold letter, inches per point of its size
+_BLOCK_GAP: Final = 0.36  # inches between blocks of rows, where their heading stands
+
+
+def draw_matrix(matrix: Matrix) -> Figure:
+    """A matrix with its legend."""
+    columns, right = _column_places(matrix.groups)
+    rows = [line for block in matrix.blocks for line in block.lines]
+    bottom = _TOP + HEIGHT * len(rows) + _BLOCK_GAP * (len(matrix.blocks) - 1)
+    figure = blank_figure(max(right + 0.35, 7.2), bottom + 0.6 + 0.24 * len(_notes(matrix)))
+    axes = inch_canvas(figure)
+    draw_heading(axes, 0.3, matrix.title, matrix.about)
+    _column_heads(axes, matrix, columns, bottom)
+    y = _TOP
+    for block in matrix.blocks:
+        axes.text(0.3, y - 0.1, block.title, size=8.5, color=SOFT, va="baseline")
+        for line in block.lines:
+            _draw_row(axes, line, columns, y)
+            y += HEIGHT
+        y += _BLOCK_GAP
+    _legend(axes, matrix, bottom + 0.3)
+    return figure
+
+
+def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float) -> None:
+    name = plain(line.row.name, 38)
+    axes.text(
+        _LEFT - 0.14, y + HEIGHT / 2, name, size=_fitting([name], _LEFT - 0.44, 9.0),
+        color=INK, ha="right", va="center", weight="bold",
+    )  # fmt: skip
+    for _, shades in line.shades:
+        for cell, shade in shades:
+            x = columns[cell.name]
+            if shade is None:
+                _box(axes, x, y, SUNK)
+                _cell_text(axes, x, y, NONE, SOFT)
+            else:
+                _draw_shade(axes, x, y, shade)
+
+
+def _draw_shade(axes: Axes, x: float, y: float, shade: Shade) -> None:
+    colour = SUNK if shade.tone == "empty" else _colour(shade.tone, shade.share)
+    ink = SOFT if shade.tone == "empty" else ink_on(colour)
+    _box(axes, x, y, colour)
+    if shade.home:
+        _home_frame(axes, x, y)
+    size = 6.8 if len(shade.text) > 7 else 9.0
+    _cell_text(axes, x, y, shade.text, ink, size, 0.05 if shade.marks else 0.0)
+    if shade.marks:
+        _cell_text(axes, x, y, " ".join(shade.marks), ink, 6.5, -0.13)
+
+
+def _colour(tone: str, share: float) -> str:
+    """A colour of the scale of rates, or one thinned with the paper's."""
+    return success_colour(share) if tone == "rate" else mixed(PAPER, PALETTE[tone][0], share)
+
+
+def _legend(axes: Axes, matrix: Matrix, y: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    def signed(share: float) -> str:
+        return _colour("warm" if share > 0.5 else "cool", abs(2.0 * share - 1.0))
+
+    low, high = matrix.ends
+    x = _LEFT + 0.07 * len(low) + 0.08
+    _small(axes, _LEFT, y, low)
+    _ramp(axes, x, y - 0.065, signed if matrix.signed else success_colour)
+    _small(axes, x + 1.18, y, high)
+    x += 1.38 + 0.07 * len(high)
+    frame = (x, y - 0.07)
+    axes.add_patch(Rectangle(frame, 0.2, 0.14, fill=False, edgecolor=INK, linewidth=1.6))
+    _small(axes, x + 0.28, y, "trained here")
+    for number, note in enumerate(_notes(matrix), start=1):
+        _small(axes, _LEFT, y + 0.24 * number, plain(note, 80))
+
+
+def _notes(matrix: Matrix) -> list[str]:
+    """What the legend says, by line."""
+    lines = "     ".join(matrix.notes[:-1]), matrix.notes[-1]
+    return [line for line in lines if line]
+
+
+def _box(axes: Axes, x: float, y: float, colour: str) -> None:
+    from matplotlib.patches import Rectangle
+
+    gap = 0.02
+    size = WIDTH - 2 * gap, HEIGHT - 2 * gap
+    axes.add_patch(Rectangle((x + gap, y + gap), *size, facecolor=colour, linewidth=0))
+
+
+def _home_frame(axes: Axes, x: float, y: float) -> None:
+    """The frame of a cell that the row was trained in."""
+    from matplotlib.patches import Rectangle
+
+    for inset, colour, width in ((0.03, PAPER, 2.6), (0.008, INK, 1.9)):
+        size = WIDTH - 2 * inset, HEIGHT - 2 * inset
+        axes.add_patch(
+            Rectangle((x + inset, y + inset), *size, fill=False, edgecolor=colour, linewidth=width)
+        )
+
+
+def _cell_text(
+    axes: Axes, x: float, y: float, text: str, colour: str, size: float = 9.0, up: float = 0.0
+) -> None:
+    """A text in the middle, moved by ``up`` inches."""
+    axes.text(
+        x + WIDTH / 2, y + HEIGHT / 2 - up, text, size=size, color=colour, ha="center",
+        va="center_baseline" if up else "center",
+    )  # fmt: skip
+
+
+def _ramp(axes: Axes, x: float, y: float, colour: Callable[[float], str]) -> None:
+    """A colour scale one inch wide; ``colour`` takes shares in [0, 1]."""
+    from matplotlib.patches import Rectangle
+
+    parts = 60
+    for part in range(parts):
+        shade = colour((part + 0.5) / parts)
+        place = (x + part / parts, y)
+        axes.add_patch(Rectangle(place, 1.1 / parts, 0.13, facecolor=shade, linewidth=0))
+
+
+def _small(axes: Axes, x: float, y: float, text: str) -> None:
+    axes.text(x, y, text, size=8, color=SOFT, ha="left", va="center")
+
+
+def _column_places(groups: Sequence[Group]) -> tuple[dict[str, float], float]:
+    """Left edge of every column in inches, and the right edge of the last."""
+    places: dict[str, float] = {}
+    x = _LEFT
+    for number, group in enumerate(groups):
+        if number:
+            x += _TRUTH_GAP if group.reference else _GROUP_GAP
+        for cell in group.cells:
+            places[cell.name] = x
+            x += WIDTH
+    return places, x
+
+
+def _column_heads(axes: Axes, matrix: Matrix, place: dict[str, float], bottom: float) -> None:
+    """Names of integrators over their steps."""
+    groups = matrix.groups
+    widths = [len(group.cells) * WIDTH + 0.1 for group in groups]
+    names = ["truth" if group.reference else group.label for group in groups]
+    heads = [_head(name, width) for name, width in zip(names, widths, strict=True)]
+    size = min(_fitting(head, width, 9.5) for head, width in zip(heads, widths, strict=True))
+    for group, lines in zip(groups, heads, strict=True):
+        first, last = place[group.cells[0].name], place[group.cells[-1].name] + WIDTH
+        axes.text(
+            (first + last) / 2, _TOP - 0.62, "\n".join(lines), color=INK, ha="center",
+            size=size, weight="bold", va="bottom", linespacing=1.0,
+        )  # fmt: skip
+        if group.reference:
+            edge = first - _TRUTH_GAP / 2
+            axes.plot([edge, edge], [_TOP - 0.75, bottom], color=INK, linewidth=1.2)
+        else:
+            axes.plot([first + 0.05, last - 0.05], [_TOP - 0.54] * 2, color=LINE, linewidth=1)
+        for cell in group.cells:
+            _column_head(axes, cell, place[cell.name] + WIDTH / 2, matrix.periods)
+
+
+def _fitting(lines: Sequence[str], width: float, size: float) -> float:
+    """Size of bold text in points, at most ``size``, at which lines fit a width in inches."""
+    return max(5.0, min(size, width / (_BOLD * max(len(line) for line in lines))))
+
+
+def _head(label: str, width: float) -> list[str]:
+    """A group's name on one line, or cut after underscores and spaces into two where narrow."""
+    most = int(width / (_BOLD * 6.5))
+    text = plain(label, max(2 * most, 8))
+    if len(text) * _BOLD * 9.5 <= width:
+        return [text]
+    cuts = [place + 1 for place, letter in enumerate(text[:-1]) if letter in "_ "]
+    cut = min(cuts, key=lambda place: abs(place - len(text) / 2), default=len(text))
+    return [line.strip() for line in (text[:cut], text[cut:]) if line.strip()]
+
+
+def _column_head(axes: Axes, cell: Cell, x: float, periods: bool) -> None:
+    text = "reference" if cell.reference else step(cell.dt)
+    axes.text(x, _TOP - 0.36, text, size=7.5, color=SOFT, ha="center", va="baseline")
+    if periods:
+        period = f"every {step(cell.control_period)}"
+        axes.text(x, _TOP - 0.22, period, size=6.5, color=SOFT, ha="center", va="baseline")

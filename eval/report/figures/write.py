@@ -1,0 +1,64 @@
+"""All figures of a panel, drawn from what ``panel.json`` holds."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final
+
+from integ_gym.support import load
+from integ_gym.support import FORMATS, write_figure
+from .forest import draw_forest
+from .ladders import draw_ladders
+from .matrix import draw_matrix
+from ...panel.model import Panel
+from ..data import check_forest
+from ..data import gap_forest
+from ..data import ladder_plots
+from ..data import energy_matrix, return_matrix, success_matrix
+from ..data import remedy_forest
+
+FIGURES: Final[dict[str, tuple[Any, Any]]] = {
+    "success_matrix": (success_matrix, draw_matrix),
+    "return_matrix": (return_matrix, draw_matrix),
+    "transfer_gaps": (gap_forest, draw_forest),
+    "energy_residual": (energy_matrix, draw_matrix),
+    "refinement_ladder": (ladder_plots, draw_ladders),
+    "perturbations": (check_forest, draw_forest),
+    "remedy": (remedy_forest, draw_forest),
+}
+"""Name of a figure to what describes it, as for the page, and what draws that."""
+
+
+def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
+    """Write a panel's figures as PNG, SVG and PDF files into a folder.
+
+    A figure for which the panel has no numbers is not written, and one left there by an earlier
+    run under the same name is removed.
+
+    Parameters
+    ----------
+    panel
+        What ``panel.json`` holds.
+    directory
+        The folder the files go to; made if it does not exist.
+
+    Returns
+    -------
+    The files written, each complete as soon as it is there.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If matplotlib is not installed, with the command that installs it.
+    """
+    load("matplotlib", "report")
+    written: list[Path] = []
+    for name, (describe, draw) in FIGURES.items():
+        path, described = Path(directory) / name, describe(panel)
+        if described is not None:
+            written += write_figure(draw(described), path)
+        else:
+            for suffix in FORMATS:
+                path.with_suffix(suffix).unlink(missing_ok=True)
+    return written

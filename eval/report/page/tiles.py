@@ -1,0 +1,33 @@
+"""Headline counts of a panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from integ_gym.support import plural, seconds
+from ...panel.model import Panel
+from ..data import Trust
+
+
+def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
+    """Headline counts: (number, what it counts)."""
+    trained = [row for row in panel.rows if row.kind == "trained"]
+    policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
+    wrong = [e for t in trusts for e in t.judged if e.contradicted]
+    discretizations = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
+    checks = len(panel.cells) - discretizations
+    more_cells = f", and {plural(checks, 'cell')} for checks" if checks else ""
+    tiles = []
+    if trained:
+        mixtures = sum(row.mixed for row in trained)
+        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
+        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
+    tiles += [
+        (f"{policies}", "policies" if policies != 1 else "policy"),
+        (f"{discretizations}", f"evaluation discretizations{more_cells}"),
+        (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
+    ]
+    if trusts:
+        tiles.append((f"{len(wrong)}", "answers the reference contradicts"))
+    tiles.append((seconds(panel.cost.wall_seconds), "to train and evaluate"))
+    return tiles

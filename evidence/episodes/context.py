@@ -1,0 +1,104 @@
+"""What a recorder is told about the episodes that it records."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from integ_gym.envs import DISCRETIZATION, agrees
+from ..schema import PHASES
+from .labels import Home, Replays
+
+Stated = Mapping[str, Any]
+"""Some of ``engine``, ``integrator``, ``dt`` (s) and ``control_period`` (s)."""
+
+
+@dataclass(frozen=True)
+class EpisodeContext:
+    """What the environment cannot know about its episodes.
+
+    Attributes:
+        run_id: the run that the episodes belong to.
+        cell: key of the panel cell or of the training run.
+        phase: ``"evaluation"`` or ``"training"``.
+        policy_id: name of the policy.
+        policy_hash: hash of everything that decides its actions.
+        training_discretization: what the policy was trained on, or a list for a mixture; None for
+            a policy that was not trained.
+        training_seed: seed of its training.
+        perturbation: plant parameters changed in this cell.
+        first_episode: index of the first episode where episodes are counted.
+        trace_every: episodes whose index is a multiple of it have a trace; 1 in an evaluation.
+        replays: what replays said, for all episodes; see also ``commit`` of the recorder.
+        inference_latency_mean: mean time of a decision at batch size 1, ns.
+        inference_latency_p99: 99th percentile of the same, ns.
+        float_width: bits of the numbers that the physics is computed with.
+        packages: versions of further packages that matter, such as the trainer's.
+
+    Raises:
+        ValueError: for an unknown phase or discretization key, a ``trace_every`` below 1, or one
+            above 1 in an evaluation.
+    """
+
+    run_id: str
+    cell: str
+    phase: str = "evaluation"
+    policy_id: str = ""
+    policy_hash: str = ""
+    training_discretization: Stated | Sequence[Stated] | None = None
+    training_seed: int | None = None
+    perturbation: Mapping[str, Any] | None = None
+    first_episode: int = 0
+    trace_every: int = 1
+    replays: Replays = field(default_factory=Replays)
+    inference_latency_mean: float | None = None
+    inference_latency_p99: float | None = None
+    float_width: int = 64
+    packages: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.phase not in PHASES:
+            raise ValueError(f"`phase` must be one of {', '.join(PHASES)}, got {self.phase!r}")
+        if self.trace_every < 1:
+            raise ValueError(f"`trace_every` must be 1 or above, got {self.trace_every}")
+        if self.phase == "evaluation" and self.trace_every != 1:
+            raise ValueError(
+                f"every evaluation episode has a trace: `trace_every` must be 1, got "
+                f"{self.trace_every}"
+            )
+        for member in self.homes:
+            unknown = sorted(set(member) - set(DISCRETIZATION))
+            if unknown or not member:
+                raise ValueError(
+                    f"`training_discretization` must have some of "
+                    f"{', '.join(DISCRETIZATION)}, got {dict(member)!r}"
+                )
+
+    @property
+    def homes(self) -> tuple[Stated, ...]:
+        """The training discretizations."""
+        given = self.training_discretization
+        if given is None:
+            return ()
+        return (given,) if isinstance(given, Mapping) else tuple(given)
+
+    def home(self, episode: Mapping[str, Any]) -> Home:
+        """Whether an episode with these fields ran at home; None if a replay must tell.
+
+        Keys that the training discretization does not state are not compared.
+        """
+        if self.phase == "training" or any(agrees(home, episode) for home in self.homes):
+            return "is home"
+        return None if self.homes else "no home"
+
+    def has_trace(self, episode_index: int) -> bool:
+        """Whether the episode's trace is kept."""
+        return episode_index % self.trace_every == 0
+
+    def record_id(self, episode_index: int) -> str:
+        """Hash of cell, policy and episode index, 32 hexadecimal digits."""
+        identity = [self.cell, self.policy_id, self.policy_hash, episode_index]
+        return hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:32]

@@ -1,0 +1,157 @@
+"""Failure labels: which of the known reasons explains a failed episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Home = bool | Literal["is home", "no home"] | None
+
+SATURATED = 0.5
+"""Share of saturated control steps from which saturation counts as the reason."""
+
+
+@dataclass(frozen=True)
+class Replays:
+    """What the same policy did from the same start under other conditions.
+
+    True: it succeeded; False: it failed; None: the replay was not run.
+
+    Attributes:
+        home: on the policy's training discretization; ``"is home"`` where the episode itself ran
+            on it, ``"no home"`` for a policy that was not trained.
+        without_noise: without observation noise.
+        without_delay: without action latency and with a sample at every decision.
+    """
+
+    home: Home = None
+    without_noise: bool | None = None
+    without_delay: bool | None = None
+
+
+@dataclass(frozen=True)
+class EpisodeFacts:
+    """What the rules look at.
+
+    Attributes:
+        success: whether the metric was met.
+        goal: the metric in words.
+        discretization: engine, integrator and step in words.
+        time: length of the episode, s.
+        episode_return: sum of rewards, or None if it is not finite.
+        solver_status: worst status.
+        saturated_share: share of saturated control steps.
+        goal_reached: first time at the goal, s, or None.
+        goal_left: last time the goal was left, s, or None.
+        goal_since: start of the stay in which the episode ended, s, or None.
+        observation_noise: standard deviation of the sensor noise, SI units.
+        staleness: action latency, and age that a sample can have at a decision, s.
+        homes: training discretizations of the policy.
+        terminated: whether the task ended the episode.
+    """
+
+    success: bool
+    goal: str
+    discretization: str
+    time: float
+    episode_return: float | None
+    solver_status: str
+    saturated_share: float
+    goal_reached: float | None
+    goal_left: float | None
+    goal_since: float | None
+    observation_noise: float = 0.0
+    staleness: float = 0.0
+    homes: int = 1
+    terminated: bool = False
+
+
+def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
+    """Label and reason: the first rule that fits.
+
+    Returns:
+        One of :data:`integ_gym.evidence.schema.fields.LABELS`, and a sentence with numbers.
+    """
+    for rule in (_broken, _success, _discretization, _perception, _state):
+        verdict = rule(facts, replays)
+        if verdict is not None:
+            return verdict
+    return _control_or_planning(facts)
+
+
+def _broken(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
+    if facts.solver_status == "diverged":
+        return (
+            "evaluation_error",
+            f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}",
+        )
+    if facts.episode_return is None:
+        return "evaluation_error", f"the return is not finite after {facts.time:.4g} s"
+    return None
+
+
+def _success(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
+    if not facts.success:
+        return None
+    since = "" if facts.goal_since is None else f", at the goal from {facts.goal_since:.4g} s on"
+    return "none", f"succeeded: {facts.goal}{since}"
+
+
+def _discretization(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
+    if replays.home in ("is home", "no home") or replays.home is False:
+        return None
+    where = "its training discretization" if facts.homes <= 1 else "a training discretization of it"
+    if replays.home is None:
+        return _unattributed(facts, f"on {where}")
+    return (
+        "discretization_error",
+        f"the same policy succeeds from the same start on {where}, but on "
+        f"{facts.discretization} {_course(facts)}",
+    )
+
+
+def _perception(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
+    if not facts.observation_noise or replays.without_noise is False:
+        return None
+    if replays.without_noise is None:
+        return _unattributed(facts, "without observation noise")
+    return (
+        "perception_error",
+        f"the same policy succeeds from the same start without observation noise, but with "
+        f"standard deviation {facts.observation_noise:.4g} {_course(facts)}",
+    )
+
+
+def _state(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
+    if not facts.staleness or replays.without_delay is False:
+        return None
+    if replays.without_delay is None:
+        return _unattributed(facts, "without latency and staleness")
+    return (
+        "state_error",
+        f"the same policy succeeds from the same start without delays, but with "
+        f"{facts.staleness:.4g} s of latency and staleness {_course(facts)}",
+    )
+
+
+def _control_or_planning(facts: EpisodeFacts) -> tuple[str, str]:
+    if facts.saturated_share >= SATURATED or facts.goal_left is not None:
+        return "control_error", f"it {_course(facts)}"
+    return "planning_error", f"it {_course(facts)}"
+
+
+def _unattributed(facts: EpisodeFacts, replay: str) -> tuple[str, str]:
+    return "unattributed", f"the replay {replay} was not run; it {_course(facts)}"
+
+
+def _course(facts: EpisodeFacts) -> str:
+    """What happened, as the rest of a sentence."""
+    saturated = f"with {facts.saturated_share:.0%} of the control steps saturated"
+    if facts.goal_reached is None:
+        return f"never reached the goal ({facts.goal}) in {facts.time:.4g} s, {saturated}"
+    if facts.terminated and (facts.goal_reached, facts.goal_left) == (0.0, facts.time):
+        return f"was terminated at {facts.time:.4g} s (asked: {facts.goal}), {saturated}"
+    reached = f"came to the goal ({facts.goal}) at {facts.goal_reached:.4g} s"
+    if facts.goal_left is not None:
+        return f"{reached} and last left it at {facts.goal_left:.4g} s, {saturated}"
+    return f"{reached}, too late for the episode's end at {facts.time:.4g} s, {saturated}"

@@ -1,0 +1,106 @@
+"""One episode's evidence, read back."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy.typing as npt
+
+from ..schema import described, is_trace
+from ..schema import pyarrow
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class EvidenceRecord:
+    """One episode.
+
+    Attributes:
+        fields: all fields but the trace, by name.
+        trace: trace columns by name, without those that are null; a column of control instants
+            has ``length`` + 1 values, one of control steps ``length``; NaN where one is not known.
+        units: unit of every column of the file.
+        frames: reference frame of every column of the file, empty where none applies.
+    """
+
+    fields: Mapping[str, Any]
+    trace: Mapping[str, Array]
+    units: Mapping[str, str]
+    frames: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Any:
+        """A field's value or a trace column."""
+        return self.trace[name] if name in self.trace else self.fields[name]
+
+    def arguments(self) -> dict[str, Any]:
+        """Constructor arguments and plant parameters, without their units."""
+        given = json.loads(self.fields["arguments"])
+        return {name: argument["value"] for name, argument in given.items()}
+
+    def summary(self) -> dict[str, Any]:
+        """All fields but the trace, fit for JSON."""
+        return {name: plain(value) for name, value in self.fields.items()}
+
+    def to_json(self) -> str:
+        """The record as JSON, after the published JSON Schema."""
+        rows = int(self.fields["length"]) + 1
+        trace: dict[str, Any] = {
+            name: _padded(self.trace[name], rows) if name in self.trace else None
+            for name in self.units
+            if is_trace(name)
+        }
+        return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
+
+
+def records_of(table: Any) -> list[EvidenceRecord]:
+    """The records of an Arrow table with the columns of one file."""
+    about = {field.name: described(field) for field in table.schema}
+    units = {name: about[name]["unit"] for name in about}
+    frames = {name: about[name]["frame"] for name in about}
+    trace_names = [name for name in table.column_names if is_trace(name)]
+    names = [name for name in table.column_names if not is_trace(name)]
+    traces = {name: _arrays(table.column(name), about[name]["at"]) for name in trace_names}
+    records = []
+    for i, row in enumerate(table.select(names).to_pylist()):
+        trace = {name: arrays[i] for name, arrays in traces.items()}
+        present = {name: array for name, array in trace.items() if array is not None}
+        records.append(EvidenceRecord(row, present, units, frames))
+    return records
+
+
+def _arrays(column: Any, at: str) -> list[Array | None]:
+    """The values of every list of a column, NaN where there is none; None for a null list.
+
+    The last value of a column of control steps stands for no step.
+    """
+    array = pyarrow().concat_arrays(column.chunks) if column.num_chunks else None
+    end = -1 if at == "step" else None
+    return [None if x.values is None else _numbers(x.values[:end]) for x in array or ()]
+
+
+def _numbers(values: Any) -> Array:
+    numbers: Array = values.to_numpy(zero_copy_only=False)
+    return numbers
+
+
+def _padded(values: Array, rows: int) -> list[Any]:
+    return [*plain(values.tolist()), *[None] * (rows - len(values))]
+
+
+def plain(value: Any) -> Any:
+    """A value fit for JSON: times as ISO 8601, what is not finite as null."""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, list):
+        return [plain(x) for x in value]
+    if isinstance(value, dict):
+        return {key: plain(x) for key, x in value.items()}
+    return value

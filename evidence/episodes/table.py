@@ -1,0 +1,185 @@
+"""Finished episodes as an Arrow table of evidence records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import Setup
+from ..schema import arrow_schema, arrow_type
+from ..schema import with_hashes
+from .context import EpisodeContext
+from ..schema import in_words, staleness
+from .episode_log import EpisodeHead, EpisodeLog, Episodes
+from ..schema import pyarrow
+from ..schema import SUMMARY_FIELDS, Field
+from .labels import EpisodeFacts, Replays, failure_label
+from .layout import Layout
+
+Array = npt.NDArray[Any]
+Columns = dict[str, Sequence[Any]]
+SetupOfLane = tuple[Setup, int]
+
+ReplayLookup = Replays | Mapping[int, Replays]
+
+ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
+"""What replays said, for all episodes or by episode index; or such for each context."""
+
+
+def record_table(
+    log: EpisodeLog,
+    env_id: str,
+    setups: Sequence[SetupOfLane],
+    replays: ReplayLookups | None = None,
+) -> Any:
+    """The records of a log's episodes.
+
+    Args:
+        log: the finished episodes, at least one.
+        env_id: Gymnasium id of the environment.
+        setups: what ``setup`` of an episode's head counts: setups with the lane whose plant
+            parameters hold.
+        replays: overrides what the contexts say.
+
+    Returns:
+        An Arrow table with the schema of that environment's records, by context and episode index.
+    """
+    pa = pyarrow()
+    episodes, fields = log.episodes(), log.layout.fields
+    width = setups[0][0].engine.width
+    contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
+    columns = {
+        **_summary_columns(contexts, episodes, setups),
+        "env_id": [env_id] * len(episodes.heads),
+        "content_hash": [""] * len(episodes.heads),
+    }
+    stale = [staleness(setups[head.setup][0]) for head in episodes.heads]
+    labels = _labels(contexts, episodes, columns, stale, replays)
+    columns["failure_label"], columns["failure_reason"] = zip(*labels, strict=True)
+    arrays = [
+        _trace_array(log.layout, episodes, field)
+        if field.at
+        else pa.array(columns[field.name], type=arrow_type(field.kind))
+        for field in fields
+    ]
+    table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
+    return with_hashes(_in_order(table, episodes.heads))
+
+
+def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
+    order = np.lexsort(([head.index for head in heads], [head.context for head in heads]))
+    return table if (np.diff(order) > 0).all() else table.take(order)
+
+
+def _summary_columns(
+    contexts: Sequence[EpisodeContext], episodes: Episodes, setups: Sequence[SetupOfLane]
+) -> Columns:
+    """Values of all fields that have an origin, by name."""
+    heads, columns = episodes.heads, Columns()
+    used = sorted({head.setup for head in heads})
+    for field in SUMMARY_FIELDS:
+        origin = field.origin
+        if origin is None:
+            continue
+        if origin.of == "rows":
+            values = _values(episodes.summary[field.name])
+            columns[field.name] = [field.choices[x] for x in values] if field.choices else values
+        elif origin.of == "head":
+            columns[field.name] = [origin.value(head, contexts[head.context]) for head in heads]
+        elif origin.of == "context":
+            told = [origin.value(context) for context in contexts]
+            columns[field.name] = [told[head.context] for head in heads]
+        else:
+            made = {place: origin.value(*setups[place]) for place in used}
+            columns[field.name] = [made[head.setup] for head in heads]
+    return columns
+
+
+def _labels(
+    contexts: Sequence[EpisodeContext],
+    episodes: Episodes,
+    columns: Columns,
+    stale: Sequence[float],
+    replays: ReplayLookups | None,
+) -> Iterator[tuple[str, str]]:
+    given = {**{name: _values(values) for name, values in episodes.summary.items()}, **columns}
+    lookups = _lookups(contexts, replays)
+    for i, head in enumerate(episodes.heads):
+        facts = EpisodeFacts(
+            discretization=in_words({name: columns[name][i] for name in _DISCRETIZATION}),
+            staleness=stale[i],
+            homes=len(contexts[head.context].homes),
+            **{fact: given[name][i] for fact, name in _FACTS.items()},
+        )
+        lookup = lookups[head.context]
+        said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
+        if said.home is None:
+            own = {name: columns[name][i] for name in _DISCRETIZATION}
+            said = replace(said, home=contexts[head.context].home(own))
+        yield failure_label(facts, said)
+
+
+def _lookups(
+    contexts: Sequence[EpisodeContext], replays: ReplayLookups | None
+) -> Sequence[ReplayLookup]:
+    """What replays said, context by context."""
+    if replays is None:
+        return [context.replays for context in contexts]
+    if isinstance(replays, Replays | Mapping):
+        return [replays] * len(contexts)
+    return replays
+
+
+_DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
+
+_FACTS = {
+    "success": "success",
+    "goal": "metric_definition",
+    "time": "time",
+    "episode_return": "return",
+    "solver_status": "solver_status",
+    "saturated_share": "saturated_share",
+    "goal_reached": "goal_reached",
+    "goal_left": "goal_left",
+    "goal_since": "goal_since",
+    "observation_noise": "observation_noise",
+    "terminated": "terminated",
+}
+"""Facts of :class:`EpisodeFacts` to the field or summary that holds them."""
+
+
+def _values(column: Array) -> list[Any]:
+    """Python values; None for what is not finite."""
+    values: list[Any] = column.tolist()
+    if column.dtype.kind != "f" or np.isfinite(column).all():
+        return values
+    return [x if y else None for x, y in zip(values, np.isfinite(column).tolist(), strict=True)]
+
+
+def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
+    """One list per episode; null where it has no trace or the environment no such quantity."""
+    pa = pyarrow()
+    kind = arrow_type(field.kind)
+    if field.source not in layout:
+        return pa.nulls(len(episodes.heads), kind)
+    numbers = episodes.rows[layout.place(field.source)]
+    if field.at == "step":
+        numbers = np.append(numbers[1:], 0.0)
+    numbers = numbers.astype(kind.value_type.to_pandas_dtype(), copy=False)
+    lengths = np.zeros(len(episodes.heads), dtype=np.int64)
+    lengths[episodes.traced] = episodes.counts
+    ends = np.concatenate(([0], np.cumsum(lengths)))
+    values = pa.array(numbers, mask=_absent(numbers, ends) if field.at == "step" else None)
+    missing = None if episodes.traced.all() else pa.array(~episodes.traced)
+    return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
+
+
+def _absent(numbers: Array, ends: Array) -> Array:
+    """True where there is no value: NaN, and the last row of an episode, which no step follows."""
+    mask = np.isnan(numbers)
+    mask[ends[1:][np.diff(ends) > 0] - 1] = True
+    return mask

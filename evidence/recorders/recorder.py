@@ -1,0 +1,119 @@
+"""``RecordEvidence``: evidence of every episode of a single environment."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from integ_gym.envs import IntegEnv
+from integ_gym.envs import RediscretizedEnv
+from ..episodes import EpisodeContext
+from ..episodes import EpisodeHead
+from .recording import Recorder, now, recorded
+from ..store import EvidenceStore
+
+_FEWEST_ROWS = 4096
+"""So many rows of finished episodes are given to the log together, at least."""
+
+
+class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
+    """Records every finished episode of an integ-gym environment.
+
+    Spaces, spec, observations, rewards and info pass through unchanged. Episodes are kept in
+    memory and written as one batch by :meth:`commit` or :meth:`close`; an episode that is not
+    finished is not written. Episodes count up from ``context.first_episode``.
+
+    Args:
+        env: an integ-gym environment or a rediscretized one, with no wrapper that changes what a
+            policy sees.
+        store: an :class:`EvidenceStore` or its directory.
+        context: what the episodes are for.
+        commit_on_close: whether :meth:`close` commits what has not been committed.
+
+    Raises:
+        TypeError: for another environment.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        store: EvidenceStore | str | Path,
+        context: EpisodeContext,
+        *,
+        commit_on_close: bool = True,
+    ) -> None:
+        super().__init__(env)
+        spaces = ("observation_space", "action_space")
+        self._inner = recorded(env, (IntegEnv, RediscretizedEnv), spaces)
+        self._prepare(env, [(self._inner.setup, 0)], store, [context], commit_on_close)
+        self._next_index = context.first_episode
+        self._seed: int | None = None
+        self._draws = -1
+        self._active = False
+        self._heads: list[EpisodeHead] = []
+        self._counts: list[int] = []
+        self._rows: list[bytes] = []
+        self._finished = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; one that has not ended is forgotten."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._seed, self._draws = seed, -1
+        self._draws += 1
+        if self._note_contact(info):
+            self._pack = struct.Struct(f"{len(self._layout)}d").pack
+        del self._rows[self._finished :]
+        self._wall_start = now()
+        self._active = True
+        self._write(observation, (0.0, False, False), info)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        result = observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._active:
+            self._write(observation, (reward, terminated, truncated), info)
+            if terminated or truncated:
+                self._finish()
+        return result
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """The environment's own: recording is no part of it."""
+        return self.env.spec
+
+    def _write(
+        self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
+    ) -> None:
+        inner = self._inner
+        row = self._layout.row(
+            info, inner.status_code, ending, inner.state_components, observation.tolist()
+        )
+        self._rows.append(self._pack(*row))
+
+    def _finish(self) -> None:
+        self._active = False
+        key = f"{self._inner.np_random_seed}/{self._draws}"
+        head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
+        self._heads.append(head)
+        self._counts.append(len(self._rows) - self._finished)
+        self._finished = len(self._rows)
+        self._next_index += 1
+        if self._finished >= _FEWEST_ROWS:
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        if self._heads:
+            rows = np.frombuffer(b"".join(self._rows[: self._finished]))
+            by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
+            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), self._heads)
+        del self._rows[: self._finished]
+        self._finished, self._heads, self._counts = 0, [], []

@@ -1,0 +1,186 @@
+"""What the recorders of single and vector environments have in common."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import gymnasium.wrappers.vector
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import Setup
+from integ_gym.envs import quiet_status
+from ..episodes import EpisodeContext
+from ..episodes import EpisodeLog
+from ..episodes import Layout
+from ..store import EvidenceStore
+from ..episodes import ReplayLookups, SetupOfLane, record_table
+
+_CHANGING = (
+    gym.ActionWrapper,
+    gym.ObservationWrapper,
+    gym.RewardWrapper,
+    gym.wrappers.NormalizeReward,
+    gym.vector.VectorActionWrapper,
+    gym.vector.VectorObservationWrapper,
+    gym.vector.VectorRewardWrapper,
+    gym.wrappers.vector.NormalizeReward,
+)
+"""Wrappers that change actions, observations or rewards."""
+
+
+class Recorder:
+    """Wrapper that keeps finished episodes and commits them to a store in batches.
+
+    It stands before Gymnasium's wrapper among the bases of a recorder.
+    """
+
+    def _prepare(
+        self,
+        env: Any,
+        setups: list[SetupOfLane],
+        store: EvidenceStore | str | Path,
+        contexts: Sequence[EpisodeContext],
+        commit_on_close: bool,
+    ) -> None:
+        """Begin with nothing recorded.
+
+        Args:
+            env: the environment, single or vector.
+            setups: its setups with the lane whose plant parameters hold.
+            store: the store, or its directory.
+            contexts: what the episodes are for; each belongs to one of them.
+            commit_on_close: whether :meth:`close` commits what has not been committed.
+        """
+        self._store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
+        self._contexts = tuple(contexts)
+        self._setups = setups
+        self._env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
+        self._commit_on_close = commit_on_close
+        self._horizon = max(setup.timing.horizon for setup, _ in setups)
+        self._status_at_start = quiet_status(setups[0][0])
+        self._noted = False
+        self._lay_out(None)
+
+    def summaries(self) -> dict[str, npt.NDArray[Any]]:
+        """Summaries of the finished episodes that are not committed yet.
+
+        Returns:
+            One value per episode; see :func:`integ_gym.evidence.episodes.summary.summarise`.
+        """
+        self._hand_over()
+        episodes = self._log.episodes()
+        indices = np.array([head.index for head in episodes.heads], dtype=np.int64)
+        return {"episode_index": indices, **episodes.summary}
+
+    def take(self, replays: ReplayLookups | None = None) -> Any:
+        """The finished episodes as a table, to be committed with others; None if there are none.
+
+        Args:
+            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+        """
+        table = self._table(replays)
+        self._log.clear()
+        return table
+
+    def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
+        """Write the finished episodes as one batch; None if there are none.
+
+        Args:
+            name: name of the batch; by default made of environment, cell, policy and episodes, so
+                that the same work done twice is refused.
+            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+
+        Raises:
+            BatchExistsError: if the batch has been committed before.
+        """
+        table = self._table(replays)
+        if table is None:
+            return None
+        path = self._store.commit(name or self._batch_name(), table)
+        self._log.clear()
+        return path
+
+    def close(self, **kwargs: Any) -> None:
+        """Commit, if wanted, and close the environment; finished episodes can still be taken."""
+        try:
+            if self._commit_on_close:
+                self.commit()
+        finally:
+            super().close(**kwargs)  # type: ignore[misc]
+
+    def _hand_over(self) -> None:
+        """Give the log the finished episodes that it does not have yet."""
+
+    def _note_contact(self, info: Mapping[str, Any]) -> bool:
+        """Learn from the first reset whether there is contact; True if it is the first."""
+        first = not self._noted
+        if first:
+            self._noted = True
+            self._lay_out(info)
+        return first
+
+    def _lay_out(self, info: Mapping[str, Any] | None) -> None:
+        setup = self._setups[0][0]
+        self._layout = Layout(setup.plant, setup.task, info)
+        self._log = EpisodeLog(self._layout, self._contexts)
+
+    def _table(self, replays: ReplayLookups | None) -> Any:
+        self._hand_over()
+        if not len(self._log):
+            return None
+        return record_table(self._log, self._env_id, self._setups, replays)
+
+    def _batch_name(self) -> str:
+        indices = [head.index for head in self._log.episodes().heads]
+        identity = repr([(c.cell, c.policy_id, c.policy_hash) for c in self._contexts])
+        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
+        stem = re.sub(r"[^A-Za-z0-9.]+", "-", self._env_id).strip(".-")[:80] or "records"
+        return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
+
+
+def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
+    """The environment that is recorded: the outermost of these kinds.
+
+    Raises:
+        TypeError: if there is none, or a wrapper around it changes what a policy sees.
+    """
+    wrapper = env
+    while not isinstance(wrapper, kinds):
+        if wrapper is env.unwrapped:
+            raise TypeError(
+                f"evidence is recorded of integ-gym environments, got {type(wrapper).__name__}; "
+                "make one with gym.make or gym.make_vec, or give a MuJoCo task to "
+                "integ_gym.rediscretize"
+            )
+        if isinstance(wrapper, _CHANGING):
+            raise TypeError(
+                f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
+                "recorder around the environment first, and the other wrappers around the recorder"
+            )
+        wrapper = wrapper.env
+    for space in spaces:
+        own, changed = getattr(wrapper, space), getattr(env, space)
+        if own != changed:
+            raise TypeError(
+                f"a wrapper changes {space} from {own} to {changed}: put the recorder around the "
+                "environment first, and the other wrappers around the recorder"
+            )
+    return wrapper
+
+
+def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:
+    """Setups with lanes, setup by setup; one lane is enough where all lanes are alike."""
+    varied = any(isinstance(x, np.ndarray) for setup in setups for x in setup.arguments().values())
+    return [(setup, lane) for setup in setups for lane in range(lanes if varied else 1)]
+
+
+def now() -> int:
+    """Unix time, µs."""
+    return time.time_ns() // 1000

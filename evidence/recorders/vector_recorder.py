@@ -1,0 +1,228 @@
+"""``RecordVectorEvidence``: evidence of every episode of a vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+
+from integ_gym.envs import DiscretizedVectorEnv
+from ..episodes import EpisodeContext
+from ..episodes import EpisodeHead
+from .lane_buffer import LaneBuffer
+from .recording import Recorder, all_setups, now, recorded
+from ..store import EvidenceStore
+
+Array = npt.NDArray[Any]
+
+_SPACES = (
+    "observation_space",
+    "action_space",
+    "single_observation_space",
+    "single_action_space",
+)
+
+
+class RecordVectorEvidence(Recorder, VectorWrapper):
+    """Records every finished episode of a testbed's vector environment.
+
+    Spaces, spec, observations, rewards and info pass through unchanged, in all three autoreset
+    modes. Episodes are kept in memory and written as one batch by :meth:`commit` or :meth:`close`;
+    episodes that are not finished are not written.
+
+    Args:
+        env: a vector environment that a testbed made, with no wrapper that changes what a policy
+            sees.
+        store: an :class:`EvidenceStore` or its directory.
+        context: what the episodes are for; of several, each has an equal share of the lanes, in
+            their order.
+        episodes: for paired starts, one episode index per lane: the lane's first episode has it,
+            and what the lane does after that is not recorded. By default all episodes of a context
+            count up from its ``first_episode`` in the order in which they end, and by lane where
+            they end together.
+        commit_on_close: whether :meth:`close` commits what has not been committed.
+
+    Raises:
+        TypeError: for another environment.
+        ValueError: if the contexts do not divide the lanes, or if ``episodes`` does not have one
+            index per lane, all different within a context.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        store: EvidenceStore | str | Path,
+        context: EpisodeContext | Sequence[EpisodeContext],
+        *,
+        episodes: Sequence[int] | None = None,
+        commit_on_close: bool = True,
+    ) -> None:
+        super().__init__(env)
+        self._inner = recorded(env, (DiscretizedVectorEnv,), _SPACES)
+        self._mode: AutoresetMode = self._inner.autoreset_mode
+        setups = all_setups(self._inner.setups, self.num_envs)
+        self._per_member = len(setups) // len(self._inner.setups)
+        contexts = [context] if isinstance(context, EpisodeContext) else list(context)
+        self._share = self._share_of(len(contexts))
+        self._prepare(env, setups, store, contexts, commit_on_close)
+        self._next_index = [context.first_episode for context in contexts]
+        self._episodes = self._checked(episodes)
+        self._buffer: LaneBuffer | None = None
+        self._waiting = np.zeros(self.num_envs, dtype=bool)
+        self._recorded = np.zeros(self.num_envs, dtype=bool)
+        self._member = np.zeros(self.num_envs, dtype=np.int64)
+        self._wall_start = np.zeros(self.num_envs, dtype=np.int64)
+        self._draws = np.full(self.num_envs, -1)
+        self._seeds: list[int | None] = [None] * self.num_envs
+
+    def assign(self, episodes: Sequence[int]) -> None:
+        """Give every lane its next paired episode, which begins when the lane is next reset.
+
+        Raises:
+            ValueError: if it is not one index per lane, all different within a context.
+        """
+        self._episodes = self._checked(episodes)
+        self._recorded[:] = False
+        if self._buffer is not None:
+            self._buffer.active[:] = False
+
+    @property
+    def recorded(self) -> Array:
+        """With paired starts, whether a lane's episode has ended, shape (num_envs,)."""
+        recorded: Array = self._recorded.copy()
+        return recorded
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start episodes; those that have not ended in the lanes reset are forgotten."""
+        mask = (options or {}).get("reset_mask")
+        observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
+        buffer = self._ready_buffer(info)
+        lanes = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
+        for lane in lanes.tolist():
+            self._note_seed(lane, _seed_of(seed, lane))
+        self._begin(buffer, lanes, observation, info)
+        self._waiting[lanes] = False
+        return observation, info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Advance every lane by one control period."""
+        result = observation, reward, terminated, truncated, info = self.env.step(actions)
+        buffer = self._buffer
+        if buffer is None or self._recorded.all():
+            return result
+        done = terminated | truncated
+        same_step = self._mode is AutoresetMode.SAME_STEP
+        ending, state = (reward, terminated, truncated), self._inner.state_components
+        row = self._row(info, ending, state, observation)
+        if same_step and done.any():
+            final = observation.copy()
+            final[done] = np.stack(info["final_obs"][done])
+            last = self._row(info["final_info"], ending, self._inner.final_state.T, final)
+            row = tuple(np.where(done, *both) for both in zip(last, row, strict=True))
+        buffer.add(row)
+        self._finish(buffer, np.flatnonzero(done & buffer.active))
+        begun = np.flatnonzero(done if same_step else self._waiting)
+        self._begin(buffer, begun, observation, info)
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._waiting = done
+        return result
+
+    def close(self, **kwargs: Any) -> None:
+        """Commit, if wanted, and close the environment; finished episodes can still be taken."""
+        self._buffer = None
+        super().close(**kwargs)
+
+    def _share_of(self, contexts: int) -> int:
+        """Lanes of each context."""
+        if not contexts or self.num_envs % contexts:
+            raise ValueError(
+                f"the number of contexts must divide the number of lanes ({self.num_envs}), got "
+                f"{contexts}"
+            )
+        return self.num_envs // contexts
+
+    def _checked(self, episodes: Sequence[int] | None) -> list[int] | None:
+        if episodes is None:
+            return None
+        indices = [int(index) for index in episodes]
+        owned = {(lane // self._share, index) for lane, index in enumerate(indices)}
+        if len(indices) != self.num_envs or len(owned) != len(indices):
+            raise ValueError(
+                f"`episodes` must be one index per lane ({self.num_envs}), all different within a "
+                f"context, got {indices}"
+            )
+        return indices
+
+    def _ready_buffer(self, info: dict[str, Any]) -> LaneBuffer:
+        """The buffer, made at the first reset, which tells what its rows are."""
+        if self._buffer is None:
+            self._note_contact(info)
+            self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
+        return self._buffer
+
+    def _note_seed(self, lane: int, seed: int | None) -> None:
+        if seed is not None:
+            self._seeds[lane], self._draws[lane] = seed, -1
+
+    def _row(
+        self, info: dict[str, Array], ending: tuple[Any, Any, Any], state: Any, observation: Array
+    ) -> tuple[Array, ...]:
+        return self._layout.row(info, self._inner.status_codes, ending, state, observation.T)
+
+    def _begin(
+        self, buffer: LaneBuffer, lanes: Array, observation: Array, info: dict[str, Any]
+    ) -> None:
+        if not lanes.size:
+            return
+        entries = self._layout.start(info, self._inner.state_components, observation.T)
+        first = np.array([values[lanes] for values in entries])
+        rows = self._layout.start_rows(first, self._status_at_start)
+        buffer.begin(lanes, rows, ~self._recorded[lanes])
+        self._wall_start[lanes] = now()
+        self._draws[lanes] += 1
+        if "mixture_index" in info:
+            self._member[lanes] = info["mixture_index"][lanes]
+
+    def _finish(self, buffer: LaneBuffer, lanes: Array) -> None:
+        """Hand the episodes that end in ``lanes`` to the log."""
+        if not lanes.size:
+            return
+        ended = now()
+        entropies = self._inner.np_random_seed
+        heads = {lane: self._head(lane, entropies[lane], ended) for lane in lanes.tolist()}
+        for together, rows in buffer.end(lanes):
+            self._log.add(
+                rows.reshape(len(rows), -1),
+                np.full(len(together), rows.shape[2]),
+                [heads[lane] for lane in together.tolist()],
+            )
+        self._recorded[lanes] = self._episodes is not None
+
+    def _head(self, lane: int, entropy: int, ended: int) -> EpisodeHead:
+        context = lane // self._share
+        if self._episodes is None:
+            index = self._next_index[context]
+            self._next_index[context] += 1
+        else:
+            index = self._episodes[lane]
+        setup = int(self._member[lane]) * self._per_member + (lane if self._per_member > 1 else 0)
+        key = f"{entropy}/{self._draws[lane]}"
+        start = int(self._wall_start[lane])
+        return EpisodeHead(index, self._seeds[lane], key, start, ended, setup, context)
+
+
+def _seed_of(seed: int | Sequence[int | None] | None, lane: int) -> int | None:
+    """The seed that a reset with ``seed`` gives a lane."""
+    if isinstance(seed, (int, np.integer)):
+        return int(seed) + lane
+    given = None if seed is None else seed[lane]
+    return None if given is None else int(given)

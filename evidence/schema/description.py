@@ -1,0 +1,77 @@
+"""What a record says of an environment's setup."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import gcd
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs import numerics
+from integ_gym.envs import Setup
+
+
+def arguments(setup: Setup, lane: int) -> str:
+    """JSON of {name: {"value": …, "unit": …}} for all constructor arguments."""
+    values, units = setup.arguments(), setup.units()
+    return json_text(
+        {name: {"value": _of_lane(values[name], lane), "unit": units[name]} for name in values}
+    )
+
+
+def engine_description(setup: Setup, _: int) -> str:
+    """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
+    settings, described = setup.settings, setup.engine.describe()
+    if settings.engine != "native":
+        measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+        described = {**described, "fingerprint": measured.to_json()}
+    return json_text(described)
+
+
+def sensor_period(setup: Setup, _: int) -> float:
+    """Time between two samples, s."""
+    timing = setup.timing
+    return (timing.substeps if timing.sensor is None else timing.sensor) * timing.dt
+
+
+def action_latency(setup: Setup, _: int) -> float:
+    """Delay of every command, s."""
+    return setup.timing.latency * setup.timing.dt
+
+
+def staleness(setup: Setup) -> float:
+    """Action latency plus the greatest age that a sample can have at a decision, s."""
+    timing = setup.timing
+    age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
+    return (timing.latency + age) * timing.dt
+
+
+def in_words(fields: Mapping[str, Any]) -> str:
+    """Engine, integrator and steps in words, from the record's fields of these names."""
+    return (
+        f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
+        f"period {fields['control_period']:.6g} s"
+    )
+
+
+def json_text(value: Any) -> str:
+    """JSON with sorted keys and no spaces; NumPy numbers as Python's own."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
+
+
+def optional_json(value: Any) -> str | None:
+    """The same, or None for None."""
+    return None if value is None else json_text(value)
+
+
+def _of_lane(value: Any, lane: int) -> Any:
+    return value[lane].item() if isinstance(value, np.ndarray) else value
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return value.tolist()
+    except AttributeError:
+        raise TypeError(f"{value!r} cannot be written as JSON") from None

@@ -1,0 +1,313 @@
+"""The EvidenceRecord, version 1: every field that is not part of the trace.
+
+This table and :mod:`integ_gym.evidence.schema.trace_fields` are the definition of a record: what a column
+is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the content
+hash, the documentation and ``integ-gym evidence show`` all derive from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs import STATUS_NAMES
+from .description import (
+    action_latency,
+    arguments,
+    engine_description,
+    json_text,
+    optional_json,
+    sensor_period,
+)
+from .origins import Origin, context, first, head, last, most, rows, setup, total
+from .provenance import host, package_versions
+
+SCHEMA_VERSION = 1
+
+PHASES = ("training", "evaluation")
+
+LABELS = (
+    "none",
+    "evaluation_error",
+    "discretization_error",
+    "perception_error",
+    "state_error",
+    "control_error",
+    "planning_error",
+    "unattributed",
+)
+
+
+@dataclass(frozen=True)
+class Field:
+    """One column of the evidence.
+
+    Attributes:
+        name: column name.
+        kind: string, json (text that holds JSON), bool, int32, int64, float64, timestamp (UTC), or
+            list<float64>, list<float32>, list<int32>, list<int8>.
+        unit: SI unit; 1 for a dimensionless number, empty for what is no number.
+        meaning: one line.
+        origin: where the values come from; None for a trace column, and for what is known of whole
+            records alone.
+        group: heading under which it is shown; ``trace`` for trace columns.
+        nullable: whether it may be null.
+        volatile: whether the content hash leaves it out.
+        frame: reference frame of a position, velocity, force or torque.
+        choices: the values a string may have; one that is made of rows is a place among them.
+        at: ``instant`` (a value at every control instant) or ``step`` (a value for every control
+            step); empty outside the trace.
+        source: name of the row entry that a trace column is made of; see
+            :class:`integ_gym.evidence.episodes.layout.Layout`.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+    origin: Origin | None = None
+    group: str = ""
+    nullable: bool = False
+    volatile: bool = False
+    frame: str = ""
+    choices: tuple[str, ...] = ()
+    at: str = ""
+    source: str = ""
+
+
+def _field(
+    kind: str, unit: str, name: str, meaning: str, origin: Origin | None, **about: Any
+) -> Field:
+    return Field(name, kind, unit, meaning, origin, **about)
+
+
+_text = partial(_field, "string", "")
+_json = partial(_field, "json", "")
+_flag = partial(_field, "bool", "")
+_count = partial(_field, "int64", "1")
+_time = partial(_field, "timestamp", "", volatile=True)
+
+
+def _real(name: str, unit: str, meaning: str, origin: Origin, **about: Any) -> Field:
+    return Field(name, "float64", unit, meaning, origin, **about)
+
+
+def _seed(own: Any, _: Any) -> int | None:
+    """The seed of an episode, if 64 bits hold it."""
+    return own.seed if own.seed is not None and -(2**63) <= own.seed < 2**63 else None
+
+
+def _group(name: str, *fields: Field) -> tuple[Field, ...]:
+    return tuple(replace(field, group=name) for field in fields)
+
+
+_IDENTITY = _group(
+    "identity",
+    _text(
+        "record_id", "hash of cell, policy and episode index",
+        head(lambda own, told: told.record_id(own.index)),
+    ),
+    _count("schema_version", "version of this table", context(lambda _: SCHEMA_VERSION)),
+    _text("run_id", "the run that the record belongs to", context("run_id")),
+    _text("phase", "what the episode was for", context("phase"), choices=PHASES),
+    _text("env_id", "Gymnasium id of the environment", None),
+    _text("cell", "key of the panel cell or training run", context("cell")),
+    _count("episode_index", "number of the episode in its cell, from 0", head("index")),
+    _count(
+        "seed",
+        "seed given at the reset that seeded the generator; null if none was, or beyond 64 bits",
+        head(_seed), nullable=True,
+    ),
+    _text(
+        "rng_key",
+        "`entropy/n`: what seeded the generator, and how many episodes it had started before",
+        head("rng_key"),
+    ),
+    Field(
+        "initial_state", "list<float64>", "SI", "true state at time 0, in state order",
+        rows(lambda episodes: episodes.starts()), frame="plant",
+    ),
+)  # fmt: skip
+
+_DISCRETIZATION = _group(
+    "discretization",
+    _text("engine", "what advanced the plant", setup("settings.engine")),
+    _text("engine_version", "version of the engine", setup("engine.version")),
+    _json(
+        "engine_description",
+        "the engine's float width, map, fingerprint and stops; `resistance`, where the force of "
+        "our stops and friction acts; why no constraint is violated",
+        setup(engine_description),
+    ),
+    _text("integrator", "one-step map, as the engine calls it", setup("settings.integrator")),
+    _real("dt", "s", "integration step", setup("timing.dt")),
+    _real("control_period", "s", "time between two decisions", setup("timing.control_period")),
+    _count("substeps", "integration steps per decision", setup("timing.substeps")),
+    _real("sensor_period", "s", "time between two sensor samples", setup(sensor_period)),
+    _real("action_latency", "s", "delay of every command", setup(action_latency)),
+    _real(
+        "observation_noise", "SI", "standard deviation of the sensor noise",
+        setup("settings.observation_noise"),
+    ),
+    _real(
+        "solver_tolerance", "1",
+        "scaled residual beyond which a solution is not converged; null: no solver",
+        setup(lambda own, _: own.engine.solver().get("solver_tolerance")), nullable=True,
+    ),
+    _count(
+        "solver_cap", "most solver iterations per integration step; null: no solver",
+        setup(lambda own, _: own.engine.solver().get("solver_cap")), nullable=True,
+    ),
+    _real("duration", "s", "time until truncation", setup("settings.duration")),
+    _text("fallback", "control where no valid command acted", setup("settings.fallback")),
+    _real(
+        "max_speed", "SI", "clip on every velocity; null: no clip", setup("settings.max_speed"),
+        nullable=True,
+    ),
+    _text("start", "start distribution", setup("settings.start")),
+    _json(
+        "arguments", "all constructor arguments and plant parameters: name to value and unit",
+        setup(arguments),
+    ),
+)  # fmt: skip
+
+_POLICY = _group(
+    "policy",
+    _text("policy_id", "name of the policy", context("policy_id")),
+    _text(
+        "policy_hash", "hash of what decides its actions; empty in training",
+        context("policy_hash"),
+    ),
+    _json(
+        "training_discretization", "what the policy was trained on; null: not trained",
+        context(lambda told: optional_json(told.training_discretization)), nullable=True,
+    ),
+    _count(
+        "training_seed", "seed of its training; null: not trained", context("training_seed"),
+        nullable=True,
+    ),
+    _json(
+        "perturbation", "plant parameters changed in this cell; null: none",
+        context(lambda told: optional_json(told.perturbation)), nullable=True,
+    ),
+)  # fmt: skip
+
+_OUTCOME = _group(
+    "outcome",
+    _text("metric", "name of the metric", context(lambda _: "success")),
+    _text("metric_definition", "what counts as success, with units", setup("task.goal")),
+    _real("return", "1", "sum of rewards; null if not finite", total("reward"), nullable=True),
+    _flag("success", "whether the metric was met", last("success")),
+    _real(
+        "time_to_success", "s",
+        "start of the final unbroken stay at the goal; null without success",
+        rows(lambda episodes: episodes.time_to_success()), nullable=True,
+    ),
+    _count("length", "control steps", rows(lambda episodes: episodes.steps)),
+    _flag("terminated", "ended by the task or by a divergence", last("terminated")),
+    _flag("truncated", "ended by the time limit", last("truncated")),
+    _real(
+        "saturated_share", "1", "share of control steps whose action was saturated",
+        rows(lambda episodes: episodes.total("saturated") / episodes.steps),
+    ),
+    _count("fallback_count", "control steps in which the fallback acted", total("fallback_used")),
+    _count(
+        "recovery_count", "control steps without fallback right after one with",
+        rows(lambda episodes: episodes.falls("fallback_used")),
+    ),
+    _real(
+        "penetration_max", "m, rad", "deepest penetration of a stop; null: not reported",
+        most("penetration"), nullable=True,
+    ),
+    _real(
+        "constraint_violation_max", "m",
+        "largest constraint violation; null: not reported, or none to violate",
+        most("constraint_violation"), nullable=True,
+    ),
+    _text("failure_label", "first failure rule that fits", None, choices=LABELS),
+    _text("failure_reason", "why, in a sentence with numbers", None),
+)  # fmt: skip
+
+_LEDGER = _group(
+    "ledger",
+    _real("energy_start", "J", "energy at time 0; zero at rest hanging", first("energy")),
+    _real("energy_end", "J", "energy at the end", last("energy")),
+    _real("work_total", "J", "work of the actuator", total("actuator_work")),
+    _real(
+        "dissipated_total", "J", "energy that damping took out; null: a loss is not known",
+        total("dissipated"), nullable=True,
+    ),
+    _real(
+        "contact_loss_total", "J", "energy that contact took out; null: not reported",
+        total("contact_loss"), nullable=True,
+    ),
+    _real("clip_loss_total", "J", "energy that the speed limit took out", total("clip_loss")),
+    _real(
+        "energy_residual_total", "J",
+        "energy that numerical error put in; null: a loss is not known", total("energy_residual"),
+        nullable=True,
+    ),
+    _real(
+        "energy_residual_abs_total", "J",
+        "sum of the residual's magnitude per step; null: a loss is not known",
+        rows(lambda episodes: episodes.total("energy_residual", np.abs)), nullable=True,
+    ),
+)  # fmt: skip
+
+_SOLVER = _group(
+    "solver",
+    _count(
+        "solver_iterations_max", "most iterations in one integration step",
+        most("solver_iterations"),
+    ),
+    _real(
+        "solver_iterations_mean", "1",
+        "mean over control steps of the most iterations in one integration step",
+        rows(lambda episodes: episodes.total("solver_iterations") / episodes.steps),
+    ),
+    _text(
+        "solver_status", "worst status of any control step", most("solver_status"),
+        choices=STATUS_NAMES,
+    ),
+)  # fmt: skip
+
+_PROVENANCE = _group(
+    "provenance",
+    _count("trace_every", "every n-th episode of its cell has a trace", context("trace_every")),
+    _count(
+        "float_width", "bits of the numbers that the physics was computed with",
+        context("float_width"),
+    ),
+    _json(
+        "package_versions", "versions of the packages that matter",
+        context(lambda told: json_text(package_versions(told.packages))),
+    ),
+    _text("platform", "operating system and processor", context(lambda _: host()), volatile=True),
+    _real(
+        "inference_latency_mean", "ns",
+        "mean time of one decision at batch size 1; null: not measured",
+        context("inference_latency_mean"), nullable=True, volatile=True,
+    ),
+    _real(
+        "inference_latency_p99", "ns", "99th percentile of the same; null: not measured",
+        context("inference_latency_p99"), nullable=True, volatile=True,
+    ),
+    _real(
+        "latency_budget", "s", "time there is for a decision: the control period",
+        setup("timing.control_period"),
+    ),
+    _time("wall_start", "when the episode began", head("wall_start")),
+    _time("wall_end", "when the episode ended", head("wall_end")),
+    _text("content_hash", "SHA-256 over everything but the volatile fields", None, volatile=True),
+)  # fmt: skip
+
+SUMMARY_FIELDS: tuple[Field, ...] = (
+    *_IDENTITY, *_DISCRETIZATION, *_POLICY, *_OUTCOME, *_LEDGER, *_SOLVER, *_PROVENANCE
+)  # fmt: skip
+"""Every field that is not part of the trace, in the order of the columns."""
+
+VOLATILE_NAMES = frozenset(field.name for field in SUMMARY_FIELDS if field.volatile)
+"""Wall clock, latencies, host, and the content hash itself."""

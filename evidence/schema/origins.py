@@ -1,0 +1,72 @@
+"""Where the values of a record's fields come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How the values of a field are found.
+
+    Attributes:
+        of: what they are read from: ``context``, an episode's
+            :class:`~integ_gym.evidence.episodes.context.EpisodeContext`; ``setup``, its setup and lane;
+            ``head``, its :class:`~integ_gym.evidence.episodes.episode_log.EpisodeHead` and its context;
+            ``rows``, the :class:`~integ_gym.evidence.episodes.episode_rows.EpisodeRows` of many episodes.
+        value: function of that to the value, or of rows to an array with one value per episode.
+    """
+
+    of: str
+    value: Callable[..., Any]
+
+
+def context(what: str | Callable[[Any], Any]) -> Origin:
+    """Of what the recorder is told of the episodes."""
+    return _origin("context", what)
+
+
+def setup(what: str | Callable[[Any, int], Any]) -> Origin:
+    """Of the environment's setup, and the lane whose plant parameters hold."""
+    return _origin("setup", what)
+
+
+def head(what: str | Callable[[Any, Any], Any]) -> Origin:
+    """Of what identifies the episode, and its context."""
+    return _origin("head", what)
+
+
+def rows(what: Callable[[Any], Any]) -> Origin:
+    """Of the rows of whole episodes."""
+    return _origin("rows", what)
+
+
+def total(entry: str) -> Origin:
+    """The sum of an entry over the episode."""
+    return rows(lambda episodes: episodes.total(entry))
+
+
+def most(entry: str) -> Origin:
+    """The largest value of an entry."""
+    return rows(lambda episodes: episodes.most(entry))
+
+
+def first(entry: str) -> Origin:
+    """An entry at time 0."""
+    return rows(lambda episodes: episodes.first(entry))
+
+
+def last(entry: str) -> Origin:
+    """An entry at the end."""
+    return rows(lambda episodes: episodes.last(entry))
+
+
+def _origin(of: str, what: str | Callable[..., Any]) -> Origin:
+    """``what``: a function, or the name of an attribute, with dots for one of an attribute."""
+    if callable(what):
+        return Origin(of, what)
+    get = attrgetter(what)
+    return Origin(of, lambda owner, *_: get(owner))

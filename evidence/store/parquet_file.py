@@ -1,0 +1,139 @@
+"""One Parquet file of records: written, checked, read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from ..schema import VERSION_KEY, is_trace
+from ..schema import EvidenceError
+from ..schema import parquet, pyarrow
+from ..schema import SCHEMA_VERSION, SUMMARY_FIELDS
+
+_GROUP_BYTES = 16 << 20
+"""Memory of the rows of a group, about, where their number allows."""
+
+_FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
+"""Of a group, but for the last: a query reads the header of every group."""
+
+_LEVEL = 1
+
+_REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
+
+
+def write(tables: Iterable[Any], file: Path) -> None:
+    """Write tables of records of one schema, as they come; None stands for no records.
+
+    Traces of real numbers are stored by byte stream; what repeats is stored by dictionary.
+
+    Raises:
+        ValueError: if there are no records at all.
+    """
+    groups = _row_groups(tables)
+    first = next(groups, None)
+    if first is None:
+        raise ValueError("a batch needs at least one record, got none")
+    with _writer(first.schema, file) as writer:
+        for table in chain([first], groups):
+            parts = max(1, table.num_rows // _rows_per_group(table.num_rows, table.nbytes))
+            writer.write_table(table, -(-table.num_rows // parts))
+
+
+def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
+    """Tables put together until they make a row group."""
+    waiting: list[Any] = []
+    rows = size = 0
+    for table in tables:
+        if table is not None:
+            waiting.append(table)
+            rows, size = rows + table.num_rows, size + table.nbytes
+        if rows >= _rows_per_group(rows, size):
+            yield pyarrow().concat_tables(waiting)
+            waiting, rows, size = [], 0, 0
+    if waiting:
+        yield pyarrow().concat_tables(waiting)
+
+
+def _writer(schema: Any, file: Path) -> Any:
+    numbers = [f for f in schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
+    dictionaries = [f.name for f in schema if f.name not in {x.name for x in numbers}]
+    return parquet().ParquetWriter(
+        file,
+        schema,
+        compression="zstd",
+        compression_level=_LEVEL,
+        use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
+        use_byte_stream_split=streams,
+        write_statistics=[f.name for f in schema if not is_trace(f.name)],
+    )
+
+
+def _rows_per_group(rows: int, size: int) -> int:
+    """How many of ``rows``, of ``size`` bytes in all, make a group."""
+    wanted = _GROUP_BYTES * rows // size if size else 0
+    return min(_MOST_ROWS, max(_FEWEST_ROWS, wanted))
+
+
+def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
+    """Columns or rows of one file as an Arrow table.
+
+    Args:
+        file: a committed file.
+        trace: whether to read the traces.
+        selection: ``columns`` and ``filters`` of ``pyarrow.parquet.read_table``.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    schema = check_schema(file)
+    if not trace:
+        selection["columns"] = [name for name in schema.names if not is_trace(name)]
+    try:
+        return parquet().read_table(file, partitioning=None, **selection)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def check_schema(file: Path) -> Any:
+    """The Arrow schema of a file that has all fields of this schema version.
+
+    Raises:
+        EvidenceError: for another file, with the remedy.
+    """
+    schema = _metadata(file).schema.to_arrow_schema()
+    version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise EvidenceError(
+            f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
+            "it with the version that wrote it, or move it away"
+        )
+    missing = [field.name for field in SUMMARY_FIELDS if field.name not in schema.names]
+    if missing:
+        raise EvidenceError(
+            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
+        )
+    return schema
+
+
+def row_count(file: Path) -> int:
+    """Number of records in a file.
+
+    Raises:
+        EvidenceError: for a file that cannot be read.
+    """
+    return int(_metadata(file).num_rows)
+
+
+def _metadata(file: Path) -> Any:
+    try:
+        return parquet().read_metadata(file)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def _unreadable(file: Path, error: Exception) -> EvidenceError:
+    reason = " ".join(str(error).split())
+    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")

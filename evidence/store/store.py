@@ -1,0 +1,238 @@
+"""The store: a directory of Parquet files, each one batch of records of one environment."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from integ_gym.support import remove_leftovers, write_once
+from ..schema import content_hashes
+from ..schema import BatchExistsError, EvidenceError
+from ..schema import duckdb
+from .parquet_file import check_schema, read, row_count, write
+from ..episodes import EvidenceRecord, records_of
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What :meth:`EvidenceStore.verify` found.
+
+    Attributes:
+        file: name of the file.
+        record_id: the record, or None if the whole file is meant.
+        message: what is wrong.
+    """
+
+    file: str
+    record_id: str | None
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.file}{': ' + self.record_id if self.record_id else ''}: {self.message}"
+
+
+class EvidenceStore:
+    """Evidence records in a directory.
+
+    Args:
+        directory: made by the first commit.
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        self.directory = Path(directory)
+
+    def files(self) -> list[Path]:
+        """The committed files, sorted."""
+        return sorted(self.directory.glob("*.parquet"))
+
+    def batches(self) -> tuple[str, ...]:
+        """Names of the committed batches, sorted."""
+        return tuple(file.stem for file in self.files())
+
+    def commit(self, name: str, table: Any) -> Path:
+        """Make a batch of records visible by one atomic step.
+
+        Args:
+            name: name of the batch: letters, digits, ``.``, ``_`` and ``-``.
+            table: Arrow table of records of one environment.
+
+        Raises:
+            BatchExistsError: if a batch of that name has been committed.
+            ValueError: for a name that cannot be a file's.
+        """
+        return self.commit_all(name, [table])
+
+    def commit_all(self, name: str, tables: Iterable[Any]) -> Path:
+        """Make several tables of records of one environment visible as one batch.
+
+        Args:
+            name: name of the batch.
+            tables: Arrow tables of records, written as they come; None stands for no records.
+
+        Raises:
+            BatchExistsError: if a batch of that name has been committed.
+            ValueError: for a name that cannot be a file's, or if there are no records.
+        """
+        _check_name(name)
+        self.directory.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(self.directory)
+        path = self.directory / f"{name}.parquet"
+        try:
+            write_once(path, lambda file: write(tables, file))
+        except FileExistsError:
+            raise BatchExistsError(
+                f"batch {name!r} has already been committed to {self.directory}; remove its file "
+                "to record it anew, or give another name"
+            ) from None
+        return path
+
+    def count(self) -> int:
+        """Number of records.
+
+        Raises:
+            EvidenceError: for a file that cannot be read.
+        """
+        return sum(row_count(file) for file in self.files())
+
+    def records(self, *, trace: bool = True) -> Iterator[EvidenceRecord]:
+        """All records, file by file.
+
+        Args:
+            trace: whether to read the traces.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        for file in self.files():
+            yield from records_of(read(file, trace=trace))
+
+    def find(self, record_id: str) -> EvidenceRecord:
+        """The record with that id, or with the one id that begins so.
+
+        Raises:
+            EvidenceError: if there is none, or more than one.
+        """
+        found = [
+            (file, full_id)
+            for file in self.files()
+            for full_id in read(file, columns=["record_id"]).column("record_id").to_pylist()
+            if full_id.startswith(record_id)
+        ]
+        exact = [match for match in found if match[1] == record_id]
+        found = exact or found
+        if not found:
+            raise EvidenceError(
+                f"no record {record_id!r} in {self.directory}; list them with "
+                '`integ-gym evidence query RUN "SELECT record_id FROM records"`'
+            )
+        if len(found) > 1:
+            some = ", ".join(full_id for _, full_id in found[:4])
+            raise EvidenceError(
+                f"{len(found)} records of {self.directory} begin with {record_id!r}: {some}"
+                f"{', ...' if len(found) > 4 else ''}; give more digits"
+            )
+        file, full_id = found[0]
+        return records_of(read(file, filters=[("record_id", "=", full_id)]))[0]
+
+    def query(self, sql: str) -> Any:
+        """Run SQL over the view ``records``, which holds all files with their columns united.
+
+        Args:
+            sql: one statement in DuckDB's dialect that reads: `SELECT`, `DESCRIBE`, `PIVOT`, ….
+
+        Returns:
+            An Arrow table.
+
+        Raises:
+            EvidenceError: if there are no records, a file is not readable, the statement does more
+                than read, or DuckDB refuses it.
+        """
+        files = self.files()
+        if not files:
+            raise EvidenceError(f"{self.directory} holds no evidence")
+        for file in files:
+            check_schema(file)
+        engine = duckdb()
+        with engine.connect() as connection:
+            try:
+                relation = connection.read_parquet(
+                    [str(file) for file in files], union_by_name=True
+                )
+                relation.create_view("records")
+                _check_reads(engine, connection.extract_statements(sql))
+                return connection.sql(sql).to_arrow_table()
+            except engine.Error as error:
+                reason = str(error).split("\n\nLINE")[0]
+                raise EvidenceError(
+                    f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
+                ) from None
+
+    def verify(self) -> list[Problem]:
+        """Re-compute all content hashes and look for records that are there twice."""
+        problems: list[Problem] = []
+        seen: dict[str, str] = {}
+        for file in self.files():
+            try:
+                table = read(file)
+            except EvidenceError as error:
+                problems.append(Problem(file.name, None, str(error)))
+                continue
+            problems += _altered(file.name, table)
+            for record_id in table.column("record_id").to_pylist():
+                if record_id in seen:
+                    message = f"is also in {seen[record_id]}; remove one of the two files"
+                    problems.append(Problem(file.name, record_id, message))
+                seen.setdefault(record_id, file.name)
+        return problems
+
+
+def _check_reads(engine: Any, statements: Sequence[Any]) -> None:
+    """Refuse what changes anything; a `PIVOT` is several statements to DuckDB, and reads."""
+    reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
+    if len(statements) != 1 or statements[0].type not in reading:
+        raise EvidenceError(
+            "a query is one statement that reads, such as SELECT; to write a file, use "
+            "`integ-gym evidence export`, or --format csv and the shell's >"
+        )
+
+
+def _check_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise ValueError(
+            f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
+            f"letter or digit, got {name!r}"
+        )
+
+
+def open_run(run: str | Path) -> EvidenceStore:
+    """The store of a run's directory, or of its directory ``evidence``.
+
+    Raises:
+        EvidenceError: if there is no such directory, or no evidence in it.
+    """
+    directory = Path(run)
+    if not directory.is_dir():
+        raise EvidenceError(f"no directory {directory}; give a run's directory")
+    inner = directory / "evidence"
+    store = EvidenceStore(inner if inner.is_dir() else directory)
+    if not store.files():
+        raise EvidenceError(
+            f"{store.directory} holds no evidence (*.parquet); give the directory that a run wrote "
+            "to, or the one named `evidence` in it"
+        )
+    return store
+
+
+def _altered(name: str, table: Any) -> list[Problem]:
+    ids = table.column("record_id").to_pylist()
+    stored = table.column("content_hash").to_pylist()
+    return [
+        Problem(name, record_id, f"was altered: content hash {found[:12]}, recorded {kept[:12]}")
+        for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
+        if kept != found
+    ]

@@ -1,0 +1,120 @@
+"""``integ-gym census``: what every pendulum and cart-pole of the name really does in a step."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, TextIO
+
+from integ_gym.envs import ENGINES
+from integ_gym.support import require
+from integ_gym.support import unknown_name
+from integ_gym.eval import render_census
+from integ_gym.eval import PUBLISHED
+from integ_gym.eval import take_census
+from integ_gym.eval import row
+from integ_gym.support import make_folder
+from integ_gym.support import replace_file
+from integ_gym.support import CommandParser
+from integ_gym.support import FITS, fits, print_aligned, print_groups, say, unbroken
+
+EXAMPLES = """\
+examples:
+  integ-gym census --out runs/census
+  integ-gym census --published gymnasium envpool --out runs/published
+  integ-gym census --published my_module:MyLibrary --engine mujoco --out runs/mine
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym census",
+        description="Step one pendulum and one cart-pole of every installed engine, and every "
+        "published environment of that name, and find out from the states alone which one-step map "
+        "it applies, how often and with which step; and what it does to the energy of a free "
+        "motion. DIR gets census.json and census.html, one page that opens offline. Give "
+        f"--published or --engine to look at those alone. {FITS}",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add("--out", type=Path, metavar="DIR", required=True, help="where results go")
+    add(
+        "--published", nargs="+", action="extend", metavar="NAME",
+        help=f"libraries, or module:Class of your own; default: {', '.join(PUBLISHED.names())}",
+    )  # fmt: skip
+    add(
+        "--engine", nargs="+", action="extend", metavar="NAME",
+        help=f"engines; default: {', '.join(ENGINES.names())}",
+    )  # fmt: skip
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code: 1 if something installed could not be looked at."""
+    given = parser().parse_args(argv)
+    require("report")
+    make_folder(given.out)
+    libraries, engines = _chosen(given)
+    census = take_census(libraries, engines, _tell)
+    words = ["integ-gym", "census", *(sys.argv[2:] if argv is None else argv)]
+    document = census.to_json(shlex.join(words))
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    replace_file(given.out / "census.json", text.encode())
+    page = replace_file(given.out / "census.html", render_census(document).encode())
+    _print(document, sys.stdout)
+    print(f"Page: {page.resolve()}")
+    return 1 if census.failed else 0
+
+
+def _chosen(given: argparse.Namespace) -> tuple[list[str], list[str]]:
+    for name in given.engine or []:
+        if name not in ENGINES.names():
+            raise ValueError(unknown_name("engine", name, ENGINES.names()))
+    if given.published is None and given.engine is None:
+        others = [name for name in ENGINES.names() if name != "native"]
+        return list(PUBLISHED.names()), ["native", *others]
+    return given.published or [], given.engine or []
+
+
+def _tell(source: str) -> None:
+    print(f"looking at {source} …", file=sys.stderr)
+
+
+def _print(document: dict[str, Any], file: TextIO) -> None:
+    for plant in ("pendulum", "cart_pole"):
+        lines = [row(line) for line in document["lines"] if line["plant"] == plant]
+        if lines:
+            print(f"\n{plant}", file=file)
+            _print_table(lines, file)
+    print(file=file)
+    for line in document["lines"]:
+        for difference in line["differences"]:
+            say(f"{line['source']} {line['name']} ({line['plant']}): {difference}", file)
+    for source, command in document["missing"].items():
+        say(f"{source}: not installed; run: {unbroken(command)}", file)
+    for source, error in document["failed"].items():
+        say(f"{source}: could not be looked at: {error}", file)
+
+
+_APPLIED = ("name", "applies", "step", "off by", "off truth by", "as said")
+_FREE_MOTION = ("name", "energy at end", "largest", "speed limit")
+
+
+def _print_table(rows: Sequence[dict[str, str]], file: TextIO) -> None:
+    """As one table; where that is too wide, by source, what is applied and what comes of it."""
+    names, cells = list(rows[0]), [list(row.values()) for row in rows]
+    if fits(names, cells, file):
+        print_aligned(names, cells, file)
+        return
+    sources = [(source, list(own)) for source, own in groupby(rows, itemgetter("source"))]
+    for place, part in enumerate((_APPLIED, _FREE_MOTION)):
+        print(end="\n" if place else "", file=file)
+        groups = [(source, [[r[name] for name in part] for r in own]) for source, own in sources]
+        print_groups(part, groups, file)

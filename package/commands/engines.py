@@ -1,0 +1,163 @@
+"""``integ-gym engines``: which engines are installed, and what their integrators really are."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, TextIO
+
+from integ_gym.envs import ENGINES, missing_modules
+from integ_gym.envs import CONSTRAINT_VIOLATION
+from integ_gym.envs import INTEGRATORS
+from integ_gym.envs import numerics
+from integ_gym.support import unknown_name
+from integ_gym.support import CommandParser
+from integ_gym.support import FITS, fits, print_aligned, print_groups, say, unbroken
+
+EXAMPLES = """\
+examples:
+  integ-gym engines
+  integ-gym engines --engine mujoco drake --plant cart_pole
+  integ-gym engines --json
+"""
+
+EXACT = "exact"
+"""Order of an integrator whose errors are rounding alone."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym engines",
+        description="Measure, from outside, which one-step map every integrator of every installed "
+        "engine applies, and say what is not installed. APPLIES is the known map that is nearest, "
+        "OFF BY the largest error of one step against it, with and without control and damping; "
+        "DET J - 1 is what a step of 0.02 s without damping adds to a small volume of phase space, "
+        "FREQUENCY and ENERGY what such steps do to small oscillations; OWN STOPS says whether the "
+        f"engine has joint stops. {FITS}",
+        epilog=EXAMPLES,
+    )
+    made.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")
+    made.add_argument(
+        "--plant", choices=("pendulum", "cart_pole"), default="cart_pole", help="default: cart_pole"
+    )
+    made.add_argument("--json", action="store_true", help="print everything measured, as JSON")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    names = _chosen(given.engine)
+    installed = [name for name in names if not missing_modules(name)]
+    measured = []
+    for name in installed:
+        print(f"measuring {name} …", file=sys.stderr)
+        measured += [numerics.fingerprint(name, own, given.plant) for own in integrators_of(name)]
+    absent = [name for name in names if name not in installed]
+    if given.json:
+        print(json.dumps(_document(measured, absent), indent=2))
+    else:
+        _print([_row(found) for found in measured], sys.stdout)
+        if installed:
+            print(f"\nconstraint violation: {CONSTRAINT_VIOLATION}")
+        for line in _remedies(absent):
+            say(line, sys.stdout)
+    return 0
+
+
+def integrators_of(engine: str) -> tuple[str, ...]:
+    """The integrators of an engine, as it calls them; ours without the exact one."""
+    own = getattr(ENGINES.load(engine), "maps", None)
+    return tuple(own) if own else tuple(n for n in INTEGRATORS.names() if n != "reference")
+
+
+def _chosen(names: Sequence[str]) -> list[str]:
+    for name in names:
+        if name not in ENGINES.names():
+            raise ValueError(unknown_name("engine", name, ENGINES.names()))
+    others = [name for name in ENGINES.names() if name != "native"]
+    return list(names) or ["native", *others]
+
+
+_NUMBERS = ("off by", "det J - 1", "order", "frequency %", "energy %/s", "bits")
+_COMMON = ("engine", "version", "bits", "own stops")
+"""Columns that tell of an engine, and of an integrator only by exception."""
+
+
+def _row(found: numerics.Fingerprint) -> dict[str, str]:
+    return {
+        "engine": found.engine,
+        "version": found.version,
+        "integrator": found.integrator,
+        "applies": found.map,
+        "off by": f"{max(found.defects.values()):.0e}",
+        "det J - 1": f"{found.volume_defect:+.0e}",
+        "order": EXACT if found.order is None else f"{found.order:.2f}",
+        "frequency %": _percent(found.frequency_shift, 3),
+        "energy %/s": _percent(found.energy_rate, 2),
+        "bits": str(found.width),
+        "own stops": _own_stops(found.engine, found.integrator),
+    }
+
+
+def _print(rows: Sequence[dict[str, str]], file: TextIO) -> None:
+    """One table; where that is too wide, by engine, under what its integrators have in common."""
+    if not rows:
+        return
+    names: Sequence[str] = list(rows[0])
+    cells = [list(row.values()) for row in rows]
+    if fits(names, cells, file):
+        print_aligned(names, cells, file, [name in _NUMBERS for name in names])
+        return
+    names = [name for name in names if name not in _COMMON]
+    groups = [
+        (_title(own), [[row[name] for name in names] for row in own])
+        for _, same in groupby(rows, itemgetter("engine", "version", "bits"))
+        for own in [list(same)]
+    ]
+    print_groups(names, groups, file, [name in _NUMBERS for name in names])
+
+
+def _title(rows: Sequence[dict[str, str]]) -> str:
+    """What an engine's integrators have in common."""
+    stops = [row["integrator"] for row in rows if row["own stops"] == "yes"]
+    said = f"own stops with {', '.join(stops)}" if stops else "no stops of its own"
+    if len(stops) == len(rows):
+        said = "own stops"
+    first = rows[0]
+    return f"{first['engine']} {first['version']}, {first['bits']} bits, {said}"
+
+
+def _own_stops(engine: str, integrator: str) -> str:
+    owner = ENGINES.load(engine)
+    return "yes" if owner.own_stops and integrator not in owner.stopless else "no"
+
+
+def _percent(share: float, digits: int) -> str:
+    """With a sign where it does not round to zero."""
+    shown = round(100.0 * share, digits)
+    return f"{shown:+.{digits}f}" if shown else "0"
+
+
+def _remedies(absent: Sequence[str]) -> list[str]:
+    return [
+        f"{name}: not installed ({', '.join(missing_modules(name))}); run: "
+        + unbroken(f'pip install "integ-gym[{name}]"')
+        for name in absent
+    ]
+
+
+def _document(measured: Sequence[numerics.Fingerprint], absent: Sequence[str]) -> dict[str, Any]:
+    return {
+        "constraint_violation": CONSTRAINT_VIOLATION,
+        "installed": [found.to_json() for found in measured],
+        "missing": {
+            name: {"modules": missing_modules(name), "install": f"integ-gym[{name}]"}
+            for name in absent
+        },
+    }

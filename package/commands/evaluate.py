@@ -1,0 +1,106 @@
+"""``integ-gym evaluate``: evaluate an existing policy over many discretizations."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from integ_gym.support import require
+from integ_gym.envs import ENVIRONMENTS
+from integ_gym.eval import evaluate_existing
+from integ_gym.eval import Grid, plan
+from integ_gym.eval import read_existing
+from integ_gym.support import CommandParser, named_value, whole_number
+from integ_gym.support import say
+
+EXAMPLES = """\
+examples:
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine \\
+      --integrator rk4 --integrator explicit_euler --dt 0.05 --dt 0.01
+  integ-gym evaluate policy.zip --env IntegCartPole-v0 --obs-stats stats.json --out runs/mine
+  integ-gym evaluate policy.zip --env Hopper-v5 --out runs/hopper \\
+      --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
+
+The policy's home is the discretization in its side-car POLICY.json, or else that of Gymnasium's own
+environment. A MuJoCo task of Gymnasium's has no reference; its integrators are MuJoCo's, and the
+home is the stock task. FILE.json of --obs-stats holds VecNormalize's numbers:
+  {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym evaluate",
+        description="Evaluate a stable-baselines3 PPO policy on every integrator at several steps "
+        "and on the reference. No pickled code of the file is executed.",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")
+    add(
+        "--env", required=True, metavar="ID",
+        help=f"{', '.join(ENVIRONMENTS)}, or any MuJoCo task of Gymnasium's, such as Hopper-v5",
+    )  # fmt: skip
+    add("--out", required=True, type=Path, metavar="DIR", help="where results go")
+    add(
+        "--integrator", action="append", default=[], metavar="NAME",
+        help="evaluate on this one; may be repeated (default: all)",
+    )  # fmt: skip
+    add(
+        "--dt", action="append", default=[], type=float, metavar="S",
+        help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
+        "task's own step, 1/2, 1/4 of it)",
+    )  # fmt: skip
+    add(
+        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
+        help="environment argument; may be repeated",
+    )  # fmt: skip
+    add(
+        "--success-return", type=float, metavar="R",
+        help="of a MuJoCo task: an episode succeeds if its return reaches R (default: if it is "
+        "not terminated within the time limit)",
+    )  # fmt: skip
+    add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
+    add(
+        "--own-code", action="store_true",
+        help="load the classes that the side-car names as module:Class",
+    )  # fmt: skip
+    add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    require("train", "report", "evidence")
+    if given.episodes < 1:
+        raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
+    if given.success_return is not None and given.env in ENVIRONMENTS:
+        raise ValueError(
+            f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
+            "units; leave it out"
+        )
+    arguments = dict(given.env_arg)
+    if given.success_return is not None:
+        arguments["success_return"] = given.success_return
+    existing = read_existing(given.policy, given.env, arguments, given.obs_stats, given.own_code)
+    spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
+    command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
+    panel = evaluate_existing(
+        existing,
+        spec,
+        given.out,
+        command,
+        progress=not given.no_progress,
+        on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
+    )
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
+    print(f"Page: {(given.out / 'report.html').resolve()}")
+    return 0

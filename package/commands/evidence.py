@@ -1,0 +1,167 @@
+"""``integ-gym evidence {show,query,verify,export}``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from integ_gym.evidence import exporting
+from integ_gym.evidence import printing
+from integ_gym.support import CommandParser
+from integ_gym.evidence import EvidenceError
+from integ_gym.evidence import SCHEMA_VERSION
+from integ_gym.evidence import EvidenceRecord
+from integ_gym.evidence import ASCII_BARS, BARS, show
+from integ_gym.evidence import EvidenceStore, open_run
+from integ_gym.support import FITS, width_of
+
+_PROGRAM = "integ-gym evidence"
+
+_EXAMPLES = """\
+examples:
+  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
+                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
+  integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
+                                       WHERE failure_label = 'discretization_error' LIMIT 5"
+  integ-gym evidence show runs/panel 3f9a
+  integ-gym evidence verify runs/panel
+  integ-gym evidence export runs/panel --format csv --output summaries.csv
+
+RUN is the directory of a run, or its directory `evidence`.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Args:
+        argv: arguments after ``integ-gym evidence``; by default those of the process.
+
+    Returns:
+        0; 1 if ``verify`` found a problem; 2 on bad input, with one sentence on stderr.
+    """
+    arguments = parser().parse_args(argv)
+    try:
+        return int(arguments.run_command(arguments))
+    except EvidenceError as error:
+        return _fail(str(error))
+    except ModuleNotFoundError as error:
+        if error.name not in ("pyarrow", "duckdb"):
+            raise
+        return _fail(str(error))
+
+
+def _fail(message: str) -> int:
+    print(f"{_PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog=_PROGRAM,
+        description=f"Look at, check and export the evidence records of a run. {FITS}",
+        epilog=_EXAMPLES,
+    )
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export}")
+
+    command = commands.add_parser("show", help="print one record with its units")
+    _add_run(command)
+    command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
+    command.set_defaults(run_command=_show)
+
+    command = commands.add_parser("query", help="run SQL over the view `records`")
+    _add_run(command)
+    command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
+    command.add_argument(
+        "--format", choices=printing.FORMATS, default="table",
+        help="csv and json give every value in full, a table shortens numbers and long lists "
+        "(default: table)",
+    )  # fmt: skip
+    command.set_defaults(run_command=_query)
+
+    command = commands.add_parser("verify", help="check every record against its content hash")
+    _add_run(command)
+    command.set_defaults(run_command=_verify)
+
+    command = commands.add_parser("export", help="write all records without their traces")
+    _add_run(command)
+    command.add_argument("--format", choices=exporting.FORMATS, default="csv")
+    command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
+    command.set_defaults(run_command=_export)
+    return made
+
+
+def _add_run(command: argparse.ArgumentParser) -> None:
+    command.add_argument("run", metavar="RUN", help="directory of a run, or its `evidence`")
+
+
+def _store(arguments: argparse.Namespace) -> EvidenceStore:
+    return open_run(arguments.run)
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    record = _store(arguments).find(arguments.record_id)
+    bars = BARS if _can_print(BARS) else ASCII_BARS
+    print(show(record, bars, width_of(sys.stdout)))
+    return 0
+
+
+def _query(arguments: argparse.Namespace) -> int:
+    table = _store(arguments).query(arguments.sql)
+    printing.print_table(table, sys.stdout, arguments.format)
+    return 0
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    store = _store(arguments)
+    problems = store.verify()
+    for problem in problems:
+        print(problem)
+    if problems:
+        print(f"problems in {store.directory}: {len(problems)}")
+        return 1
+    print(
+        f"records: {store.count()}, files: {len(store.files())}, schema version {SCHEMA_VERSION}; "
+        "every content hash matches"
+    )
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    records = _store(arguments).records(trace=False)
+    if arguments.output is None:
+        exporting.export(records, sys.stdout, arguments.format)
+        return 0
+    count = _export_to(arguments.output, records, arguments.format)
+    print(f"{count} records written to {arguments.output}", file=sys.stderr)
+    return 0
+
+
+def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> int:
+    """Replace ``output`` once everything is written."""
+    if output.is_dir():
+        raise EvidenceError(f"cannot write {output}: it is a directory; give a file with --output")
+    part = output.with_name(f"{output.name}.part")
+    try:
+        with open(part, "w", encoding="utf-8", newline="") as file:
+            count = exporting.export(records, file, form)
+        os.replace(part, output)
+    except OSError as error:
+        raise EvidenceError(
+            f"cannot write {output}: {error.strerror}; give another --output"
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def _can_print(text: str) -> bool:
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return False
+    return True

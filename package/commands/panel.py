@@ -1,0 +1,122 @@
+"""``integ-gym panel``: run a panel and write its directory."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from integ_gym.support import require
+from integ_gym.eval import complete_panel
+from integ_gym.eval import write_artefact
+from integ_gym.eval import Panel
+from integ_gym.eval import RunDirectory
+from integ_gym.eval import PanelSpec, built_in_spec, read_spec
+from integ_gym.eval import TRAINERS
+from integ_gym.eval import BUILT_IN
+from integ_gym.support import CommandParser, whole_number
+from integ_gym.support import beside, say, width_of
+from integ_gym.support import cores
+
+EXAMPLES = """\
+examples:
+  integ-gym panel --out runs/panel        the built-in quick panel
+  integ-gym panel --out runs/panel        again: finishes what was interrupted
+  integ-gym panel --trainer sb3 --out runs/sb3
+                                          with stable-baselines3, one policy after the other
+  integ-gym panel --memory-gib 4 --workers 8 --out runs/panel
+                                          8 processes that train within 4 GiB together
+  integ-gym panel engines --out runs/engines
+                                          the same policies on every installed engine
+  integ-gym panel engines --policies runs/panel --out runs/engines
+                                          without training them again
+  integ-gym panel specs/cart_pole_balance.toml --out runs/balance
+                                          a panel of your own, see docs/panel.md
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym panel",
+        description="Train policies on several discretizations, evaluate each on all of them and "
+        "on the reference, and write panel.json, report.html, figures and one evidence record per "
+        "episode. Run it again to finish what was interrupted.",
+        epilog=EXAMPLES,
+    )
+    names = ", ".join(BUILT_IN)
+    add = made.add_argument
+    add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
+    add("--out", required=True, type=Path, metavar="DIR", help="the panel's directory")
+    add(
+        "--trainer", choices=TRAINERS,
+        help="the compiled fleet trainer, or stable-baselines3; default: the specification's, "
+        f"or else {PanelSpec.trainer}",
+    )  # fmt: skip
+    add(
+        "--memory-gib", type=float, metavar="GIB",
+        help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
+        "the command itself; default: the specification's, or else a share for each, see "
+        "docs/fleet.md",
+    )  # fmt: skip
+    add(
+        "--policies", type=Path, metavar="DIR",
+        help="take the policies of this finished panel, trained alike, instead of training",
+    )  # fmt: skip
+    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    arguments = parser().parse_args(argv)
+    require("train", "report", "evidence")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
+    spec = _spec(arguments.spec)
+    if arguments.trainer:
+        spec = replace(spec, trainer=arguments.trainer)
+    if arguments.memory_gib is not None:
+        spec = replace(spec, memory_gib=_memory(arguments.memory_gib))
+    words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
+    words += ["--trainer", arguments.trainer] if arguments.trainer else []
+    words += ["--policies", str(arguments.policies)] if arguments.policies else []
+    command = shlex.join([*words, "--out", str(arguments.out)])
+    written: list[Panel] = []
+
+    def report(directory: RunDirectory) -> None:
+        written.append(write_artefact(spec, directory, command, arguments.workers or cores()))
+
+    complete_panel(
+        spec,
+        arguments.out,
+        workers=arguments.workers,
+        progress=not arguments.no_progress,
+        policies=arguments.policies,
+        finish=report,
+    )
+    (panel,) = written
+    say(panel.question, sys.stdout)
+    say(panel.answer, sys.stdout)
+    for verdict in panel.verdicts:
+        name = f"  {verdict.verdict:<13}"
+        print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
+    print(f"Page: {(arguments.out / 'report.html').resolve()}")
+    return 0
+
+
+def _memory(gib: float) -> float:
+    if not 0.0 < gib < math.inf:
+        raise ValueError(f"--memory-gib must be a finite number above 0, got {gib}")
+    return gib
+
+
+def _spec(given: str | None) -> PanelSpec:
+    if given is None or given in BUILT_IN:
+        return built_in_spec(given or BUILT_IN[0])
+    return read_spec(Path(given))

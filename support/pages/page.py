@@ -1,0 +1,97 @@
+"""What every page is made with: one file that opens offline and loads nothing.
+
+The content security policy forbids that a page ever loads anything; the only script is named there
+by its hash, so that no text of a result can become one.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from functools import cache
+from importlib import resources
+from typing import Any, Final
+
+from ..packages import load
+from ..figures import PALETTE, channels
+from ..terminal import compact, fixed, seconds, step
+from integ_gym.eval import HUES
+
+SCRIPT: Final = """
+(function () {
+  function reveal() {
+    var id = decodeURIComponent(location.hash.slice(1));
+    var target = id && document.getElementById(id);
+    if (!target) { return; }
+    var box = target.closest("details");
+    if (box && !box.open) { box.open = true; target.scrollIntoView(); }
+  }
+  addEventListener("hashchange", reveal);
+  reveal();
+  if (!navigator.clipboard) { return; }
+  document.querySelectorAll("pre.command").forEach(function (block) {
+    var button = document.createElement("button");
+    button.type = "button";
+    button.textContent = "copy";
+    button.addEventListener("click", function () {
+      navigator.clipboard.writeText(block.textContent).then(function () {
+        button.textContent = "copied";
+        setTimeout(function () { button.textContent = "copy"; }, 1500);
+      }, function () { getSelection().selectAllChildren(block); });
+    });
+    block.parentElement.appendChild(button);
+  });
+})();
+"""
+"""Opens what a link leads to, and puts a button for copying beside every command."""
+
+
+def page_environment() -> Any:
+    """A jinja2 environment that escapes everything, with the filters of numbers.
+
+    Raises:
+        ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
+    """
+    jinja2 = load("jinja2", "report")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters.update(soft=_soft, fixed=fixed, compact=compact, seconds=seconds, step=step)
+    return environment
+
+
+@cache
+def page_parts() -> dict[str, Any]:
+    """`style`, `script` and `script_hash`, as templates name them."""
+    markup = load("markupsafe", "report").Markup
+    sheet = resources.files("integ_gym.eval").joinpath("page.css").read_text("utf-8")
+    digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
+    return {
+        "style": markup(f"{_colours()}\n{sheet}"),
+        "script": markup(SCRIPT),
+        "script_hash": f"sha256-{digest}",
+    }
+
+
+def _colours() -> str:
+    """The colours of both schemes as properties, with a class for each hue of integrators."""
+    grounds = []
+    for ground in (0, 1):
+        found = {name: pair[ground] for name, pair in PALETTE.items()}
+        found |= {f"h-{name}": pair[ground] for name, pair in HUES.items()}
+        # thinned out on the page, hence as channels
+        found |= {name: " ".join(map(str, channels(found[name]))) for name in ("warm", "cool")}
+        grounds.append(" ".join(f"--{name}: {value};" for name, value in found.items()))
+    light, dark = grounds
+    classes = " ".join(f".h-{name} {{ --c: var(--h-{name}); }}" for name in HUES)
+    return (
+        f":root {{ {light} --shadow: 0 1px 2px rgb(20 23 28 / .05), 0 6px 20px "
+        "rgb(20 23 28 / .05); }\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {dark} --shadow: none; }} }}\n{classes}"
+    )
+
+
+def _soft(text: Any) -> Any:
+    """Allow line breaks after underscores."""
+    markup = load("markupsafe", "report")
+    return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))

@@ -1,0 +1,109 @@
+"""Parameters: dataclass fields that carry their unit, meaning and valid range."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import field, fields
+from typing import Any
+
+Check = Callable[[Any], str | None]
+"""Says what is wrong with a value in a few words, or None."""
+
+MASS_DISTRIBUTIONS = ("uniform", "point")
+
+LARGEST = 1e30
+"""No parameter is larger in size: products of a few stay finite."""
+
+SMALLEST = 1e-30
+"""No positive parameter is smaller: quotients of a few stay finite."""
+
+
+def parameter(default: Any, unit: str, meaning: str, check: Check) -> Any:
+    """A dataclass field with a default value, an SI unit, a meaning and a check."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "check": check})
+
+
+def units(owner: Any) -> dict[str, str]:
+    """Name to SI unit for every parameter of a dataclass or its instance."""
+    return {f.name: f.metadata["unit"] for f in fields(owner)}
+
+
+def check_values(owner: type, values: Mapping[str, Any]) -> None:
+    """Check each value against the range of the field of ``owner`` that it is for.
+
+    Raises:
+        ValueError: naming the parameter, what was expected and what came.
+    """
+    for f in fields(owner):
+        if f.name not in values:
+            continue
+        problem = f.metadata["check"](values[f.name])
+        if problem:
+            raise ValueError(f"`{f.name}` {problem}, got {values[f.name]!r}")
+
+
+def unknown_name(kind: str, name: str, choices: Iterable[str]) -> str:
+    """One sentence that says a name is unknown, guesses what was meant and lists the choices."""
+    return f"unknown {kind} {name!r}. {suggestion(name, choices)}"
+
+
+def suggestion(name: str, choices: Iterable[str]) -> str:
+    """What may have been meant by a name, whatever its case, and what there is."""
+    known = sorted(choices)
+    lower = {choice.lower(): choice for choice in known}
+    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    guess = f"Did you mean {lower[close[0]]!r}? " if close else ""
+    return f"{guess}Valid choices: {', '.join(known)}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def finite_number(value: Any) -> str | None:
+    """A finite number, no larger than :data:`LARGEST`."""
+    if not (_is_number(value) and value - value == 0):
+        return "must be a finite number"
+    return None if abs(value) <= LARGEST else f"must be at most {LARGEST:g} in size"
+
+
+def positive(value: Any) -> str | None:
+    """A finite number above zero, no smaller than :data:`SMALLEST`."""
+    if finite_number(value) is not None or not value > 0:
+        return "must be a finite number above 0"
+    return None if value >= SMALLEST else f"must be {SMALLEST:g} or above"
+
+
+def nonnegative(value: Any) -> str | None:
+    """A finite number, zero or above."""
+    return None if finite_number(value) is None and value >= 0 else "must be a finite number, 0 or above"
+
+
+def boolean(value: Any) -> str | None:
+    """True or False."""
+    return None if isinstance(value, bool) else "must be True or False"
+
+
+def text(value: Any) -> str | None:
+    """A string."""
+    return None if isinstance(value, str) else "must be a string"
+
+
+def optional(check: Check) -> Check:
+    """None, or what ``check`` accepts."""
+
+    def check_optional(value: Any) -> str | None:
+        problem = None if value is None else check(value)
+        return f"{problem}, or None" if problem else None
+
+    return check_optional
+
+
+def one_of(*choices: str) -> Check:
+    """One of the given strings."""
+
+    def check_choice(value: Any) -> str | None:
+        return None if value in choices else f"must be one of {', '.join(map(repr, choices))}"
+
+    return check_choice

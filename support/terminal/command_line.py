@@ -1,0 +1,73 @@
+"""What all commands have in common."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import textwrap
+from typing import Any, NoReturn
+
+from .text_table import NARROWEST
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, on one line; what the operating system refuses, with a remedy."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"cannot use {error.filename}: {error.strerror}; give another path"
+    return " ".join(str(error).split())
+
+
+def named_value(word: str) -> tuple[str, Any]:
+    """``name=value``, the value read as JSON where it is JSON, else as text."""
+    name, equals, value = word.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def whole_number(word: str) -> int:
+    """A whole number, also as ``1e5``: a ``type`` of options.
+
+    >>> whole_number("1e5"), whole_number("-3")
+    (100000, -3)
+
+    Raises:
+        argparse.ArgumentTypeError: for anything else.
+    """
+    try:
+        return int(word)
+    except ValueError:
+        number = _float(word)
+    if not number.is_integer():
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number, such as 100000 or 1e5, got {word!r}"
+        )
+    return int(number)
+
+
+def _float(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Shows its epilog as it stands, and says in one line what is wrong."""
+
+    def __init__(self, description: str | None = None, **arguments: Any) -> None:
+        arguments.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        arguments.setdefault("allow_abbrev", False)
+        if description is not None:  # which argparse leaves as it stands too
+            width = max(NARROWEST, shutil.get_terminal_size().columns - 2)
+            description = textwrap.fill(description, width)
+        super().__init__(description=description, **arguments)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with code 2 and one line on standard error."""
+        self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")

@@ -1,0 +1,73 @@
+"""How a command ends: bad input with one clear line and exit code 2, an absent reader quietly."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from collections.abc import Callable
+from typing import TextIO
+
+from .command_line import sentence
+
+INTERRUPTED = 130
+
+
+def end_quietly(run: Callable[[], int]) -> int:
+    """Run a command; one whose reader has seen enough, such as `head`, ends without a word."""
+    try:
+        try:
+            code = run()
+        except SystemExit:
+            sys.stdout.flush()
+            raise
+        sys.stdout.flush()  # what is left would else be written, and refused, at exit
+        return code
+    except BrokenPipeError:
+        unread = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
+        if not unread:
+            raise
+        for stream in unread:  # what is still to be written goes nowhere
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream.fileno())
+            os.close(nowhere)
+        return 0
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    """Whether a stream is a pipe of which the other end is closed."""
+    if not hasattr(select, "poll"):
+        return True
+    poll = select.poll()
+    poll.register(stream.fileno(), 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+
+
+def report_errors(command: str, run: Callable[[], int]) -> int:
+    """Run a command; print what the user can mend as one line on standard error.
+
+    Errors that are not about the input are raised with their traceback.
+    """
+    try:
+        return run()
+    except KeyboardInterrupt:
+        print(f"integ-gym {command}: interrupted; what was finished stays", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
+        if not _is_meant_for_users(error):
+            raise
+        print(f"integ-gym {command}: {sentence(error)}", file=sys.stderr)
+        return 2
+
+
+def _is_meant_for_users(error: Exception) -> bool:
+    """Whether the error was raised by this package's own checks."""
+    if isinstance(error, OSError):
+        return True
+    traceback = error.__traceback__
+    while traceback is not None and traceback.tb_next is not None:
+        traceback = traceback.tb_next
+    raised_in = traceback.tb_frame.f_globals.get("__name__", "") if traceback else ""
+    return str(raised_in).startswith("integ_gym.")

@@ -1,0 +1,208 @@
+"""The traced step of many lanes does what the plain one does: the same numbers."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from test_traced_steps import VARIANTS
+
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
+from integ_gym.envs.episode.steps import WARM_UP, LanesStep, plain_array_step, traced_array_step
+from integ_gym.envs.arithmetic.tracing.dialects import ARRAYS, Unusual
+from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
+from integ_gym.envs.arithmetic.tracing.compiling import compiled, repeated
+from integ_gym.envs.arithmetic.tracing.trees import leaves_of
+from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_state
+
+LANES = 6
+
+
+def _start(setup, seed=1, speed=2.0):
+    rng = np.random.default_rng(seed)
+    count = len(setup.plant.coordinates)
+    q, v = rng.normal(0.0, 1.0, (count, LANES)), rng.normal(0.0, speed, (count, LANES))
+    state = initial_state(ARRAY, setup, tuple(q), tuple(v))
+    return state._replace(steps=np.zeros(LANES, dtype=np.int64))
+
+
+def _actions(setup, rng):
+    if setup.task.discrete is not None:
+        return rng.integers(setup.task.discrete, size=LANES).astype(float)
+    limit = 2.0 * setup.task.control_limit
+    return rng.uniform(-limit, limit, LANES)
+
+
+def _assert_same(found, expected):
+    """Equal numbers; of zeros either sign."""
+    *trees, told = found
+    *other_trees, other_told = expected
+    assert told.keys() == other_told.keys()
+    pairs = zip(leaves_of(tuple(trees)), leaves_of(tuple(other_trees)), strict=True)
+    for a, b in (*pairs, *((told[name], other_told[name]) for name in told)):
+        np.testing.assert_array_equal(*np.broadcast_arrays(a, b))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("integrator", INTEGRATORS.names())
+def test_traced_equals_plain(env_id, integrator, variant):
+    setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
+    plain, traced = plain_array_step(setup), traced_array_step(setup)
+    assert traced is not None
+    state, rng = _start(setup), np.random.default_rng(2)
+    taken = traced.first(state)
+    for _ in range(12):
+        actions = _actions(setup, rng)
+        with np.errstate(all="ignore"):
+            expected = plain(state, actions)
+            *found, taken = traced.step(state, taken, actions)
+        _assert_same(found, expected)
+        state = EnvState._make(found[0])
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_one_action_that_is_not_finite_is_the_plain_steps_affair(wrong):
+    setup = environment_setup("IntegPendulum-v0", {})
+    actions = np.zeros(LANES)
+    actions[2] = wrong
+    state = _start(setup)
+    traced = traced_array_step(setup)
+    with pytest.raises(Unusual):
+        traced.step(state, traced.first(state), actions)
+    _, _, told = _warm(setup, state)(state, actions)
+    assert told["fallback_used"].tolist() == [lane == 2 for lane in range(LANES)]
+
+
+def test_one_lane_that_diverges_is_the_plain_steps_affair():
+    setup = environment_setup("IntegPendulum-v0", {"integrator": "explicit_euler", "dt": 0.5})
+    state = _start(setup)
+    state.v[0][3] = 999.9
+    actions = np.full(LANES, 2.0)
+    state.q[0][3] = 1.5
+    traced = traced_array_step(setup)
+    with pytest.raises(Unusual), np.errstate(all="ignore"):
+        traced.step(state, traced.first(state), actions)
+    after, _, told = _warm(setup, state)(state, actions)
+    assert (told["solver_status"] == DIVERGED).tolist() == [lane == 3 for lane in range(LANES)]
+    assert after.v[0][3] == 999.9
+
+
+def _warm(setup, state):
+    step = LanesStep(setup)
+    for _ in range(WARM_UP):
+        step(state, np.zeros(LANES))
+    return step
+
+
+def _collatz(ops, start):
+    """Steps of the 3n + 1 sequence until 1 is reached, with a loop in a loop for the halving."""
+
+    def unfinished(carry):
+        return carry[0] > 1.0
+
+    def advance(carry):
+        value, steps = carry
+        odd = value % 2.0 == 1.0
+        value = ops.where(odd, 3.0 * value + 1.0, value)
+        steps = ops.where(odd, steps + 1, steps)
+        return ops.while_loop(
+            lambda c: c[0] % 2.0 == 0.0, lambda c: (c[0] / 2.0, c[1] + 1), (value, steps)
+        )
+
+    return ops.while_loop(unfinished, advance, (start, 0))
+
+
+def test_lanes_leave_nested_loops_one_by_one():
+    value, steps = compiled(ARRAYS, _collatz, False)(np.array([1.0, 6.0, 27.0]))
+    assert value.tolist() == [1.0, 1.0, 1.0]
+    assert steps.tolist() == [0, 8, 111]
+
+
+def test_logic_of_lanes_and_constants():
+    def function(ops, x, given):
+        both = (x > 0.0) & given
+        no = both == False  # noqa: E712
+        known = ops.usually(True) & ops.any(both)
+        return ops.floor(x), no | (x < -1.0), known, ops.maximum(x, 0.0), ops.minimum(1.0, x)
+
+    x = np.array([-1.5, 0.5, 2.5])
+    floor, either, known, above, below = compiled(ARRAYS, function, False, True)(x, x < 2.0)
+    assert floor.tolist() == [-2.0, 0.0, 2.0]
+    assert either.tolist() == [True, False, True]
+    assert known
+    assert above.tolist() == [0.0, 0.5, 2.5]
+    assert below.tolist() == [-1.5, 0.5, 1.0]
+
+
+def test_what_is_known_not_to_hold_is_no_expectation():
+    assert compiled(ARRAYS, lambda ops, x: ops.where(ops.usually(False), x, -x), False)(2.0) == -2.0
+
+
+def test_what_is_known_of_the_next_state_is_passed_on():
+    """sin(x) is computed once per call, of the new state, and what nobody needs is not."""
+
+    def function(ops, state, push):
+        x, v = state
+        after = x + v, v + push * ops.sin(x)
+        unused = ops.cos(x) + ops.cos(after[0])
+        assert unused is not None
+        return after, {"height": ops.sin(after[0]), "speed": after[1]}
+
+    made = repeated(ARRAYS, function, (False, False), False)
+    assert made.step.__doc__.count("sin") == made.first.__doc__.count("sin") == 1
+    assert "cos" not in made.step.__doc__
+    state, push = (np.array([0.1, 0.2]), np.array([1.0, -1.0])), np.array([0.5, 0.5])
+    plain, taken = state, made.first(state)
+    for _ in range(3):
+        state, told, taken = made.step(state, taken, push)
+        plain, expected = function(ARRAY, plain, push)
+        np.testing.assert_array_equal(state, plain)
+        np.testing.assert_array_equal(told["height"], expected["height"])
+    assert told["speed"] is not state[1]
+
+
+@pytest.mark.parametrize(
+    ("operation", "result"),
+    [
+        (lambda x: 0.0 * x, 0.0), (lambda x: x * 0.0, 0.0), (lambda x: 0.0 / x, 0.0),
+        (lambda x: 1.0 * x, "x"), (lambda x: x * 1.0, "x"), (lambda x: x / 1.0, "x"),
+        (lambda x: x + 0.0, "x"), (lambda x: 0.0 + x, "x"), (lambda x: x - 0.0, "x"),
+        (lambda x: 0.0 - x, "-"), (lambda x: (x > 0.0) * 1.0, "*"), (lambda x: 1 * x, "*"),
+    ],
+)  # fmt: skip
+def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
+    made = compiled(ARRAYS, lambda ops, x: operation(x), False)
+    body = made.__doc__.splitlines()[-1].split("return ")[1]
+    assert {"x": body == "x1"}.get(result, str(result) in body), body
+    x = np.array([-2.0, 3.0])
+    np.testing.assert_array_equal(np.broadcast_to(made(x), 2), operation(x))
+
+
+def test_parameters_that_differ_between_lanes_are_not_traced():
+    setup = environment_setup("IntegPendulum-v0", {"mass": np.array([1.0, 2.0])})
+    assert traced_array_step(setup) is None
+    with pytest.raises(NotTraceable):
+        compiled(ARRAYS, lambda ops, x: np.ones(2) * x, False)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_vector_environment_is_the_same_before_and_after_it_is_traced(env_id, monkeypatch):
+    traced = _run(env_id)
+    monkeypatch.setattr("integ_gym.envs.episode.steps.WARM_UP", 0)
+    for (*arrays, info), (*expected, told) in zip(traced, _run(env_id), strict=True):
+        assert info.keys() == told.keys()
+        for a, b in (*zip(arrays, expected, strict=True), *((info[k], told[k]) for k in told)):
+            assert (a.dtype, a.shape) == (b.dtype, b.shape)
+            np.testing.assert_array_equal(a, b)
+
+
+def _run(env_id):
+    env = gym.make_vec(env_id, num_envs=LANES, dt=0.02, integrator="implicit_midpoint")
+    env.action_space.seed(0)
+    start = env.reset(seed=5)
+    return [start, *(env.step(env.action_space.sample()) for _ in range(WARM_UP + 30))]

@@ -1,0 +1,250 @@
+"""CasADi: equations told once, one element per step, and a solver that says how it fared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import needs, setup_of
+from own_plants import CentralSpring
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines.casadi import steps as _casadi_steps
+from integ_gym.support.packages.extras import load
+from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.mechanics.system import PlantSystem
+
+INTEGRATORS = tuple(ENGINES.load("casadi").maps)
+COLLOCATIONS = tuple(name for name in INTEGRATORS if name.startswith("collocation"))
+ADAPTIVE = ("cvodes", "idas")
+
+RESISTED = {
+    "IntegPendulum-v0": {"damping": 0.3, "friction": 0.2, "joint_limit": 1.0},
+    "IntegCartPoleSwingUp-v0": {
+        "damping": 0.02, "cart_damping": 0.4, "friction": 0.02, "cart_friction": 0.5,
+        "track_limit": 1.0,
+    },
+    "IntegElasticPendulum-v0": {"damping": 0.5},
+}  # fmt: skip
+"""Every plant with all that resists it."""
+
+pytestmark = pytest.mark.usefixtures("casadi")
+
+
+@pytest.fixture(scope="module", name="casadi")
+def _casadi():
+    needs("casadi")
+    return load("casadi", "casadi")
+
+
+def _moderate(setup, count=10):
+    """States from which Newton's method finds its way over a stop or through friction."""
+    rng, n = np.random.default_rng(3), len(setup.plant.coordinates)
+    limit = 0.05 if setup.plant.name == "elastic_pendulum" else 2.0
+    for _ in range(count):
+        q, v = rng.uniform(-limit, limit, n), rng.uniform(-3.0, 3.0, n)
+        yield tuple(q.tolist()), tuple(v.tolist()), float(rng.uniform(-2.0, 2.0))
+
+
+@pytest.mark.parametrize("env_id", RESISTED)
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_states_and_losses_are_the_maps_on_every_plant(integrator, env_id):
+    """With damping, friction and stops, all of which act within the stages."""
+    setup = setup_of("casadi", integrator, env_id, dt=0.002, **RESISTED[env_id])
+    known = one_step_map(setup.engine.map)
+    losses = tuple(0.1 * (k + 1) for k in range(len(setup.system.no_losses)))
+    lost = []
+    for q, v, control in _moderate(setup):
+        found = setup.engine.move(SCALAR, q, v, losses, control)
+        expected = known.step(SCALAR, setup.system, q, v, losses, control, 0.002)
+        assert found.converged
+        assert expected.converged
+        for got, wanted in zip(found[:3], expected[:3], strict=True):
+            np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
+        lost.append(np.subtract(found.losses, losses))
+    assert (np.max(lost, axis=0) > 1e-4).all()
+
+
+@dataclass(frozen=True)
+class Trapdoor(CentralSpring):
+    """A spring that lets go in a band, written with every operation of a component."""
+
+    def acceleration(self, ops, q, v, force):
+        pulled = super().acceleration(ops, q, v, force)
+        inside = (abs(q[0]) < 0.5) & ((q[1] > 0.0) | (v[1] <= -1.0))
+        ripple = ops.sqrt(1.0 + q[0] ** 2) % 0.7 - ops.tanh(ops.minimum(q[1], 1.0 / (2.0 + q[0])))
+        bent = ops.repeat(2, lambda k, carry: (0.5 * carry[0] + k,), (ripple,))[0]
+        still = ops.isfinite(q[0]) & (ops.any(inside) == False)  # noqa: E712
+        return ops.where(inside, 0.0 * bent, pulled[0]), ops.where(still, bent, -ops.sin(q[1]))
+
+
+@pytest.mark.parametrize("integrator", ["rk", "collocation_legendre_2", "cvodes"])
+def test_a_plant_of_the_users_own(integrator):
+    system = PlantSystem(CentralSpring(damping=0.3))
+    engine = ENGINES.load("casadi")(system, integrator, 0.05)
+    known = one_step_map(engine.map)
+    arguments = ((0.4, -0.8), (1.0, 2.0), (0.0,), 0.7)
+    found = engine.move(SCALAR, *arguments)
+    expected = known.step(SCALAR, system, *arguments, 0.05)
+    for got, wanted in zip(found[:3], expected[:3], strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-10)
+
+
+def test_every_operation_of_a_component_can_be_told():
+    system = PlantSystem(Trapdoor())
+    engine = ENGINES.load("casadi")(system, "rk", 0.01)
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        q, v = tuple(rng.uniform(-1.5, 1.5, 2).tolist()), tuple(rng.uniform(-2.0, 2.0, 2).tolist())
+        found = engine.move(SCALAR, q, v, (0.0,), 0.3)
+        expected = one_step_map("rk4").step(SCALAR, system, q, v, (0.0,), 0.3, 0.01)
+        np.testing.assert_allclose((*found.q, *found.v), (*expected.q, *expected.v), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["minimum", "maximum"])
+@pytest.mark.parametrize("pair", [(1.0, 2.0), (2.0, 1.0), (math.nan, 1.0), (1.0, math.nan)])
+def test_extremes_are_those_of_the_scalar_world(casadi, name, pair):
+    """NaN if either is: CasADi's own `fmin` and `fmax` pass it over."""
+    from integ_gym.envs.engines.casadi.ops import CasadiOps, Expression, plain
+
+    symbols = casadi.SX.sym("a"), casadi.SX.sym("b")
+    told = getattr(CasadiOps(), name)(*map(Expression, symbols))
+    found = float(casadi.Function("f", symbols, (plain(told),))(*pair))
+    np.testing.assert_equal(found, getattr(SCALAR, name)(*pair))
+
+
+@dataclass(frozen=True)
+class Searching(CentralSpring):
+    """A plant whose acceleration is looked for in a loop."""
+
+    def acceleration(self, ops, q, v, force):
+        (pull,) = ops.while_loop(lambda c: c[0] > 1.0, lambda c: (0.5 * c[0],), (q[0],))
+        return pull, force[1]
+
+
+@dataclass(frozen=True)
+class Asking(CentralSpring):
+    """A plant that asks for the value of a component."""
+
+    def acceleration(self, ops, q, v, force):
+        return (force[0], force[1]) if q[0] > 0.0 else (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("plant", "reason"), [(Searching(), "`while_loop`.*engine 'native'"), (Asking(), "the truth")]
+)
+def test_equations_that_cannot_be_told_are_refused(plant, reason):
+    with pytest.raises(TypeError, match=reason):
+        ENGINES.load("casadi")(PlantSystem(plant), "rk", 0.01)
+
+
+@pytest.mark.parametrize("integrator", ["rk", *COLLOCATIONS])
+def test_one_step_is_one_element(casadi, integrator, monkeypatch):
+    """CasADi's own default, 20 elements, is another map."""
+    setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.1)
+    step = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
+    monkeypatch.setattr(_casadi_steps, "_ONE_ELEMENT", {})
+    if integrator == "rk":
+        engine = ENGINES.load("casadi")(setup.system, "rk", 0.1)
+        divided = engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
+        assert abs(divided.q[0] - step.q[0]) > 1e-6
+    else:
+        divided = _integrated(casadi, setup.system, integrator, {})
+        assert abs(divided[0] - step.q[0]) > 1e-9
+    whole = _integrated(casadi, setup.system, integrator, {"number_of_finite_elements": 1})
+    assert whole == (*step.q, *step.v, *step.losses)
+
+
+def _integrated(casadi, system, integrator, options):
+    """One step of 0.1 s by CasADi's integrator itself, from where the test above begins."""
+    from integ_gym.envs.engines.casadi.engine import _equations
+
+    plugin, *scheme = integrator.split("_")
+    if scheme:
+        names = ("collocation_scheme", "interpolation_order")
+        options = {**options, **dict(zip(names, (scheme[0], int(scheme[1])), strict=True))}
+    made = casadi.integrator("whole", plugin, _equations(system), 0.0, 0.1, options)
+    return tuple(np.array(made(x0=[0.5, 3.0, 0.0], p=1.0)["xf"]).ravel().tolist())
+
+
+@pytest.mark.parametrize("integrator", COLLOCATIONS)
+def test_a_step_that_newton_does_not_solve_is_not_converged(integrator, monkeypatch, capfd):
+    """And says so in `info`, without an exception and without a word on the terminal."""
+    monkeypatch.setattr(_casadi_steps, "NEWTON_CAP", 1)
+    env = gym.make(
+        "IntegCartPole-v0", engine="casadi", integrator=integrator, dt=0.05,
+        disable_env_checker=True,
+    )  # fmt: skip
+    env.reset(options={"state": (0.0, 1.0, 1.0, 5.0)})
+    info = env.step(1)[4]
+    assert info["solver_status"] == "not_converged"
+    assert info["solver_iterations"] == 1
+    assert info["solver_residual"] > 1e-6
+    assert np.isfinite(env.unwrapped.state).all()
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.parametrize("integrator", COLLOCATIONS)
+def test_rounding_of_a_large_angle_is_not_taken_for_a_failure(integrator):
+    setup = setup_of("casadi", integrator, "IntegPendulum-v0")
+    step = setup.engine.move(SCALAR, (2.0e4,), (3.0,), (0.0,), 1.0)
+    assert step.converged
+    assert step.iterations < 50
+    assert step.residual < _casadi_steps.TOLERANCE
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE)
+def test_an_adaptive_integrator_that_gives_up_diverges(integrator, monkeypatch, capfd):
+    """And the next step is none the worse for it."""
+    setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.0201)
+    before = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
+    monkeypatch.setattr(_casadi_steps, "INNER_CAP", 10)
+    engine = ENGINES.load("casadi")(setup.system, integrator, 0.0201)
+    motion = engine.advance(SCALAR, (0.5,), (3.0,), ((1.0, 1),), None)
+    assert not motion.finite
+    assert not motion.converged
+    assert setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0) == before
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE)
+def test_adaptive_integrators_are_as_accurate_as_they_are_asked_to_be(integrator, monkeypatch):
+    setup = setup_of("casadi", integrator, "IntegCartPole-v0", damping=0.02, dt=0.0202)
+    state = ((0.1, 2.0), (1.0, 6.0), (0.0,), 1.5)
+    reference = one_step_map("reference").step(SCALAR, setup.system, *state, 0.0202)
+    errors = []
+    for asked in (1e-6, 1e-9, 1e-12):
+        monkeypatch.setattr(_casadi_steps, "TOLERANCE", asked)
+        engine = ENGINES.load("casadi")(setup.system, integrator, 0.0202)
+        step = engine.move(SCALAR, *state)
+        assert step.iterations > 10
+        ends = np.array((*step.q, *step.v)), np.array((*reference.q, *reference.v))
+        errors.append(np.abs(np.subtract(*ends)).max())
+        assert errors[-1] < asked * step.iterations * (1.0 + np.abs(ends).max())
+    assert errors[0] > 100.0 * errors[1] > 1e4 * errors[2]
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_the_solver_is_described(integrator):
+    told = setup_of("casadi", integrator, "IntegPendulum-v0").engine.solver()
+    cap = 5000 if integrator in ADAPTIVE else 50
+    expected = (None, None) if integrator == "rk" else (1e-12, cap)
+    assert (told["solver_tolerance"], told["solver_cap"]) == expected
+
+
+@pytest.mark.parametrize("plant", ["cart_pole", "elastic_pendulum"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_the_fingerprint_tells_the_integrators_apart(integrator, plant):
+    """Those of order 5 and the exact ones too, also where the plant is stiff."""
+    found = fingerprint("casadi", integrator, plant)
+    declared = ENGINES.load("casadi").maps[integrator]
+    assert found.equal_maps == (found.map,) == (declared,)
+    if integrator in ADAPTIVE:
+        assert found.order is None
+    else:
+        assert found.order == pytest.approx(one_step_map(declared).order, abs=0.05)

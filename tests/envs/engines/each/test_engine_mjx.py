@@ -1,0 +1,138 @@
+"""MJX: float64 by itself, one program for all mechanisms, stops that weigh what MuJoCo's do."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import needs, one_step, setup_of, states
+from engine_checks import new_setup
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines._rigid.mjcf_text import mjcf
+from integ_gym.envs.arithmetic.ops import SCALAR
+
+ENGINE = ("mjx", "Euler")
+STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
+
+
+@pytest.fixture
+def program():
+    """The module of MJX's functions."""
+    needs("mjx")
+    from integ_gym.envs.engines.mjx import program as _mjx_program
+
+    return _mjx_program
+
+
+def test_mujocos_other_integrators_are_none_of_mjxs(program):
+    mechanism = setup_of(*ENGINE, "IntegPendulum-v0").plant.mechanism
+
+    def step(integrator):
+        made = program.program_of(mechanism, integrator, None)
+        made.step(program.numbers(mechanism, 0.02, ()), np.zeros(3))
+
+    for integrator in set(ENGINES.load("mujoco").maps) - set(ENGINES.load("mjx").maps):
+        with pytest.raises(NotImplementedError):
+            step(integrator)
+        with pytest.raises(ValueError, match=f"'{integrator}'.*Valid choices"):
+            new_setup("mjx", integrator, "IntegPendulum-v0")
+
+
+def test_one_program_serves_all_mechanisms_of_the_same_joints(program):
+    one = setup_of(*ENGINE, "IntegCartPole-v0").engine
+    other = setup_of(*ENGINE, "IntegCartPole-v0", dt=0.1, cart_mass=3.0, length=0.2).engine
+    assert one._program is other._program
+    assert one._program is not setup_of(*ENGINE, "IntegPendulum-v0").engine._program
+
+
+def test_lanes_are_single_environments_to_the_last_bit(program):
+    """More of them than one call takes; a lane that is astray is lost alone."""
+    engine = setup_of(*ENGINE, "IntegCartPole-v0").engine
+    count = 2 * program.LANES + 3
+    starts = np.random.default_rng(1).uniform(-3.0, 3.0, (6, count))
+    starts[1, 5], starts[2, 7] = np.nan, 1e30
+    q, v, force = tuple(starts[:2]), tuple(starts[2:4]), tuple(starts[4:])
+    many = engine.travel(None, q, v, force, 2)
+    for lane in (0, 4, 5, 6, 7, 8, count - 1):
+        single = engine.run(2)(*starts[:, lane])
+        got = [x[lane] for x in (*many[0], *many[1])]
+        assert np.isnan(got).all() if lane in (5, 7) else got == list(single)
+
+
+def test_parameters_of_lanes_are_refused(program):
+    with pytest.raises(ValueError, match="engine 'mjx' takes one value of `mass`"):
+        gym.make_vec(
+            "IntegPendulum-v0", num_envs=2, engine="mjx", integrator="Euler",
+            mass=np.array([1.0, 2.0]),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("cart_mass", [0.5, 5.0])
+def test_its_stops_are_those_of_mujoco(program, cart_mass):
+    """Also where the mechanism is another than the one that a program is made for."""
+    needs("mujoco")
+    told = []
+    for engine in ("mjx", "mujoco"):
+        setup = new_setup(engine, "Euler", **STOPPED, cart_mass=cart_mass)
+        q, v, force = (2.41, 0.3), (1.0, 0.5), (0.0, 0.0)
+        end = setup.engine.travel(SCALAR, q, v, force, 1)
+        told.append((np.array([*end[0], *end[1]]), setup.engine.describe()["stops"]))
+    np.testing.assert_allclose(told[0][0], told[1][0], rtol=1e-9)
+    assert told[0][1] == told[1][1]
+
+
+def test_mjx_does_not_hand_out_its_solvers_iterations(program):
+    """The number in its data is never written, which is why there is none to report."""
+    import jax
+    import mujoco
+    from mujoco import mjx
+
+    system = new_setup(*ENGINE, **STOPPED).system
+    text = mjcf(system.plant.mechanism, 0.001, "Euler", system.engine_stops)
+    made = mujoco.MjModel.from_xml_string(text)
+    state = {"qpos": np.array([2.41, 0.3]), "qvel": np.array([1.0, 5.0])}
+    data = mujoco.MjData(made)
+    data.qpos[:], data.qvel[:] = state["qpos"], state["qvel"]
+    mujoco.mj_step(made, data)
+    assert data.solver_niter.max() > 0
+    with jax.enable_x64(True):
+        end = mjx.step(mjx.put_model(made, impl="jax"), mjx.make_data(made).replace(**state))
+        assert float(end.qfrc_constraint[0]) < 0.0
+        assert int(end._impl.solver_niter) == 0
+
+
+def test_speeds_up_to_divergence_are_not_clipped(program):
+    setup = setup_of(*ENGINE, "IntegPendulum-v0")
+    for q, v, control in states(setup, 5):
+        fast = (999.0 * np.sign(v[0]),)
+        moved = one_step(setup, q, fast, control)[0] - q[0]
+        assert abs(moved) == pytest.approx(999.0 * 0.02, rel=1e-3)
+
+
+EPISODE = """
+import os, warnings
+import gymnasium, integ_gym, jax, numpy
+values, environ = {n: jax.config.values[n] for n in jax.config.values}, dict(os.environ)
+warnings.simplefilter("error")
+env = gymnasium.make("IntegPendulum-v0", engine="mjx", integrator="Euler", max_torque=1e30)
+env.reset(seed=0)
+for _ in range(60):
+    env.step(numpy.zeros(1, numpy.float32))
+assert env.step(numpy.full(1, 1e30, numpy.float32))[2]
+assert values == {n: jax.config.values[n] for n in jax.config.values}
+assert environ == dict(os.environ)
+assert jax.numpy.zeros(1).dtype == "float32"
+"""
+
+
+def test_the_process_is_left_as_it_was(program, tmp_path):
+    """Nothing printed, nothing written, JAX configured as before."""
+    done = subprocess.run(
+        [sys.executable, "-c", EPISODE], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+    assert not list(tmp_path.iterdir())

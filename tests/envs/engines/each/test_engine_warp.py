@@ -1,0 +1,165 @@
+"""MuJoCo Warp and Newton: recorded steps, worlds side by side, and what would falsify them."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import partial
+
+import numpy as np
+import pytest
+from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_step, setup_of, states
+from engine_checks import defect, new_setup, told_by_an_episode
+
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.engines import ENGINES, mujoco_warp
+from integ_gym.envs.engines.newton import FEATHERSTONE, NewtonEngine
+from integ_gym.envs.arithmetic.ops import SCALAR
+
+CASES = [
+    (engine, integrator)
+    for engine in ("mujoco_warp", "newton")
+    for integrator in ENGINES.load(engine).maps
+]
+OF_MUJOCO = [
+    case for case in CASES if case[1].lower().removeprefix("mujoco_") in ("euler", "implicitfast")
+]
+STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
+SINGLE = TOLERANCE[32]
+
+each = pytest.mark.parametrize(("engine", "integrator"), CASES)
+
+
+@each
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("speed", [101.0, 500.0, 999.0])
+def test_no_speed_is_clipped_below_divergence(engine, integrator, env_id, speed):
+    setup = setup_of(engine, integrator, env_id, **DAMPING[env_id])
+    fast = [(q, tuple(speed * np.sign(v)), u) for q, v, u in states(setup, 5)]
+    assert defect(setup, fast) < (SINGLE if env_id == "IntegPendulum-v0" else 1e-3)
+
+
+@each
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_point_mass_is_one(engine, integrator, env_id):
+    """Its inertia is 1e-12 kg m^2; in float32 too, that is too little to be felt."""
+    setup = setup_of(engine, integrator, env_id, mass_distribution="point", mass=0.02)
+    assert defect(setup, states(setup, 5)) < SINGLE
+
+
+@each
+def test_all_lanes_are_moved_by_one_replay(engine, integrator, monkeypatch):
+    made = setup_of(engine, integrator, "IntegCartPole-v0").engine
+    rng = np.random.default_rng(1)
+    starts = rng.uniform(-3.0, 3.0, (6, 40)).astype(np.float32).astype(np.float64)
+    starts[1, 5], starts[2, 7] = np.nan, 1e30
+    arguments = tuple(starts[:2]), tuple(starts[2:4]), tuple(starts[4:])
+    many = made.travel(None, *arguments, 1)
+    for lane in (0, 4, 5, 6, 7, 8, 39):
+        single = made.run(1)(*starts[:, lane])
+        got = [x[lane] for x in (*many[0], *many[1])]
+        assert np.isnan(got).all() if lane in (5, 7) else got == list(single)
+    replay, calls = made._warp.capture_launch, []
+    monkeypatch.setattr(made._warp, "capture_launch", lambda g: calls.append(g) or replay(g))
+    made.travel(None, *arguments, 3)
+    assert len(calls) == 3
+
+
+def _stopped_at_one(engine, monkeypatch):
+    """Let the engine's constraint solver take one iteration at most."""
+    if engine == "mujoco_warp":
+        ours = mujoco_warp.mjcf
+        cut = '<option iterations="1" '
+        monkeypatch.setattr(
+            mujoco_warp, "mjcf", lambda *given: ours(*given).replace("<option ", cut)
+        )
+    else:
+        import newton
+
+        theirs = newton.solvers.SolverMuJoCo
+        monkeypatch.setattr(newton.solvers, "SolverMuJoCo", partial(theirs, iterations=1))
+
+
+@pytest.mark.parametrize(("engine", "integrator"), [c for c in CASES if c[1] != FEATHERSTONE])
+def test_a_solver_that_is_stopped_at_its_cap_has_not_converged(
+    engine, integrator, monkeypatch, capfd
+):
+    """And prints nothing, also where it would have gone on."""
+    needs(engine)
+    _stopped_at_one(engine, monkeypatch)
+    cut = new_setup(engine, integrator, **STOPPED).engine
+    assert cut.solver()["solver_cap"] == 1
+    q, v, control = (2.41, 0.3), (1.0, 5.0), ((0.0, 1),)
+    motion = cut.advance(SCALAR, q, v, control, None)
+    assert (motion.iterations, motion.converged) == (1, False)
+    lanes = [np.array([x, x, np.nan]) for x in (*q, *v)]
+    many = cut.advance(ARRAY, tuple(lanes[:2]), tuple(lanes[2:]), control, None)
+    assert many.iterations[:2].tolist() == [1.0, 1.0]
+    assert not many.converged.any()
+    fast = cut.advance(SCALAR, (2.6, 0.3), (500.0, -800.0), ((1e5, 1),), None)
+    assert (fast.iterations, fast.converged) == (1, False)
+    ctypes.CDLL(None).fflush(None)
+    assert capfd.readouterr() == ("", "")
+
+
+@each
+def test_several_steps_against_the_stop_are_single_steps(engine, integrator):
+    needs(engine)
+    engine = new_setup(engine, integrator, **STOPPED).engine
+    state, reports = (2.41, 0.3, 1.0, 5.0), []
+    at_once = engine.run(5)(*state, 2.0, 0.0)
+    for _ in range(5):
+        (*state,) = engine.run(1)(*state, 2.0, 0.0)
+        reports.append(state[4:])
+        state = state[:4]
+    assert at_once == (*state, *([max(r[0] for r in reports), 0.0, True] if reports[0] else ()))
+
+
+@pytest.mark.parametrize(("engine", "integrator"), OF_MUJOCO)
+def test_without_room_for_constraints_forces_would_be_left_out(engine, integrator, monkeypatch):
+    needs(engine)
+    monkeypatch.setattr(f"integ_gym.envs.engines.{engine}.ROWS", 0)
+    setup = new_setup(engine, integrator, "IntegPendulum-v0")
+    assert defect(setup, states(setup, 5)) > 1e-3
+
+
+def test_newtons_own_damping_is_off():
+    needs("newton")
+    made = setup_of("newton", FEATHERSTONE, "IntegPendulum-v0").engine
+    _, solver, *_ = made._recorded(1, None)[0].simulation
+    assert solver.angular_damping == 0.0
+    assert type(solver)(solver.model).angular_damping == 0.05
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_newtons_mujoco_is_mujoco_warp(integrator):
+    theirs = setup_of("mujoco_warp", integrator, "IntegCartPole-v0", **DAMPING[IDS[1]])
+    ours = setup_of("newton", f"mujoco_{integrator.lower()}", IDS[1], **DAMPING[IDS[1]])
+    for case in states(theirs):
+        np.testing.assert_allclose(one_step(ours, *case), one_step(theirs, *case), atol=2e-6)
+
+
+def test_what_the_process_has_configured_stays():
+    needs("newton")
+    import warp
+    from warp import config
+
+    def told():
+        modules = [warp.get_module_options(module=name) for name in NewtonEngine.KERNELS]
+        named = {k: v for k, v in vars(config).items() if isinstance(v, (int, str, bool))}
+        return named, [dict(options) for options in modules], str(warp.get_device())
+
+    before = told()
+    for engine, integrator in CASES:
+        setup = new_setup(engine, integrator, "IntegPendulum-v0", dt=0.013)
+        one_step(setup, (1.0,), (2.0,), 0.5)
+    assert told() == before
+    assert all(options["enable_backward"] for options in before[1])
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator"),
+    [("mujoco_warp", "Euler"), ("newton", FEATHERSTONE), ("newton", "mujoco_euler")],
+)
+def test_nothing_is_printed_and_nothing_written(engine, integrator, tmp_path):
+    needs(engine)
+    assert told_by_an_episode(engine, integrator, tmp_path) == (0, "")

@@ -1,0 +1,229 @@
+"""Stops in every engine: ours, as a generalized force, and the engine's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import (
+    EVERY,
+    FIRST,
+    STOPPED,
+    TOLERANCE,
+    mapped,
+    native_name,
+    needs,
+    one_step,
+    setup_of,
+    solved,
+)
+from engine_checks import new_setup
+
+import integ_gym  # noqa: F401
+from integ_gym.envs.engines._rigid.bodies import HeldForce
+from integ_gym.envs.engines.newton import FEATHERSTONE
+from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.catalogue.registration import environment_setup
+
+SWING_UP = "IntegCartPoleSwingUp-v0"
+DOCS = (Path(__file__).parents[3] / "docs" / "engines.md").read_text(encoding="utf-8")
+STEPS = (0.004, 0.002, 0.001, 0.0005)
+COAST = 0.12
+"""Time of a motion into a stop and back, s."""
+
+
+@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+def test_our_stops_act_in_every_engine(engine, integrator):
+    """A cart that runs into the stop is pushed back, with the depth, force and loss on record."""
+    needs(engine)
+    env = gym.make(
+        "IntegCartPoleSwingUp-v0", engine=engine, integrator=integrator, dt=0.001,
+        control_period=0.02,
+    )  # fmt: skip
+    env.reset(seed=0, options={"state": (2.35, 2.0, np.pi, 0.0)})
+    told = [env.step(np.zeros(1, np.float32))[4] for _ in range(12)]
+    assert env.unwrapped.state[1] < 0.0
+    assert max(info["penetration"] for info in told) == pytest.approx(0.036, abs=0.004)
+    assert min(info["contact_force"] for info in told) < -80.0
+    assert sum(info["contact_loss"] for info in told) == pytest.approx(1.2, abs=0.2)
+    assert abs(sum(info["energy_residual"] for info in told)) < 0.05
+
+
+@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+def test_stops_of_the_engines_own_leave_the_ledger_open(engine, integrator):
+    needs(engine)
+    env = gym.make(
+        "IntegCartPoleSwingUp-v0", engine=engine, integrator=integrator, dt=0.001,
+        control_period=0.02, contact="engine",
+    )  # fmt: skip
+    env.reset(seed=0, options={"state": (2.35, 2.0, np.pi, 0.0)})
+    told = [env.step(np.zeros(1, np.float32))[4] for _ in range(12)]
+    touched = [info for info in told if info["contact_force"]]
+    assert touched
+    assert all(np.isnan([i["energy_residual"], i["contact_loss"]]).all() for i in touched)
+    free = [info for info in told if not info["contact_force"]]
+    assert all(abs(info["energy_residual"]) < 1e-2 for info in free)
+    assert env.unwrapped.state[0] < 2.4 + 0.02
+    assert env.unwrapped.setup.engine.describe()["stops"]
+
+
+def _told(motion):
+    """All that a step tells, as numbers."""
+    reported = (motion.iterations, motion.residual, motion.converged, motion.contact_force)
+    return [float(x) for x in (*motion.q, *motion.v, *motion.losses, *reported)]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, integrator):
+    """To the last bit, in any order, and after motions that diverge."""
+    needs(engine)
+    given = {"dt": 0.001, "contact": "engine"}
+    cases = [((x, 0.3), (1.0, 5.0), 2.0) for x in (2.41, 0.0, 2.5, -2.45, 2.4)]
+    violent = ((2.6, 0.3), (1e5, -1e5), 0.0)
+
+    def told(setup, case):
+        q, v, control = case
+        return _told(setup.engine.advance(SCALAR, q, v, ((control, 1),), None))
+
+    first = new_setup(engine, integrator, SWING_UP, **given)
+    expected = [told(first, case) for case in cases]
+    other = new_setup(engine, integrator, SWING_UP, **given)
+    for k in np.random.default_rng(2).integers(0, len(cases), 20):
+        told(other, violent)
+        np.testing.assert_array_equal(told(other, cases[k]), expected[k])
+
+
+SOLVERS = {
+    "mujoco": (1e-8, 100),
+    "mujoco_warp": (1e-6, 100),
+    "newton": (1e-6, 100),
+    "pybullet": (1e-7, 50),
+}
+"""Tolerance and cap of the constraint solvers that tell of themselves."""
+
+
+def _solver_of(engine, integrator):
+    return None if integrator == FEATHERSTONE else SOLVERS.get(engine)
+
+
+@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+def test_what_the_constraint_solver_does_is_reported_where_it_is_told(engine, integrator):
+    """In single and in vector environments; a cart starts 5 mm before its stop."""
+    needs(engine)
+    given = {
+        "id": SWING_UP, "engine": engine, "integrator": integrator, "dt": 0.001,
+        "control_period": 0.02, "contact": "engine",
+    }  # fmt: skip
+    start = (2.395, 2.0, np.pi, 0.0)
+    single, many = gym.make(**given), gym.make_vec(**given, num_envs=2)
+    single.reset(seed=0, options={"state": start})
+    many.reset(seed=0, options={"state": np.array([start] * 2)})
+    told = [single.step(np.zeros(1, np.float32))[4] for _ in range(3)]
+    side_by_side = [many.step(np.zeros((2, 1), np.float32))[4] for _ in range(3)]
+    names = ("solver_iterations", "solver_residual", "solver_status")
+    for one, both in zip(told, side_by_side, strict=True):
+        assert all((both[name] == one[name]).all() for name in names)
+    tolerance, cap = _solver_of(engine, integrator) or (None, None)
+    known = single.unwrapped.setup.engine.solver()
+    assert any(info["contact_force"] for info in told)
+    if cap is None:
+        assert {info["solver_status"] for info in told} == {"not_reported"}
+        assert not any(info["solver_iterations"] for info in told)
+        assert known["solver_cap"] is None
+    else:
+        assert {info["solver_status"] for info in told} == {"ok"}
+        assert all(0 < i["solver_iterations"] < cap for i in told if i["contact_force"])
+        assert known == {"solver_tolerance": pytest.approx(tolerance), "solver_cap": cap}
+
+
+@pytest.mark.parametrize("engine", [*SOLVERS, "mjx", "dart", "sapien"])
+def test_without_stops_of_its_own_an_engine_has_no_constraint_to_report_on(engine):
+    integrator = next(of for name, of in STOPPED if name == engine)
+    free = setup_of(engine, integrator, "IntegCartPole-v0").engine
+    assert not free.reports
+    assert free.solver() == {"solver_tolerance": None, "solver_cap": None}
+
+
+def _held(setup, name, q, v, control):
+    """(q, v) after one step of a map, with the force of stops and friction held during it."""
+    system = setup.system
+    resisting, _ = system.resistance(SCALAR, q, v)
+    drive = system.generalized(control)
+    force = tuple(a + b for a, b in zip(drive, resisting, strict=True))
+    held = HeldForce(system.plant, force)
+    end = one_step_map(name).step(SCALAR, held, q, v, (0.0,), control, setup.timing.dt)
+    return np.array((*end.q, *end.v))
+
+
+def _against_the_stop():
+    """(q, v, control) at random with the cart in either stop, where it stays for some steps."""
+    rng = np.random.default_rng(5)
+    return [
+        (
+            (side * (2.42 + 0.02 * rng.random()), float(rng.uniform(-3.0, 3.0))),
+            (float(rng.uniform(-1.0, 1.0)), float(rng.uniform(-6.0, 6.0))),
+            float(rng.uniform(-3.0, 3.0)) * (place > 3),
+        )
+        for place in range(12)
+        for side in (1.0, -1.0)
+    ]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), EVERY)
+def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
+    """Of its map, with the force of stops and friction held over the step or within the stages."""
+    setup = setup_of(engine, integrator, SWING_UP, dt=0.004, cart_friction=0.5)
+    told, cases = setup.engine.describe(), solved(setup, _against_the_stop())
+    assert len(cases) >= 20
+    assert told["resistance"] == {
+        True: "held over the step", False: "within the integrator's stages",
+    }[engine not in ("casadi", "pinocchio")]  # fmt: skip
+    for case in cases:
+        if told["resistance"] == "held over the step":
+            expected = _held(setup, told["map"], *case)
+        else:
+            expected = mapped(one_step_map(told["map"]), setup, *case)
+        error = np.abs(one_step(setup, *case) - expected) / (1.0 + np.abs(expected))
+        assert error.max() <= TOLERANCE[setup.engine.width]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+def test_where_nothing_resists_there_is_nothing_to_say(engine, integrator):
+    assert setup_of(engine, integrator, "IntegPendulum-v0").engine.describe()["resistance"] is None
+
+
+def _coasted(name, dt, held):
+    """(q, v) of a cart that runs into its stop and back, by a map."""
+    arguments = {"integrator": native_name(name), "dt": dt}
+    setup = environment_setup(SWING_UP, arguments)
+    state = ((2.35, np.pi), (2.0, 0.0), 0.0)
+    for _ in range(round(COAST / dt)):
+        known = one_step_map(name)
+        end = _held(setup, name, *state) if held else mapped(known, setup, *state)
+        state = (tuple(end[:2]), tuple(end[2:]), 0.0)
+    return end
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return _coasted("reference", STEPS[-1], held=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "held"),
+    [
+        ("symplectic_euler", True), ("symplectic_euler", False), ("rk4", True), ("rk4", False),
+        ("dormand_prince5", True), ("implicit_euler", True), ("implicit_euler", False),
+        ("reference", True),
+    ],
+)  # fmt: skip
+def test_the_documented_errors_are_those_of_the_maps(name, held, truth):
+    """The largest error of a component of the state at the end, at each step."""
+    where = "held over the step" if held else "within the stages"
+    errors = [np.abs(_coasted(name, dt, held) - truth).max() for dt in STEPS]
+    (row,) = [line for line in DOCS.splitlines() if line.startswith(f"| `{name}` | {where} |")]
+    said = [float(cell) for cell in row.strip("| ").split(" | ")[2:]]
+    assert said == pytest.approx(errors, rel=0.06)

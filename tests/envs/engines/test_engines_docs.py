@@ -1,0 +1,109 @@
+"""The tables and figures of docs/engines.md and docs/trust.md are what is declared and measured."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engine_cases import DAMPING, FOREIGN, mapped, native_name, needs, setup_of, states
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.maps import map_names, one_step_map
+from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+
+ROOT = Path(__file__).parents[3]
+ENGINES_TABLE = (ROOT / "docs" / "engines.md").read_text("utf-8").split("\n## ")[1]
+TRUST_PAGE = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+PINS = dict(re.findall(r"^(\S+)==(\S+)$", (ROOT / "constraints.txt").read_text("utf-8"), re.M))
+ROUNDING = 1e-10
+"""Changes of volume below it are called zero."""
+
+
+def _row(page, name):
+    """Cells of the only table row that begins with a name in code style."""
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{name}` |")]
+    return row.strip("| ").split(" | ")
+
+
+def _maps_in_words(maps):
+    """Integrators by map in the order of the engine's own; those called as their map, as they are.
+
+    All of them, without their names, where each is.
+    """
+    if all(own == applied for own, applied in maps.items()):
+        return "all native integrators"
+    groups = {}
+    for own, applied in maps.items():
+        groups.setdefault(applied, []).append(f"`{own}`")
+    return "; ".join(
+        f"{', '.join(names)}" + (f" → `{applied}`" if names != [f"`{applied}`"] else "")
+        for applied, names in groups.items()
+    )
+
+
+@pytest.mark.parametrize("engine", FOREIGN)
+def test_the_table_of_engines_is_what_they_declare(engine):
+    own = ENGINES.load(engine)
+    stops = "no" if not own.own_stops else "discrete only" if own.stopless else "yes"
+    assert _row(ENGINES_TABLE, engine) == [
+        f"`{engine}`", PINS[own.package], _maps_in_words(own.maps), f"float{own.width}", stops,
+    ]  # fmt: skip
+
+
+def _percent(share, digits=3):
+    shown = round(100.0 * share, digits)
+    return f"{shown:+.{digits}f}".replace("-", "−") + " %" if shown else "0 %"
+
+
+def _volume(defect):
+    return (
+        f"{defect:+.0e}".replace("-", "−").replace("e−0", "e−") if abs(defect) > ROUNDING else "0"
+    )
+
+
+@pytest.mark.parametrize("name", map_names())
+def test_the_table_of_trust_is_what_the_fingerprint_measures(name):
+    told = [fingerprint("native", native_name(name), plant) for plant in ("pendulum", "cart_pole")]
+    order = round(told[0].order)
+    assert all(found.order == pytest.approx(order, abs=0.1) for found in told)
+    small = [
+        cell
+        for found in told
+        for cell in (_percent(found.frequency_shift), _percent(found.energy_rate) + "/s")
+    ]
+    assert _row(TRUST_PAGE, name) == [
+        f"`{name}`", str(order), *small, _volume(told[1].volume_defect),
+    ]  # fmt: skip
+
+
+def _apart(one, other, env_id, **damping):
+    """Largest difference of two maps in one step of 0.02 s at the tests' states."""
+    setup = setup_of("native", "rk4", env_id, **damping)
+    maps = one_step_map(one), one_step_map(other)
+    gaps = [mapped(maps[0], setup, *case) - mapped(maps[1], setup, *case) for case in states(setup)]
+    return float(np.abs(gaps).max())
+
+
+@pytest.mark.parametrize(
+    ("other", "env_id", "damped", "said"),
+    [
+        ("symplectic_euler", "IntegPendulum-v0", True, "8e-3"),
+        ("symplectic_euler", "IntegCartPole-v0", True, "4e-3"),
+        ("symplectic_euler_implicit_velocity", "IntegCartPole-v0", False, "3e-3"),
+    ],
+)
+def test_kinds_of_symplectic_euler_part_as_said(other, env_id, damped, said):
+    damping = DAMPING[env_id] if damped else {}
+    gap = _apart("symplectic_euler_implicit_damping", other, env_id, **damping)
+    assert f"{gap:.0e}" == said.replace("e-", "e-0")
+    assert said in TRUST_PAGE.split("**Speed, contact")[1].split("**Not for")[0]
+
+
+@pytest.mark.parametrize("plant", ["pendulum", "cart_pole"])
+@pytest.mark.parametrize("integrator", ["cvodes", "idas"])
+def test_adaptive_integrators_agree_with_the_reference_as_said(integrator, plant):
+    needs("casadi")
+    assert max(fingerprint("casadi", integrator, plant).defects.values()) < 1e-10
+    assert "agree with it to 1e-10 per step" in " ".join(TRUST_PAGE.split())

@@ -1,0 +1,52 @@
+"""The first import of a simulator leaves no trace in the process but the module."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+
+from integ_gym.envs.engines._stepping.undisturbed import load_undisturbed
+
+NOISY = """
+import os, warnings
+os.write(2, b"banner of version 1\\nsomething else\\n")
+os.environ["NOISY"] = "1"
+os.environ["KEPT"] = "2"
+warnings.warn("look out")
+"""
+
+
+@pytest.fixture
+def noisy(tmp_path, monkeypatch):
+    """Name of a module that is noisy when it is imported."""
+    (tmp_path / "noisy_simulator.py").write_text(NOISY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("KEPT", "1")
+    yield "noisy_simulator"
+    sys.modules.pop("noisy_simulator", None)
+
+
+def test_the_banner_is_held_back_and_nothing_else(noisy, capfd):
+    module = load_undisturbed(noisy, "mujoco", banner="banner")
+    assert module is sys.modules[noisy]
+    assert capfd.readouterr() == ("", "something else\n")
+
+
+def test_all_of_it_is_shown_where_no_banner_is_named(noisy, capfd):
+    load_undisturbed(noisy, "mujoco")
+    assert capfd.readouterr().err == "banner of version 1\nsomething else\n"
+
+
+def test_environment_variables_stay_as_they_were(noisy):
+    before = dict(os.environ)
+    load_undisturbed(noisy, "mujoco")
+    assert dict(os.environ) == before
+
+
+def test_standard_error_is_whole_again_after_a_failed_import(capfd):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[mujoco\]"'):
+        load_undisturbed("no_such_simulator", "mujoco", banner="banner")
+    os.write(2, b"banner\n")
+    assert capfd.readouterr().err == "banner\n"

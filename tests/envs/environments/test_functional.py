@@ -1,0 +1,311 @@
+"""The functional environment is the vector environment, as pure functions."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from engine_cases import FOREIGN, needs
+from gymnasium.experimental.functional import FuncEnv
+from gymnasium.vector import AutoresetMode
+from motions import ALL
+from pairing import covering
+
+from integ_gym.envs.environments import functional
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.integrators._solving.newton import TOLERANCE
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.control_period import STATUS_NAMES
+
+LANES = 6
+VARIANTS = {
+    "plain": {},
+    "substeps": {"dt": 0.01, "control_period": 0.03},
+    "latency": {"dt": 0.01, "control_period": 0.03, "action_latency": 0.04, "fallback": "zero"},
+    "sensor": {"dt": 0.01, "control_period": 0.02, "sensor_period": 0.03},
+    "speed limit": {"max_speed": 3.5, "damping": 0.1},
+    "short": {"duration": 0.2},
+}
+
+ROUNDED = {"solver_iterations": 1, "solver_residual": TOLERANCE}
+"""How far the worlds may differ: rounding decides whether an iteration below the solver's tolerance
+still improves, and so whether it is the last."""
+
+
+def _actions(space, rng):
+    if isinstance(space, gym.spaces.Discrete):
+        return rng.integers(space.n, size=LANES)
+    actions = rng.uniform(1.5 * space.low, 1.5 * space.high, (LANES, 1)).astype(np.float32)
+    actions[0, 0] = np.nan
+    return actions
+
+
+def _vector(env_id, **arguments):
+    return gym.make_vec(
+        env_id,
+        num_envs=LANES,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.DISABLED.value,
+        **arguments,
+    ).unwrapped
+
+
+def _assert_same(state, expected, atol):
+    for name in expected._fields:
+        values = jax.tree.leaves(getattr(expected, name))
+        for a, b in zip(jax.tree.leaves(getattr(state, name)), values, strict=True):
+            b = np.broadcast_to(np.asarray(b, dtype=float), LANES)
+            np.testing.assert_allclose(
+                np.asarray(a, dtype=float), b, rtol=atol, atol=atol, err_msg=name
+            )
+
+
+def _compare(env_id, arguments, steps=25):
+    """Step both from the same states under the same actions, float64."""
+    vector = _vector(env_id, **arguments)
+    env = functional.make(env_id, dtype="float64", **arguments)
+    advance = jax.jit(env.transition)
+    rng, key = np.random.default_rng(0), jax.random.key(0)
+    vector.reset(seed=0)
+    state = env.initial_from(vector.state, key)
+    ends = 0
+    for _ in range(steps):
+        action = _actions(vector.single_action_space, rng)
+        observation, reward, terminated, truncated, info = vector.step(action)
+        state = advance(state, action, key, env.default_params)
+        _assert_same(state.env, vector._state, 1e-12)
+        np.testing.assert_allclose(env.observation(state), observation, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(env.reward(state, action, state), reward, rtol=1e-12)
+        np.testing.assert_array_equal(env.terminal(state), terminated)
+        np.testing.assert_array_equal(env.truncated(state), truncated)
+        told = env.state_info(state)
+        assert list(told) == [name for name in info if not name.startswith("_")]
+        for name in set(told) - {"solver_status"}:
+            atol = ROUNDED.get(name, 1e-12)
+            np.testing.assert_allclose(told[name], info[name], atol=atol, err_msg=name)
+        status = [STATUS_NAMES[code] for code in np.asarray(told["solver_status"])]
+        assert status == info["solver_status"].tolist()
+        done = terminated | truncated
+        ends += done.sum()
+        if done.any():
+            vector.reset(options={"reset_mask": done})
+            begun = env.initial_from(vector.state, key)
+            state = jax.tree.map(lambda a, b, d=done: jnp.where(d, a, b), begun, state)
+    return ends
+
+
+@pytest.mark.parametrize(("integrator", "env_id"), covering(ALL, ENVIRONMENTS, strength=1))
+def test_equals_the_vector_environment(env_id, integrator):
+    """Every integrator and every environment once; each pair in `make test-slow`.
+
+    An integrator meets plants through one interface, in all three worlds alike: that is
+    `test_worlds.py`. Here it is asked whether the environment around them is the same.
+    """
+    with jax.enable_x64(True):
+        _compare(env_id, {"integrator": integrator}, steps=12)
+
+
+@pytest.mark.parametrize(("variant", "env_id"), covering(VARIANTS, ENVIRONMENTS, strength=1))
+def test_equals_the_vector_environment_in_every_variant(env_id, variant):
+    """Every variant and every environment once, because timing knows no task; else as above."""
+    with jax.enable_x64(True):
+        ends = _compare(env_id, VARIANTS[variant])
+    assert ends > 0 or variant != "short"
+
+
+ENGINES_IN_JAX = [
+    (env_id, engine, integrator)
+    for engine in FOREIGN
+    if (owner := ENGINES.load(engine)).batched
+    for place, integrator in enumerate(owner.maps)
+    for env_id in ("IntegPendulum-v0", "IntegCartPoleSwingUp-v0")[: 1 if place else 2]
+]
+
+
+@pytest.mark.parametrize(("env_id", "engine", "integrator"), ENGINES_IN_JAX)
+def test_an_engine_in_jax_equals_its_vector_environment(env_id, engine, integrator):
+    needs(engine)
+    arguments = {
+        "engine": engine, "integrator": integrator, "damping": 0.1, **VARIANTS["latency"],
+        **VARIANTS["sensor"],
+    }  # fmt: skip
+    with jax.enable_x64(True):
+        _compare(env_id, arguments)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_divergence_ends_the_episode_as_in_the_vector_environment(env_id):
+    with jax.enable_x64(True):
+        vector = _vector(env_id, dt=0.001)
+        env = functional.make(env_id, dtype="float64", dt=0.001)
+        start = np.zeros_like(vector.reset(seed=0) and vector.state)
+        start[:, 1::2] = 999.999
+        start[:, 0] = -5.0
+        start[:, -2] = 0.1
+        vector.reset(options={"state": start})
+        state = env.initial_from(start, jax.random.key(0))
+        action = np.ones((LANES, *vector.single_action_space.shape), dtype=np.float32)
+        _, reward, terminated, _, info = vector.step(action)
+        state = env.transition(state, action, jax.random.key(0))
+        assert (info["solver_status"] == "diverged").all()
+        assert (state.outcome.status == STATUS_NAMES.index("diverged")).all()
+        np.testing.assert_array_equal(terminated, state.outcome.terminated)
+        np.testing.assert_allclose(state.outcome.reward, reward, rtol=1e-12)
+        np.testing.assert_allclose(
+            np.stack([*state.env.q, *state.env.v]), np.stack([*vector._state.q, *vector._state.v])
+        )
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_automatic_reset(env_id):
+    env = functional.make(env_id, duration=0.1)
+    horizon = int(env.default_params.horizon)
+    step = jax.jit(env.step)
+    state = env.initial(jax.random.key(1), lanes=(LANES,))
+    action = np.zeros((LANES, *env.action_space.shape), dtype=np.int32)
+    for count in range(horizon):
+        state, told = step(state, action, jax.random.key(count), env.default_params)
+    assert told.truncated.all()
+    assert not told.terminated.any()
+    assert (state.env.steps == 0).all()
+    assert not state.outcome.truncated.any()
+    np.testing.assert_array_equal(env.observation(state), told.observation)
+    assert not np.array_equal(told.observation, told.final_observation)
+    np.testing.assert_allclose(told.info["time"], 0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_starts_fill_the_start_range(env_id):
+    env = functional.make(env_id)
+    state = env.initial(jax.random.key(0), lanes=(4000,))
+    low, high = functional.start_range(env.setup)
+    values = np.stack([x for pair in zip(state.env.q, state.env.v, strict=True) for x in pair])
+    vector = _vector(env_id)
+    drawn = np.concatenate([vector.reset(seed=s) and vector.state for s in range(0, 3000, LANES)])
+    for mine, theirs, a, b in zip(values, drawn.T, low, high, strict=True):
+        assert mine.min() >= a - 1e-6
+        assert mine.max() <= b + 1e-6
+        np.testing.assert_allclose(
+            np.quantile(mine, [0.0, 0.25, 0.5, 0.75, 1.0]),
+            np.quantile(theirs, [0.0, 0.25, 0.5, 0.75, 1.0]),
+            atol=0.05 * (b - a),
+        )
+
+
+def test_one_program_serves_all_steps_and_plants():
+    compiled = []
+
+    env = functional.make("IntegPendulum-v0", integrator="rk4", control_period=0.06, dt=0.06)
+
+    @jax.jit
+    def advance(state, action, params):
+        compiled.append(1)
+        return env.transition(state, action, jax.random.key(0), params)
+
+    state = env.initial(jax.random.key(0), lanes=(LANES,))
+    action = np.ones((LANES, 1), dtype=np.float32)
+    for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0}, {"start": "hanging"}):
+        params = env.params(**changed)
+        after = advance(state, action, params)
+        own = functional.make("IntegPendulum-v0", **{**env._arguments, **changed})
+        expected = jax.jit(own.transition)(state, action, jax.random.key(0))
+        np.testing.assert_allclose(after.env.v[0], expected.env.v[0], rtol=1e-6, atol=1e-6)
+    assert len(compiled) == 1
+
+
+@pytest.mark.parametrize(("integrator", "native"), [("Euler", "symplectic_euler"), ("RK4", "rk4")])
+def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
+    """In float32, beside the engine's own in float64; without damping its integrators are ours."""
+    needs("mjx")
+    arguments = {"control_period": 0.06, "dt": 0.06}
+    env = functional.make("IntegPendulum-v0", engine="mjx", integrator=integrator, **arguments)
+    own = functional.make("IntegPendulum-v0", integrator=native, **arguments)
+    compiled, ours = [], jax.jit(own.transition)
+
+    @jax.jit
+    def advance(state, action, params):
+        compiled.append(1)
+        return env.transition(state, action, jax.random.key(0), params)
+
+    state = env.initial(jax.random.key(0), lanes=(LANES,))
+    action = np.ones((LANES, 1), dtype=np.float32)
+    for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0, "length": 0.3, "gravity": 3.0}):
+        after = advance(state, action, env.params(**changed))
+        expected = ours(state, action, jax.random.key(0), own.params(**changed))
+        np.testing.assert_allclose(after.env.v, expected.env.v, rtol=1e-5, atol=1e-5)
+    assert len(compiled) == 1
+    assert after.env.v[0].dtype == np.float32
+
+
+def test_single_environment_and_vmap_agree_with_a_batch():
+    env = functional.make("IntegCartPole-v0", integrator="implicit_midpoint")
+    starts = np.random.default_rng(0).uniform(-0.05, 0.05, (LANES, 4))
+    actions = np.arange(LANES) % 2
+    key = jax.random.key(0)
+
+    def advance(start, action):
+        return env.transition(env.initial_from(start, key), action, key)
+
+    batch = jax.jit(advance)(starts, actions)
+    mapped = jax.jit(jax.vmap(advance))(starts, actions)
+    for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(mapped), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
+    single = jax.jit(advance)(starts[2], actions[2])
+    assert single.env.q[0].shape == ()
+    np.testing.assert_allclose(single.env.v[1], batch.env.v[1][2], rtol=1e-6)
+
+
+def test_noise_is_drawn_once_per_sample():
+    env = functional.make(
+        "IntegPendulum-v0", dt=0.01, control_period=0.01, sensor_period=0.03, observation_noise=0.1
+    )
+    state = env.initial(jax.random.key(0), lanes=(2000,))
+    advance = jax.jit(env.transition)
+    action = np.zeros((2000, 1), dtype=np.float32)
+    kept = []
+    for count in range(6):
+        after = advance(state, action, jax.random.key(count))
+        kept.append(np.array_equal(after.noise[0], state.noise[0]))
+        assert bool(after.outcome.sampled.all()) != kept[-1]
+        state = after
+    assert kept == [True, True, False, True, True, False]
+    error = env.observation(state)[:, 2] - state.env.sensed_v[0]
+    np.testing.assert_allclose(np.std(error), 0.1, rtol=0.1)
+    assert np.abs(env.observation(state)[:, :2]).max() <= 1.0
+
+
+def test_is_gymnasiums_functional_environment():
+    env = functional.make("IntegPendulum-v0")
+    assert isinstance(env, FuncEnv)
+    env.transform(jax.jit)
+    state = env.initial(jax.random.key(0))
+    after = env.transition(state, jnp.zeros(1), jax.random.key(0))
+    assert env.observation_space.contains(np.asarray(env.observation(after)))
+    assert env.reward(state, jnp.zeros(1), after) <= 0.0
+    assert env.transition_info(state, jnp.zeros(1), after)["time"] == pytest.approx(0.05)
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="Valid choices"):
+        functional.make("Pendulum-v1")
+    with pytest.raises(ValueError, match="`dtype` must be one of float32, float64"):
+        functional.make("IntegPendulum-v0", dtype="float16")
+    with pytest.raises(ValueError, match="enable_x64"):
+        functional.make("IntegPendulum-v0", dtype="float64")
+    with pytest.raises(TypeError, match="unknown argument 'mas'"):
+        functional.make("IntegPendulum-v0", mas=1.0)
+    needs("mujoco")
+    with pytest.raises(ValueError, match="'native' or 'mjx', got 'mujoco'"):
+        functional.make("IntegPendulum-v0", engine="mujoco", integrator="Euler")
+    needs("mjx")
+    with pytest.raises(ValueError, match="no `contact`='engine'"):
+        functional.make(
+            "IntegCartPoleSwingUp-v0", engine="mjx", integrator="Euler", contact="engine"
+        )
+    env = functional.make("IntegPendulum-v0")
+    with pytest.raises(ValueError, match="another program"):
+        env.params(integrator="rk4")
+    with pytest.raises(ValueError, match="another program"):
+        env.params(max_speed=8.0)

@@ -1,0 +1,137 @@
+"""At Gymnasium's own discretization the environments are Gymnasium's."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.classic_control.cartpole import CartPoleEnv
+from gymnasium.envs.classic_control.pendulum import PendulumEnv
+
+from integ_gym.envs.catalogue.cart_pole import IntegCartPoleEnv
+from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
+
+STEPS = 1000
+ULP_BELOW_8 = float(np.spacing(np.nextafter(np.float32(8), np.float32(0))))
+"""One float32 ulp of an angular velocity at the stock speed limit."""
+
+
+def _pendulum_states(rng):
+    return np.stack([rng.uniform(-10, 10, STEPS), rng.uniform(-8, 8, STEPS)], axis=1)
+
+
+def _cart_pole_states(rng):
+    return rng.uniform((-2.5, -3.0, -0.25, -3.0), (2.5, 3.0, 0.25, 3.0), (STEPS, 4))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "state_tolerance", "reward_tolerance"),
+    [(np.float64, 1e-12, 1e-12), (np.float32, None, 1e-6)],
+)
+def test_pendulum_step(dtype, state_tolerance, reward_tolerance):
+    rng = np.random.default_rng(0)
+    ours, stock = IntegPendulumEnv(max_speed=8.0), PendulumEnv()
+    stock.reset(seed=0)
+    for state in _pendulum_states(rng):
+        action = rng.uniform(-3, 3, 1).astype(dtype)
+        ours.reset(options={"state": state})
+        stock.state = state.copy()
+        obs, reward, terminated, truncated, _ = ours.step(action)
+        stock_obs, stock_reward, stock_terminated, _, _ = stock.step(action)
+        if state_tolerance:
+            np.testing.assert_allclose(ours.state, stock.state, rtol=0, atol=state_tolerance)
+            np.testing.assert_array_max_ulp(obs, stock_obs, maxulp=1)
+        np.testing.assert_allclose(obs, stock_obs, rtol=0, atol=ULP_BELOW_8)
+        assert reward == pytest.approx(float(stock_reward), abs=reward_tolerance)
+        assert (terminated, truncated) == (stock_terminated, False)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "least", "most"), [(np.float64, 0.0, 1e-12), (np.float32, 1e-3, 4e-2)]
+)
+def test_why_parity_is_asserted_from_a_copied_state(dtype, least, most):
+    """Left alone for 1000 steps: equal with float64 actions, parted by float32 arithmetic."""
+    rng = np.random.default_rng(0)
+    ours, stock = IntegPendulumEnv(max_speed=8.0), PendulumEnv()
+    ours.reset(seed=0), stock.reset(seed=0)
+    apart = 0.0
+    for _ in range(STEPS):
+        action = rng.uniform(-2, 2, 1).astype(dtype)
+        ours.step(action), stock.step(action)
+        apart = max(apart, float(np.abs(ours.state - stock.state).max()))
+    assert least <= apart <= most
+
+
+def test_pendulum_without_clip_is_stock_below_the_clip():
+    rng = np.random.default_rng(1)
+    ours, stock = IntegPendulumEnv(), PendulumEnv()
+    stock.reset(seed=0)
+    compared = 0
+    for state in _pendulum_states(rng):
+        action = rng.uniform(-2, 2, 1)
+        ours.reset(options={"state": state})
+        stock.state = state.copy()
+        ours.step(action)
+        stock.step(action)
+        if abs(ours.state[1]) <= 8.0:
+            np.testing.assert_allclose(ours.state, stock.state, rtol=0, atol=1e-12)
+            compared += 1
+    assert compared > STEPS // 2
+
+
+@pytest.mark.parametrize("sutton_barto", [False, True])
+def test_cart_pole_step(sutton_barto):
+    rng = np.random.default_rng(2)
+    ours = IntegCartPoleEnv(sutton_barto_reward=sutton_barto)
+    stock = CartPoleEnv(sutton_barto_reward=sutton_barto)
+    stock.reset(seed=0)
+    ended = 0
+    for state in _cart_pole_states(rng):
+        action = int(rng.integers(2))
+        ours.reset(options={"state": state})
+        stock.state, stock.steps_beyond_terminated = state.copy(), None
+        obs, reward, terminated, _, _ = ours.step(action)
+        stock_obs, stock_reward, stock_terminated, _, _ = stock.step(action)
+        np.testing.assert_allclose(ours.state, stock.state, rtol=0, atol=1e-12)
+        np.testing.assert_array_max_ulp(obs, stock_obs, maxulp=1)
+        assert (reward, terminated) == (stock_reward, stock_terminated)
+        ended += terminated
+    assert 0 < ended < STEPS
+
+
+@pytest.mark.parametrize(
+    ("ours", "stock", "options"),
+    [
+        ("IntegPendulum-v0", "Pendulum-v1", None),
+        ("IntegPendulum-v0", "Pendulum-v1", {"x_init": 0.4, "y_init": 0.1}),
+        ("IntegCartPole-v0", "CartPole-v1", None),
+        ("IntegCartPole-v0", "CartPole-v1", {"low": -0.2, "high": 0.1}),
+    ],
+)
+def test_same_seed_same_start_and_rollout_length(ours, stock, options):
+    ours, stock = gym.make(ours), gym.make(stock)
+    for seed in (0, 7):
+        for env_seed in (seed, None):
+            obs, _ = ours.reset(seed=env_seed, options=options)
+            stock_obs, _ = stock.reset(seed=env_seed, options=options)
+            np.testing.assert_array_equal(obs, stock_obs)
+            np.testing.assert_array_equal(ours.unwrapped.state, stock.unwrapped.state)
+    ours.action_space.seed(3)
+    steps = 0
+    while steps < 600:
+        steps += 1
+        action = ours.action_space.sample()
+        ended = ours.step(action)[2:4]
+        assert ended == stock.step(action)[2:4]
+        if any(ended):
+            break
+    assert steps > 5
+
+
+def test_speed_limit_gives_the_stock_spaces():
+    ours, stock = gym.make("IntegPendulum-v0", max_speed=8.0), gym.make("Pendulum-v1")
+    assert ours.observation_space == stock.observation_space
+    assert ours.action_space == stock.action_space
+    ours, stock = gym.make("IntegCartPole-v0"), gym.make("CartPole-v1")
+    assert ours.observation_space == stock.observation_space
+    assert ours.action_space == stock.action_space

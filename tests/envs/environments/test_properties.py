@@ -1,0 +1,125 @@
+"""Whatever the parameters, states, actions and steps: no NaN leaves `step`, and ledgers close."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from checks import ALL, APPROXIMATE
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import integ_gym
+from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.ledger import ledger
+from integ_gym.envs.plants import PLANTS
+
+STEPS = 5
+
+
+STIFF = ("friction", "stop")
+"""Parts of the names of parameters that make forces change over a small fraction of a step."""
+
+
+def _parameters(owner, span, smooth=False):
+    """Physical parameters within a factor of `span` of their defaults, or from 0 up to `span`.
+
+    A `smooth` motion has no friction and no stops.
+    """
+    return st.fixed_dictionaries(
+        {
+            f.name: st.floats(0.0, span)
+            if f.default == 0.0
+            else st.floats(f.default / span, f.default * span)
+            for f in fields(owner)
+            if isinstance(f.default, float) and not (smooth and any(p in f.name for p in STIFF))
+        }
+    )
+
+
+def _actions(space):
+    if isinstance(space, gym.spaces.Discrete):
+        return st.one_of(st.integers(0, int(space.n) - 1), st.sampled_from([np.nan, np.inf]))
+    return st.floats(allow_nan=True, allow_infinity=True).map(lambda x: np.array([x]))
+
+
+def _finite(values):
+    return all(np.isfinite(x) for x in values if not isinstance(x, str))
+
+
+@pytest.mark.parametrize("integrator", ALL)
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
+    default = gym.make(env_id).unwrapped
+    owner = type(default.setup.plant)
+    size = 2 * len(owner.coordinates)
+    adaptive = integrator == "reference"  # takes as many inner steps as the motion needs
+    span, speed = (2.0, 20.0) if adaptive else (30.0, DIVERGENCE_SPEED)
+
+    @given(
+        parameters=_parameters(owner, span),
+        state=st.lists(st.floats(-speed, speed), min_size=size, max_size=size),
+        actions=st.lists(_actions(default.action_space), min_size=STEPS, max_size=STEPS),
+        dt=st.floats(1e-4, 0.02 if adaptive else 1.0),
+        max_speed=st.one_of(st.none(), st.floats(0.1, DIVERGENCE_SPEED)),
+    )
+    @settings(max_examples=15 if adaptive else 80, deadline=None)
+    def check(parameters, state, actions, dt, max_speed):
+        env = gym.make(
+            env_id, integrator=integrator, dt=dt, max_speed=max_speed, duration=1e3,
+            disable_env_checker=True, **parameters,
+        )  # fmt: skip
+        start = np.array(state)
+        if max_speed is not None:
+            start[1::2] = np.clip(start[1::2], -max_speed, max_speed)
+        _, info = env.reset(options={"state": start})
+        for action in actions:
+            before = info["energy"]
+            observation, reward, terminated, _, info = env.step(action)
+            assert np.isfinite(observation).all()
+            assert np.isfinite(env.unwrapped.state).all()
+            assert _finite([reward, *info.values()])
+            _assert_residual_is_defined(info, before)
+            if info["solver_status"] == "diverged":
+                assert terminated
+            if terminated:
+                break
+
+    check()
+
+
+def _assert_residual_is_defined(info, before):
+    terms = [
+        info["energy"], -before, -info["actuator_work"], info["dissipated"], info["clip_loss"],
+        info.get("contact_loss", 0.0),
+    ]  # fmt: skip
+    rounding = 1e-12 * sum(abs(x) for x in terms)
+    assert abs(info["energy_residual"] - sum(terms)) <= rounding
+    assert info["dissipated"] >= 0.0
+
+
+@pytest.mark.parametrize("integrator", APPROXIMATE)
+@pytest.mark.parametrize("name", PLANTS.names())
+def test_residual_falls_with_dt(name, integrator):
+    owner = PLANTS.load(name)
+
+    @given(
+        parameters=_parameters(owner, 2.0, smooth=True),
+        controls=st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=8),
+        shift=st.floats(-0.5, 0.5),
+    )
+    @settings(max_examples=25, deadline=None)
+    def check(parameters, controls, shift):
+        plant = owner(**parameters)
+        state = probe_state(plant) + shift
+        period = 0.3 / fastest_rate(plant, state)
+        coarse = [ledger(integrator, plant, state, controls, period, n) for n in (3, 4, 5)]
+        fine = ledger(integrator, plant, state, controls, period, 32)
+        size = 1.0 + abs(fine.energy_change_j) + abs(fine.work_j) + fine.losses_j
+        largest = max(run.total_residual_j for run in coarse)
+        assert fine.total_residual_j <= 0.5 * largest + 1e-10 * size
+
+    check()

@@ -1,0 +1,308 @@
+"""The vector environment equals `SyncVectorEnv` of the single one."""
+
+from __future__ import annotations
+
+from math import pi
+
+import gymnasium as gym
+import jax
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from motions import ALL
+
+import integ_gym
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.environments.environment import make_setup
+from integ_gym.envs.arithmetic.jax_ops import JaxOps
+from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
+from integ_gym.envs.episode.control_period import initial_state, transition
+
+LANES = 5
+CASES = {
+    "pendulum": ("IntegPendulum-v0", {"duration": 1.0}),
+    "cart_pole": ("IntegCartPole-v0", {"duration": 0.5}),
+    "everything": (
+        "IntegPendulum-v0",
+        {
+            "integrator": "stormer_verlet", "dt": 0.01, "control_period": 0.05,
+            "action_latency": 0.07, "sensor_period": 0.04, "observation_noise": 0.05,
+            "duration": 0.8, "damping": 0.1, "max_speed": 6.0, "fallback": "zero",
+            "mass_distribution": "point",
+        },
+    ),
+    "diverging": (
+        "IntegPendulum-v0",
+        {"integrator": "explicit_euler", "dt": 0.5, "gravity": 500.0, "duration": 8.0},
+    ),
+}  # fmt: skip
+
+
+def _pair(case: str, mode: AutoresetMode):
+    env_id, arguments = CASES[case]
+    ours = gym.make_vec(env_id, num_envs=LANES, autoreset_mode=mode, **arguments)
+    sync = SyncVectorEnv(
+        [lambda: gym.make(env_id, **arguments) for _ in range(LANES)], autoreset_mode=mode
+    )
+    return ours, sync
+
+
+def assert_same(ours, sync, path="info"):
+    assert type(ours) is type(sync) or np.isscalar(ours), path
+    if isinstance(sync, dict):
+        assert ours.keys() == sync.keys(), path
+        for key in sync:
+            assert_same(ours[key], sync[key], f"{path}[{key}]")
+    elif isinstance(sync, np.ndarray) and sync.dtype == object:
+        for a, b in zip(ours, sync, strict=True):
+            np.testing.assert_equal(a, b, err_msg=path)
+    else:
+        assert ours.dtype == sync.dtype, path
+        np.testing.assert_allclose(ours, sync, rtol=1e-12, atol=1e-12, err_msg=path)
+
+
+def _states(env):
+    if isinstance(env, SyncVectorEnv):
+        return np.array([e.unwrapped.state for e in env.envs])
+    return env.state
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.filterwarnings("ignore:.*is not within the observation space:UserWarning")
+def test_equals_sync_vector_env(case, mode):
+    ours, sync = _pair(case, mode)
+    assert ours.observation_space == sync.observation_space
+    assert ours.action_space == sync.action_space
+    for a, b in zip(ours.reset(seed=3), sync.reset(seed=3), strict=True):
+        assert_same(a, b)
+    ours.action_space.seed(0)
+    ended = 0
+    for _ in range(120):
+        actions = ours.action_space.sample()
+        ours_step, sync_step = ours.step(actions), sync.step(actions)
+        for a, b in zip(ours_step, sync_step, strict=True):
+            assert_same(a, b)
+        np.testing.assert_allclose(_states(ours), _states(sync), rtol=1e-12, atol=1e-12)
+        _copy_states(ours, sync)
+        done = ours_step[2] | ours_step[3]
+        ended += int(done.sum())
+        if mode is AutoresetMode.DISABLED and done.any():
+            resets = [env.reset(options={"reset_mask": done.copy()}) for env in (ours, sync)]
+            for a, b in zip(*resets, strict=True):
+                assert_same(a, b)
+    assert ended > 2 * LANES
+
+
+def _copy_states(ours, sync):
+    """Start the next step from identical floats, so that rounding cannot grow."""
+    state = ours._state
+    for lane, env in enumerate(sync.envs):
+        single = env.unwrapped._state
+        env.unwrapped._state = single._replace(
+            q=tuple(float(x[lane]) for x in state.q),
+            v=tuple(float(x[lane]) for x in state.v),
+            energy=float(state.energy[lane]),
+        )
+
+
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+@pytest.mark.parametrize("integrator", ALL)
+def test_every_integrator_equals_sync_vector_env(env_id, integrator):
+    arguments = {"integrator": integrator, "dt": 0.01, "control_period": 0.02, "damping": 0.05}
+    ours = gym.make_vec(env_id, num_envs=LANES, **arguments)
+    sync = gym.make_vec(env_id, num_envs=LANES, vectorization_mode="sync", **arguments)
+    ours.reset(seed=1), sync.reset(seed=1)
+    ours.action_space.seed(1)
+    for _ in range(25):
+        actions = ours.action_space.sample()
+        for a, b in zip(ours.step(actions), sync.step(actions), strict=True):
+            assert_same(a, b)
+        _copy_states(ours, sync)
+
+
+def test_plant_parameters_may_differ_per_lane():
+    masses = np.array([0.5, 1.0, 2.0])
+    ours = gym.make_vec("IntegPendulum-v0", num_envs=3, mass=masses, integrator="rk4")
+    ours.reset(options={"state": np.full((3, 2), 2.0)})
+    ours.step(np.full((3, 1), 1.0))
+    for lane, mass in enumerate(masses):
+        single = gym.make("IntegPendulum-v0", mass=mass, integrator="rk4")
+        single.reset(options={"state": (2.0, 2.0)})
+        single.step(np.array([1.0]))
+        np.testing.assert_allclose(ours.state[lane], single.unwrapped.state, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"one value per environment, shape \(4,\)"):
+        gym.make_vec("IntegPendulum-v0", num_envs=4, mass=masses)
+
+
+def test_torque_limits_may_differ_per_lane():
+    limits = np.array([0.5, 1.0, 2.0])
+    env = gym.make_vec("IntegPendulum-v0", num_envs=3, max_torque=limits)
+    env.reset(seed=0)
+    *_, info = env.step(np.full((3, 1), 1.5))
+    np.testing.assert_array_equal(info["control"], [0.5, 1.0, 1.5])
+    np.testing.assert_array_equal(info["saturated"], [True, True, False])
+
+
+def test_arrays_are_refused_where_they_cannot_work():
+    values = np.array([1.0, 2.0])
+    with pytest.raises(ValueError, match=r"give arrays to gym\.make_vec"):
+        gym.make("IntegPendulum-v0", mass=values)
+    with pytest.raises(TypeError, match=r"one discretization; give `mixture` to gym\.make_vec"):
+        gym.make("IntegPendulum-v0", mixture=[{"integrator": "rk4"}])
+    with pytest.raises(ValueError, match=r"`dt` must be one value.*got \[0\.05\].*`mixture` is a"):
+        gym.make_vec("IntegPendulum-v0", num_envs=1, dt=[0.05])
+    with pytest.raises(ValueError, match="`dt` must be one value"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, dt=values)
+    with pytest.raises(ValueError, match="`max_torque` must be a number or one value per"):
+        gym.make_vec("IntegPendulum-v0", num_envs=3, max_torque=values)
+    with pytest.raises(ValueError, match="`num_envs` must be 1 or above"):
+        gym.make_vec("IntegPendulum-v0", num_envs=0)
+    with pytest.raises(ValueError, match="unknown key in `mixture` 'mass'"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=[{"dt": 0.05}, {"mass": 2.0}])
+
+
+def test_mixture_draws_a_discretization_at_each_reset():
+    members = [
+        {"integrator": "explicit_euler", "dt": 0.05},
+        {"integrator": "rk4", "dt": 0.025},
+        {"integrator": "implicit_euler", "dt": 0.0125},
+    ]
+    env = gym.make_vec(
+        "IntegPendulum-v0", num_envs=32, mixture=members, control_period=0.05, duration=0.2
+    )
+    state = np.tile((2.0, 1.0), (32, 1))
+    _, info = env.reset(seed=0, options={"state": state})
+    first = info["mixture_index"].copy()
+    env.step(np.full((32, 1), 0.5))
+    for index, member in enumerate(members):
+        single = gym.make("IntegPendulum-v0", control_period=0.05, **member)
+        single.reset(options={"state": (2.0, 1.0)})
+        single.step(np.array([0.5]))
+        lanes = first == index
+        assert lanes.any()
+        np.testing.assert_allclose(
+            env.state[lanes], single.unwrapped.state[None].repeat(lanes.sum(), 0), rtol=1e-12
+        )
+    for _ in range(4):
+        *_, info = env.step(np.zeros((32, 1)))
+    assert not np.array_equal(info["mixture_index"], first)
+    with pytest.raises(ValueError, match="one control period"):
+        gym.make_vec("IntegPendulum-v0", mixture=members)
+    with pytest.raises(ValueError, match="at least one"):
+        gym.make_vec("IntegPendulum-v0", mixture=[])
+
+
+def test_three_worlds_diverge_at_the_same_step():
+    arguments = {"integrator": "explicit_euler", "dt": 0.3, "gravity": 900.0, "duration": 60.0}
+    setup = make_setup(IntegPendulumEnv, arguments)
+    starts = np.random.default_rng(0).uniform((-3, -1), (3, 1), (LANES, 2))
+    state = initial_state(ARRAY, setup, (starts[:, 0],), (starts[:, 1],))
+    torque = np.full(LANES, 2.0)
+    by_array = _divergence_steps(lambda s: transition(ARRAY, setup, s, torque), state)
+    with jax.enable_x64(True):
+        ops = JaxOps("float64")
+        step = jax.jit(lambda s: transition(ops, setup, s, torque))
+        by_jax = _divergence_steps(step, state)
+    by_scalar = [_divergence_step(start, arguments) for start in starts]
+    assert by_scalar == by_array == by_jax
+    assert len(set(by_scalar)) > 1
+
+
+def _divergence_step(start, arguments):
+    env = gym.make("IntegPendulum-v0", **arguments)
+    env.reset(options={"state": start})
+    ended, steps = False, 0
+    while not ended:
+        *_, ended, truncated, info = env.step(np.array([2.0]))
+        steps += 1
+        assert not truncated
+    assert info["solver_status"] == "diverged"
+    return steps
+
+
+def _divergence_steps(step, state):
+    first = np.zeros(LANES, dtype=int)
+    for count in range(1, 200):
+        state, outcome = step(state)
+        diverged = np.asarray(outcome.status) == 2
+        first = np.where((first == 0) & diverged, count, first)
+    return first.tolist()
+
+
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_transition_under_jax_equals_the_environment(env_id):
+    single = gym.make(
+        env_id, integrator="rk4", dt=0.01, control_period=0.02, action_latency=0.01
+    ).unwrapped
+    setup = single.setup
+    single.reset(seed=0)
+    single.action_space.seed(0)
+    with jax.enable_x64(True):
+        ops = JaxOps("float64")
+        step = jax.jit(lambda s, a: transition(ops, setup, s, a))
+        state = initial_state(ops, setup, single._state.q, single._state.v)
+        for _ in range(30):
+            action = single.action_space.sample()
+            _, reward, terminated, _, info = single.step(action)
+            state, outcome = step(state, float(np.ravel(action)[0]))
+            np.testing.assert_allclose(
+                (*state.q, *state.v, outcome.reward, outcome.residual_energy),
+                (*single._state.q, *single._state.v, reward, info["energy_residual"]),
+                rtol=0, atol=1e-12,
+            )  # fmt: skip
+            assert bool(outcome.terminated) == terminated
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [(np.zeros((4, 1)), r"shape \(5, 1\)"), (np.zeros(5), r"shape \(5, 1\)")],
+)
+def test_wrong_action_shape_is_refused(actions, message):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=LANES)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        env.step(actions)
+
+
+def test_wrong_use_is_refused():
+    env = gym.make_vec("IntegCartPole-v0", num_envs=2, autoreset_mode="Disabled", duration=0.02)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(2))
+    with pytest.raises(ValueError, match="one per lane"):
+        env.reset(seed=[1, 2, 3])
+    env.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="lane 1"):
+        env.step(np.array([0, 7]))
+    env.step(np.array([0, 1]))
+    with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
+        env.step(np.array([0, 1]))
+    for mask in (np.array([1, 0]), np.array([True]), [True, False], np.zeros(2, bool)):
+        with pytest.raises(ValueError, match="reset_mask"):
+            env.reset(options={"reset_mask": mask})
+    with pytest.raises(ValueError, match="one row per lane"):
+        env.reset(options={"state": np.zeros((3, 4))})
+
+
+def test_reset_state_and_seeds():
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2)
+    start = np.array([[pi, 0.0], [1.0, 2.0]])
+    env.reset(seed=5, options={"state": start})
+    np.testing.assert_array_equal(env.state, start)
+    assert env.np_random_seed == (5, 6)
+    assert len(env.np_random) == 2
+
+
+def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
+    envs = gym.make_vec("IntegCartPole-v0", num_envs=2, duration=0.02)
+    envs.reset(seed=0)
+    envs.step(np.array([0, 1]))
+    envs.step(np.array([7, 1]))
+    with pytest.raises(ValueError, match="actions must be"):
+        envs.step(np.array([7, 1]))
+
+
+@pytest.mark.parametrize("mixture", [3, "rk4", {"integrator": "rk4"}, ["rk4"]])
+def test_a_mixture_that_is_no_list_of_discretizations_is_refused(mixture):
+    with pytest.raises(ValueError, match="mixture"):
+        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=mixture)

@@ -1,0 +1,144 @@
+"""Starts of many lanes are those that each lane's own generator would draw."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
+from integ_gym.envs.episode.starts import AHEAD, GivenNumbers, LaneStarts, numbers_per_start
+from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+
+LANES = 3
+SIZES = {
+    "IntegPendulum-v0": 2,
+    "IntegCartPole-v0": 4,
+    "IntegCartPoleSwingUp-v0": 4,
+    "IntegElasticPendulum-v0": 2,
+}
+
+
+def _pair(env_id, **arguments):
+    ours = gym.make_vec(env_id, num_envs=LANES, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    sync = SyncVectorEnv(
+        [lambda: gym.make(env_id, **arguments) for _ in range(LANES)],
+        autoreset_mode=AutoresetMode.DISABLED,
+    )
+    return ours, sync
+
+
+def _assert_same_states(ours, sync):
+    np.testing.assert_array_equal(ours.state, [env.unwrapped.state for env in sync.envs])
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_starts_are_made_of_uniform_numbers(env_id):
+    assert numbers_per_start(environment_setup(env_id, {})) == SIZES[env_id]
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_start_after_start_is_the_single_environments(env_id):
+    ours, sync = _pair(env_id)
+    ours.reset(seed=4), sync.reset(seed=4)
+    _assert_same_states(ours, sync)
+    rng = np.random.default_rng(0)
+    for _ in range(3 * AHEAD):
+        mask = rng.random(LANES) < 0.5
+        if mask.any():
+            options = {"reset_mask": mask}
+            ours.reset(options=options), sync.reset(options=options)
+            _assert_same_states(ours, sync)
+
+
+def test_options_seeds_and_given_states_in_between():
+    ours, sync = _pair("IntegPendulum-v0")
+    state = {"state": np.full((LANES, 2), 0.5)}
+    one = {"reset_mask": np.array([False, True, False])}
+    for seed, options in (
+        (1, {}), (None, {"x_init": 0.1, "y_init": 0.3}), (None, state), (None, {}),
+        ([None, 7, None], one), (None, {}), (None, {"x_init": 2.0}),
+    ):  # fmt: skip
+        ours.reset(seed=seed, options=options)
+        if options is state:
+            for env in sync.envs:
+                env.reset(options={"state": (0.5, 0.5)})
+        else:
+            sync.reset(seed=seed, options=options)
+        _assert_same_states(ours, sync)
+
+
+def test_whoever_looks_at_the_generators_finds_them_where_they_belong():
+    ours, sync = _pair("IntegCartPole-v0")
+    for _ in range(2):
+        ours.reset(seed=1), sync.reset(seed=1)
+        for drawn in range(3):
+            ours.reset(), sync.reset()
+            pairs = zip(ours.np_random, (env.unwrapped.np_random for env in sync.envs), strict=True)
+            for mine, theirs in pairs:
+                assert mine.bit_generator.state == theirs.bit_generator.state
+                assert mine.integers(9, size=drawn).tolist() == (
+                    theirs.integers(9, size=drawn).tolist()
+                )
+            _assert_same_states(ours, sync)
+
+
+class Normal(PendulumSwingUp):
+    """Draws something else."""
+
+    def draw_start(self, rng, start, options):
+        return tuple(rng.normal(size=2))
+
+
+class Careful(PendulumSwingUp):
+    """Insists on floats."""
+
+    def draw_start(self, rng, start, options):
+        return float(rng.uniform()), float(rng.uniform())
+
+
+class Rounding(PendulumSwingUp):
+    """What it does to many at once is not what it does to each."""
+
+    def draw_start(self, rng, start, options):
+        x = rng.uniform()
+        return x - np.max(x), rng.uniform()
+
+
+@pytest.mark.parametrize("task", [Normal, Careful, Rounding])
+def test_other_tasks_draw_one_by_one(task):
+    setup = environment_setup("IntegPendulum-v0", {})
+    assert numbers_per_start(type(setup)(**{**vars(setup), "task": task()})) is None
+
+
+def test_given_numbers_stand_for_a_generator():
+    rng = np.random.default_rng(3)
+    numbers = rng.random(9)
+    given, drawn = GivenNumbers(iter(numbers)), np.random.default_rng(3)
+    assert given.uniform() == drawn.uniform()
+    assert given.uniform(-2.0, 3.0) == drawn.uniform(-2.0, 3.0)
+    for arguments in (
+        {"low": [-1.0, 0.0], "high": [1.0, 4.0]},
+        {"low": 1.0, "high": 2.0, "size": 3},
+    ):
+        assert given.uniform(**arguments) == drawn.uniform(**arguments).tolist()
+    assert given.uniform(size=(2,)) == drawn.uniform(size=(2,)).tolist()
+    assert given.taken == 9
+
+
+def test_what_was_drawn_ahead_is_put_back():
+    setup = environment_setup("IntegPendulum-v0", {})
+    generators, untouched = ([np.random.default_rng(k) for k in range(2)] for _ in range(2))
+    starts = LaneStarts(setup, generators, 2)
+    starts.draw(np.array([1]), {})
+    starts.put_back()
+    assert generators[0].bit_generator.state == untouched[0].bit_generator.state
+    untouched[1].random(2)
+    assert generators[1].random() == untouched[1].random()
+
+
+def test_a_start_that_is_too_fast_is_refused():
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2, max_speed=0.5)
+    with pytest.raises(ValueError, match=r"a start state must be finite, with speeds up to 0\.5"):
+        env.reset(seed=0, options={"y_init": 50.0})

@@ -1,0 +1,191 @@
+"""Driven, damped motion: convergence to the reference, and the energy ledger."""
+
+from __future__ import annotations
+
+import re
+from math import pi
+from pathlib import Path
+from time import process_time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from checks import APPROXIMATE, ORDER, ROD, solved
+from motions import DRIVEN_PLANTS, STARTS
+from stated import stated
+
+import integ_gym
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.probe import fastest_rate
+from integ_gym.envs.numerics.ledger import ledger
+from integ_gym.envs.numerics.convergence import slope
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import join_state
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.mechanics.system import PlantSystem
+
+PERIOD = 0.05
+CONTROLS = np.random.default_rng(3).uniform(-2.0, 2.0, 200)
+
+
+def _driven(plant: str, integrator: str, substeps: int) -> np.ndarray:
+    """State after 10 control periods of random control."""
+    start = join_state(*STARTS[plant])
+    return ledger(integrator, DRIVEN_PLANTS[plant], start, CONTROLS[:10], PERIOD, substeps).state
+
+
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+@pytest.mark.parametrize("integrator", APPROXIMATE)
+def test_halving_dt_converges_to_the_reference(plant, integrator):
+    truth = _driven(plant, "reference", 1)
+    ladder = (16, 32, 64, 128)
+    errors = [float(np.abs(_driven(plant, integrator, n) - truth).max()) for n in ladder]
+    order = slope([1.0 / n for n in ladder], errors, 1e-11)
+    assert order == pytest.approx(declared(integrator).order, abs=ORDER)
+
+
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+def test_reference_does_not_depend_on_dt(plant):
+    coarse, fine = (_driven(plant, "reference", n) for n in (1, 4))
+    assert np.abs(coarse - fine).max() < 1e-11
+
+
+@pytest.mark.parametrize("spin", [0.0, 12.0, 60.0, 200.0])
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+def test_reference_agrees_with_dop853(plant, spin):
+    """Over a control period, state, work and dissipation, up to fast spins."""
+    state = np.array(join_state(*STARTS[plant]))
+    state[-1] += spin
+    truth, terms = solved(DRIVEN_PLANTS[plant], state, PERIOD, 1.7)
+    found = ledger("reference", DRIVEN_PLANTS[plant], state, [1.7], PERIOD, 1)
+    assert np.abs(found.state - truth).max() < 1e-10
+    assert np.abs(np.array([found.work_j, found.losses_j]) - terms).max() < 1e-10
+
+
+class Counting(PlantSystem):
+    """Counts evaluations of the equations of motion."""
+
+    evaluations = 0
+
+    def rates(self, *arguments):
+        self.evaluations += 1
+        return super().rates(*arguments)
+
+
+STAGES = 12
+"""Evaluations of one inner step of the reference: those of its method, and none besides."""
+
+
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+def test_reference_takes_one_inner_step_where_that_is_enough(plant):
+    """Beside one step of RK4: 12 evaluations for 4, and in time no more than 20 of its steps."""
+    q, v = STARTS[plant]
+    period = 0.05 / fastest_rate(DRIVEN_PLANTS[plant], join_state(q, v))
+    evaluations, seconds = {}, {}
+    for integrator in ("rk4", "reference"):
+        system = Counting(DRIVEN_PLANTS[plant])
+        engine = NativeEngine(system, integrator, period)
+        motion = engine.advance(SCALAR, q, v, ((1.7, 1),), None)
+        evaluations[integrator] = system.evaluations
+        seconds[integrator] = min(_seconds(engine, q, v) for _ in range(7))
+    assert motion.iterations == 1
+    assert evaluations == {"rk4": 4, "reference": STAGES}
+    assert seconds["reference"] <= 20.0 * seconds["rk4"]
+
+
+def _seconds(engine, q, v) -> float:
+    """Processor time of 40 steps."""
+    start = process_time()
+    for _ in range(40):
+        engine.advance(SCALAR, q, v, ((1.7, 1),), None)
+    return process_time() - start
+
+
+COSTS = re.findall(
+    r"^\| `(\w+)`, q = \((.*?)\), v = \((.*?)\) \| (\S+) s \| (\d+) \| (\d+) \|",
+    (Path(__file__).parents[3] / "docs" / "verification.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+
+
+def test_costs_are_stated_for_every_plant():
+    assert {plant for plant, *_ in COSTS} == set(PLANTS.names())
+
+
+@pytest.mark.parametrize(("plant", "q", "v", "period", "inner", "evaluations"), COSTS)
+def test_inner_steps_of_the_reference_are_as_stated(plant, q, v, period, inner, evaluations):
+    """The table of docs/verification.md: control periods of the environments' own."""
+    system = Counting(PLANTS.load(plant)())
+    engine = NativeEngine(system, "reference", float(period))
+    q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))
+    motion = engine.advance(SCALAR, q, v, ((0.5, 1),), None)
+    assert motion.iterations == int(inner)
+    assert system.evaluations == int(evaluations) == STAGES * int(inner)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "coarse", "fine"),
+    [
+        ("mutants:RectangleLedger", "0.772", "0.193"),
+        ("mutants:TrapezoidLedger", "0.0492", "0.00307"),
+        ("rk4", "1.41e-4", "6.53e-7"),
+    ],
+)
+def test_dissipation_needs_the_stages(integrator, coarse, fine):
+    """Σ|residual| over 200 control periods of RK4 at h = 0.05 and 0.0125, J."""
+    assert _residual(integrator, 1) == stated(coarse)
+    assert _residual(integrator, 4) == stated(fine)
+
+
+def _residual(integrator: str, substeps: int) -> float:
+    plant, start = Pendulum(damping=0.3), (pi / 2, 0.0)
+    return ledger(integrator, plant, start, CONTROLS, PERIOD, substeps).total_residual_j
+
+
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_reference_residual_with_damping_drive_and_fast_spin(env_id):
+    env = gym.make(env_id, integrator="reference", dt=0.05, damping=0.05).unwrapped
+    env.action_space.seed(1)
+    env.reset(seed=1)
+    state = np.zeros_like(env.state)
+    state[-1] = 60.0
+    env.reset(options={"state": state})
+    for _ in range(100):
+        *_, info = env.step(env.action_space.sample())
+        assert abs(info["energy_residual"]) < 1e-9
+        assert info["solver_status"] == "ok"
+    assert info["energy"] > 0.0
+
+
+def test_ledger_terms_agree_with_an_independent_integral():
+    """Work and dissipation in `info` over 200 control periods against `solve_ivp`, in each."""
+    env = gym.make(
+        "IntegPendulum-v0", integrator="rk4", dt=0.0125, control_period=PERIOD, damping=0.4,
+        duration=11.0,
+    )  # fmt: skip
+    plant = env.unwrapped.setup.plant
+    env.reset(options={"state": (pi - 1.0, 4.0)})
+    for torque in CONTROLS:
+        before = env.unwrapped.state
+        *_, info = env.step(np.array([torque]))
+        _, (work, dissipated) = solved(plant, before, PERIOD, float(torque))
+        assert info["actuator_work"] == pytest.approx(work, abs=1e-6)
+        assert info["dissipated"] == pytest.approx(dissipated, abs=1e-6)
+        assert abs(info["energy_residual"]) < 1e-6
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "symplectic_euler", "reference"])
+def test_speed_limit_is_booked(integrator):
+    """With a limit on the speed the ledger closes as well as without it, and only with its term."""
+    start, limit = (pi - 0.5, 0.0), 2.0
+    controls = np.full(100, 2.0)
+    free = ledger(integrator, ROD, start, controls, PERIOD, 16)
+    clipped = ledger(integrator, ROD, start, controls, PERIOD, 16, max_speed=limit)
+    assert free.clip_loss_j == 0.0
+    assert clipped.clip_loss_j > 1.0
+    assert abs(clipped.state[1]) <= limit
+    assert clipped.total_residual_j < 1.5 * free.total_residual_j + 1e-9
+    unexplained = clipped.energy_change_j - clipped.work_j + clipped.losses_j
+    assert unexplained == pytest.approx(-clipped.clip_loss_j, abs=clipped.total_residual_j + 1e-9)

@@ -1,0 +1,93 @@
+"""The physics is written once: no second equation of motion, no second integration step."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from pathlib import Path
+
+import pytest
+from gymnasium.envs.classic_control import cartpole, pendulum
+from written_once import equations_of_motion, integration_steps
+
+import integ_gym
+
+ROOT = Path(integ_gym.__file__).resolve().parent.parent
+SOURCES = sorted(
+    path
+    for folder in ("envs", "evidence", "train", "eval", "package")
+    for path in (ROOT / folder).rglob("*.py")
+)
+PLANTS = ROOT / "envs" / "plants"
+INTEGRATORS = ROOT / "envs" / "integrators"
+MAPS = ROOT / "envs" / "maps"
+PURE = sorted((*PLANTS.glob("*.py"), *INTEGRATORS.glob("*.py"), *MAPS.glob("*.py")))
+FORCES = [ROOT / "envs" / name for name in ("contact.py", "friction.py", "system.py")]
+
+
+def _id(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _shared_parts(path: Path) -> list[Path]:
+    """Files of the same folder, named with an underscore, that a module imports from."""
+    imported = [n.module for n in ast.walk(_tree(path)) if isinstance(n, ast.ImportFrom)]
+    names = [module.rpartition(".")[2] for module in imported if module]
+    return [p for name in names if name[0] == "_" and (p := path.with_name(f"{name}.py")).exists()]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_id)
+def test_the_physics_is_written_once(path):
+    if path.parent not in (PLANTS, INTEGRATORS):
+        assert equations_of_motion(_tree(path)) == []
+    if path.parent not in (INTEGRATORS, MAPS):
+        assert integration_steps(_tree(path)) == []
+
+
+def test_the_sources_are_those_of_the_project():
+    assert {_id(path).split("/")[0] for path in SOURCES} == {
+        "envs", "evidence", "train", "eval", "package",
+    }  # fmt: skip
+    tests = Path(__file__).resolve().parents[3]
+    assert tests == ROOT
+
+
+@pytest.mark.parametrize("module", [cartpole, pendulum], ids=lambda m: m.__name__)
+def test_a_second_copy_would_be_found(module):
+    """Gymnasium's own files, which hold both, stand for it."""
+    tree = ast.parse(inspect.getsource(module))
+    assert equations_of_motion(tree)
+    assert integration_steps(tree)
+
+
+@pytest.mark.parametrize("path", PURE, ids=_id)
+def test_plants_hold_equations_and_integrators_hold_steps(path):
+    """What the search finds where it should: every plant, every integrator."""
+    if path.parent == PLANTS and path.stem not in ("__init__", "interface"):
+        assert equations_of_motion(_tree(path))
+        assert not integration_steps(_tree(path))
+    if path.parent in (INTEGRATORS, MAPS) and not path.stem.startswith("_"):
+        assert any(integration_steps(_tree(part)) for part in (path, *_shared_parts(path)))
+        assert not equations_of_motion(_tree(path))
+
+
+@pytest.mark.parametrize("path", [*PURE, *FORCES], ids=_id)
+def test_plants_and_integrators_import_no_arithmetic(path):
+    imported = set()
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name.split(".")[0] for alias in node.names}
+        if isinstance(node, ast.ImportFrom) and node.module:
+            imported.add(node.module.split(".")[0])
+    assert not imported & {"numpy", "jax", "math", "cmath", "scipy"}
+
+
+@pytest.mark.parametrize(
+    "path", sorted((*INTEGRATORS.glob("[!_]*.py"), *MAPS.glob("[!_]*.py"))), ids=_id
+)
+def test_an_integrator_or_map_is_one_short_file(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 100

@@ -1,0 +1,515 @@
+"""Stops: force, rebound, ledger and how integrators and environments carry them."""
+
+from __future__ import annotations
+
+from math import log, pi, sqrt
+
+import gymnasium as gym
+import jax
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from motions import ALL
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from test_vector import assert_same
+
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.mechanics.contact import Stops
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.arithmetic.jax_ops import JaxOps
+from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.ledger import ledger
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.episode.control_period import initial_state, transition
+
+STOPPED = {
+    "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),
+    "cart_pole": ("IntegCartPoleSwingUp-v0", {"track_limit": 0.05, "stop_stiffness": 500.0}),
+}
+FREE = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=100.0, stop_damping=0.4)
+"""Nothing acts on it but its stops."""
+
+speeds = st.floats(-50.0, 50.0)
+angles = st.floats(-3.0, 3.0)
+
+
+def measure(speed: float, damping: float) -> float:
+    """Hunt and Crossley's g, equal for a speed of arrival and minus the speed of departure."""
+    return speed / damping - log(1.0 + damping * speed) / damping**2
+
+
+def departure(arrival: float, damping: float) -> float:
+    """Speed at which a free body leaves a stop."""
+    whole = measure(arrival, damping)
+    fastest = (1.0 - 1e-12) / damping
+    return float(brentq(lambda u: measure(-u, damping) - whole, 0.0, min(arrival, fastest)))
+
+
+@given(x=angles, v=speeds, d=st.floats(0.0, 5.0))
+@settings(max_examples=300)
+def test_a_stop_pushes_inwards_and_only_takes_energy(x, v, d):
+    stops = Stops(0, 1.0, 200.0, d)
+    contact = stops.contact(SCALAR, (x,), (v,))
+    assert contact.penetration == max(abs(x) - 1.0, 0.0)
+    assert contact.force * x <= 0.0
+    assert contact.dissipated >= 0.0
+    assert contact.energy == pytest.approx(100.0 * contact.penetration**2)
+    assert (contact.penetration > 0.0) == (stops.clearance(SCALAR, (x,), (v,))[0] < 0.0)
+    if contact.penetration == 0.0:
+        assert contact == (0.0, 0.0, 0.0, 0.0)
+    power = contact.force * v
+    stored = 200.0 * contact.penetration * v * np.sign(x)
+    assert power + stored + contact.dissipated == pytest.approx(0.0, abs=1e-9 * (1 + abs(power)))
+
+
+@given(side=st.sampled_from((-1.0, 1.0)), v=st.floats(-4.0, 4.0), d=st.floats(0.0, 3.0))
+def test_force_is_continuous_on_touching(side, v, d):
+    stops = Stops(0, 1.0, 1e5, d)
+    assert abs(stops.contact(SCALAR, (side * (1.0 + 1e-12),), (v,)).force) < 1e-5
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Pendulum(joint_limit=1.0, damping=0.1, friction=0.3, friction_speed=0.5),
+        Pendulum(joint_limit=1.0, stop_damping=2.0),
+        Pendulum(friction=1.0, friction_speed=0.5),
+    ],
+)
+def test_slopes_are_those_of_the_accelerations(plant):
+    system = PlantSystem(plant)
+    rng = np.random.default_rng(0)
+    for q, v in zip(rng.uniform(-2.0, 2.0, 40), rng.normal(size=40), strict=True):
+        by_q, by_v = system.slopes(SCALAR, (q,), (v,), 0.7)
+        h = 1e-6
+
+        def of_system(a, b):
+            return system.rates(SCALAR, (a,), (b,), 0.7)[0][0]
+
+        expected_q = (of_system(q + h, v) - of_system(q - h, v)) / (2.0 * h)
+        expected_v = (of_system(q, v + h) - of_system(q, v - h)) / (2.0 * h)
+        assert by_q[0][0] == pytest.approx(expected_q, rel=1e-6, abs=1e-5)
+        assert by_v[0][0] == pytest.approx(expected_v, rel=1e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize("arrival", [0.5, 2.0, 8.0])
+@pytest.mark.parametrize("damping", [0.05, 0.4, 2.0])
+def test_rebound_has_the_analytic_speed(arrival, damping):
+    """The reference's rebound and its loss against g(arrival) = g(-departure)."""
+    plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e3, stop_damping=damping)
+    engine = NativeEngine(PlantSystem(plant), "reference", 0.1)
+    motion = engine.advance(SCALAR, (1.0,), (arrival,), ((0.0, 2),), None)
+    leaving = departure(arrival, damping)
+    assert motion.q[0] < 1.0
+    assert motion.v[0] == pytest.approx(-leaving, rel=1e-9)
+    lost = 0.5 * plant.inertia * (arrival**2 - leaving**2)
+    assert motion.losses[1] == pytest.approx(lost, rel=1e-9)
+    assert motion.losses[0] == 0.0
+
+
+@pytest.mark.parametrize("arrival", [0.5, 2.0, 8.0])
+def test_penetration_stays_below_the_undamped_one(arrival):
+    plant = FREE
+    engine = NativeEngine(PlantSystem(plant), "reference", 0.001)
+    motion = engine.advance(SCALAR, (1.0,), (arrival,), ((0.0, 400),), None)
+    bound = arrival * sqrt(plant.inertia / plant.stop_stiffness)
+    assert 0.5 * bound < motion.penetration < bound
+    assert -motion.contact_force > plant.stop_stiffness * motion.penetration
+
+
+def exact(plant, q, v, control, duration):
+    """State and losses by `solve_ivp`, one smooth piece after the other."""
+    bare, stops, n = PlantSystem(plant), plant.stops, len(q)
+    side = float(np.sign(q[0])) if abs(q[0]) > stops.limit else 0.0
+
+    def slope(t, y):
+        q, v = tuple(y[:n]), tuple(y[n : 2 * n])
+        depth = side * q[0] - stops.limit if side else 0.0
+        push = stops.stiffness * depth * (1.0 + stops.damping * side * v[0])
+        force = (control - side * push, *(0.0,) * (n - 1))
+        lost = stops.stiffness * stops.damping * depth * v[0] ** 2
+        return (*v, *plant.acceleration(SCALAR, q, v, force), plant.dissipation(SCALAR, q, v), lost)
+
+    def touch(t, y):
+        return abs(y[0]) - stops.limit
+
+    touch.terminal = True
+    t, y = 0.0, np.array([*q, *v, *bare.no_losses])
+    while t < duration:
+        touch.direction = -1.0 if side else 1.0
+        part = solve_ivp(
+            slope, (t, duration), y, "DOP853", rtol=1e-13, atol=1e-14, events=touch, max_step=1e-3
+        )
+        t, y = part.t[-1], part.y[:, -1]
+        side = 0.0 if side else float(np.sign(y[0]))
+    return y
+
+
+@pytest.mark.parametrize(
+    ("plant", "q", "v", "control"),
+    [
+        (CartPole(track_limit=1.0, stop_stiffness=1e5), (0.97, 2.0), (1.5, 3.0), 4.0),
+        (
+            CartPole(track_limit=1.0, stop_stiffness=1e5, damping=0.02),
+            (-0.9, 0.4),
+            (-3.0, 1.0),
+            0.0,
+        ),
+        (CartPole(track_limit=1.0), (0.99, 3.0), (0.5, -2.0), -5.0),
+        (Pendulum(joint_limit=1.0, stop_stiffness=1e5), (0.95,), (2.0,), 1.0),
+        (Pendulum(joint_limit=1.0, stop_stiffness=1e5, damping=0.3), (-0.8,), (-6.0,), 0.0),
+    ],
+    ids=["cart", "cart left", "soft", "pendulum", "pendulum left"],
+)
+def test_reference_through_a_stop_agrees_with_dop853(plant, q, v, control):
+    system = PlantSystem(plant)
+    motion = NativeEngine(system, "reference", 0.1).advance(SCALAR, q, v, ((control, 1),), None)
+    truth = exact(plant, q, v, control, 0.1)
+    assert motion.losses[1] > 0.0
+    got = np.array([*motion.q, *motion.v, *motion.losses])
+    np.testing.assert_allclose(got, truth, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("depth", [-1e-7, 1e-7, 1e-5, 1e-4])
+@pytest.mark.parametrize("when", [0.013, 0.05, 0.087])
+def test_reference_sees_a_grazing_touch(depth, when):
+    """A free body that turns back just beyond the limit, at any moment within the step."""
+    plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e5)
+    pull = -1.0
+    arrival = -pull / plant.inertia * when
+    q = 1.0 + depth - 0.5 * arrival * when
+    engine = NativeEngine(PlantSystem(plant), "reference", 0.1)
+    motion = engine.advance(SCALAR, (q,), (arrival,), ((pull, 1),), None)
+    truth = exact(plant, (q,), (arrival,), pull, 0.1)
+    got = np.array([*motion.q, *motion.v, *motion.losses])
+    np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
+
+
+def test_start_at_rest_on_the_stop_is_no_obstacle():
+    for plant in (FREE, Pendulum(joint_limit=1.0)):
+        engine = NativeEngine(PlantSystem(plant), "reference", 0.05)
+        motion = engine.advance(SCALAR, (1.0,), (0.0,), ((0.0, 2),), None)
+        assert motion.converged
+
+
+def _bounces(integrator: str, substeps: int) -> tuple[np.ndarray, float]:
+    """States and Σ|residual| after 1 s between soft stops, from 8 places; shape (2, 8) and J."""
+    plant = Pendulum(gravity=0.0, joint_limit=0.5, stop_stiffness=20.0, stop_damping=0.3)
+    system = PlantSystem(plant)
+    engine = NativeEngine(system, integrator, 0.05 / substeps)
+    q, v, residual = (np.linspace(-0.4, 0.4, 8),), (np.full(8, 2.0),), 0.0
+    for _ in range(20):
+        before = system.energy(ARRAY, q, v)
+        motion = engine.advance(ARRAY, q, v, ((0.0, substeps),), None)
+        q, v = motion.q, motion.v
+        change = system.energy(ARRAY, q, v) - before
+        residual += float(np.abs(change + sum(motion.losses)).sum())
+    return np.array([*q, *v]), residual
+
+
+@pytest.mark.parametrize("integrator", [name for name in ALL if name != "reference"])
+def test_contact_converges_as_far_as_it_is_smooth(integrator):
+    """The force has a kink, so no method is better than order 2 across it."""
+    order = 1 if integrator.endswith("euler") else 2
+    truth, exactly = _bounces("reference", 1)
+    assert exactly < 1e-9
+    runs = [_bounces(integrator, n) for n in (8, 16, 32, 64)]
+    errors = [float(np.abs(state - truth).sum()) for state, _ in runs]
+    residuals = [residual for _, residual in runs]
+    for values in (errors, residuals):
+        assert values[-1] < values[0] / 2 ** (3 * (order - 0.3))
+
+
+def test_no_stop_gives_energy_on_the_reference():
+    """Energy never rises beyond what the actuator did, contact by contact."""
+    env = gym.make(
+        "IntegCartPoleSwingUp-v0", integrator="reference", track_limit=0.2, stop_stiffness=1e4
+    )
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    touched = 0
+    for _ in range(300):
+        *_, info = env.step(env.action_space.sample())
+        touched += info["penetration"] > 0.0
+        assert info["contact_loss"] >= 0.0
+        assert abs(info["energy_residual"]) < 1e-9
+        assert info["solver_status"] == "ok"
+    assert touched > 5
+
+
+@pytest.mark.parametrize(
+    ("case", "integrator"),
+    [*(("pendulum", name) for name in ALL), ("cart_pole", "rk4"), ("cart_pole", "implicit_euler")],
+)
+def test_three_worlds_agree_in_contact(case, integrator):
+    env_id, arguments = STOPPED[case]
+    arguments = {"integrator": integrator, "dt": 0.01, **arguments}
+    tolerance = 1e-9 if integrator == "reference" else 1e-12
+    lanes = 5
+    ours = gym.make_vec(env_id, num_envs=lanes, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    singles = [gym.make(env_id, **arguments).unwrapped for _ in range(lanes)]
+    ours.reset(seed=0)
+    for lane, env in enumerate(singles):
+        env.reset(seed=lane)
+    setup = singles[0].setup
+    rng = np.random.default_rng(0)
+    touched = False
+    with jax.enable_x64(True):
+        ops = JaxOps("float64")
+        advance = jax.jit(lambda state, action: transition(ops, setup, state, action))
+        for _ in range(15):
+            actions = rng.uniform(-10.0, 10.0, (lanes, 1))
+            state, outcome = advance(ours._state, actions[:, 0])
+            _, _, _, _, info = ours.step(actions)
+            for lane, env in enumerate(singles):
+                *_, single = env.step(actions[lane])
+                for name in ("penetration", "contact_force", "contact_loss", "energy_residual"):
+                    assert info[name][lane] == pytest.approx(
+                        single[name], rel=tolerance, abs=tolerance
+                    ), name
+                current = env._state
+                env._state = current._replace(
+                    q=tuple(float(x[lane]) for x in ours._state.q),
+                    v=tuple(float(x[lane]) for x in ours._state.v),
+                    energy=float(ours._state.energy[lane]),
+                )
+            for got, expected in (
+                (outcome.penetration, info["penetration"]),
+                (outcome.contact_force, info["contact_force"]),
+                (outcome.contact_loss, info["contact_loss"]),
+                (state.q[0], ours._state.q[0]),
+                (state.v[0], ours._state.v[0]),
+            ):
+                np.testing.assert_allclose(got, expected, rtol=tolerance, atol=tolerance)
+            touched |= bool((info["penetration"] > 0.0).any())
+    assert touched
+
+
+@pytest.mark.parametrize("case", STOPPED)
+def test_vector_equals_sync_in_contact(case):
+    env_id, arguments = STOPPED[case]
+    arguments = {"integrator": "rk4", "dt": 0.01, "duration": 0.3, **arguments}
+    ours = gym.make_vec(env_id, num_envs=4, **arguments)
+    sync = gym.make_vec(env_id, num_envs=4, vectorization_mode="sync", **arguments)
+    for a, b in zip(ours.reset(seed=1), sync.reset(seed=1), strict=True):
+        assert_same(a, b)
+    ours.action_space.seed(0)
+    for _ in range(40):
+        actions = ours.action_space.sample()
+        for a, b in zip(ours.step(actions), sync.step(actions), strict=True):
+            assert_same(a, b)
+
+
+def test_stops_may_differ_per_lane():
+    limits = np.array([0.5, 1.0, 2.0])
+    env = gym.make_vec("IntegPendulum-v0", num_envs=3, joint_limit=limits, start="uniform")
+    for seed in range(5):
+        env.reset(seed=seed)
+        assert (np.abs(env.state[:, 0]) <= limits).all()
+    _, info = env.reset(options={"state": np.tile((1.5, 0.0), (3, 1))})
+    beyond = np.maximum(1.5 - limits, 0.0)
+    np.testing.assert_allclose(info["energy"] - info["energy"][2], 100.0 * beyond**2)
+
+
+def test_a_given_state_may_be_beyond_a_stop_and_a_drawn_one_not():
+    env = gym.make("IntegPendulum-v0", joint_limit=2.0, stop_stiffness=10.0, start="hanging")
+    env.reset(seed=0)
+    assert env.unwrapped.state[0] == 2.0
+    _, info = env.reset(options={"state": (2.5, 0.0)})
+    assert env.unwrapped.state[0] == 2.5
+    plant = env.unwrapped.setup.plant
+    expected = plant.energy(SCALAR, (2.5,), (0.0,)) + 0.5 * 10.0 * 0.5**2
+    assert info["energy"] == pytest.approx(expected)
+
+
+def test_the_ledger_names_force_and_penetration_at_the_ends_of_sub_steps():
+    env = gym.make(
+        "IntegPendulum-v0", integrator="rk4", dt=0.005, control_period=0.05, joint_limit=1.0
+    )
+    fine = gym.make("IntegPendulum-v0", integrator="rk4", dt=0.005, joint_limit=1.0)
+    for each in (env, fine):
+        each.reset(options={"state": (0.9, 4.0)})
+    *_, info = env.step(np.zeros(1))
+    steps = [fine.step(np.zeros(1))[4] for _ in range(10)]
+    assert info["penetration"] == max(step["penetration"] for step in steps) > 0.0
+    assert info["contact_force"] == min(step["contact_force"] for step in steps) < 0.0
+    assert info["contact_loss"] == pytest.approx(sum(step["contact_loss"] for step in steps))
+
+
+@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
+def test_without_stops_nothing_is_booked(env_id):
+    env = gym.make(env_id)
+    _, info = env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(5):
+        assert [info[n] for n in ("penetration", "contact_force", "contact_loss")] == [0.0] * 3
+        *_, info = env.step(env.action_space.sample())
+    assert env.unwrapped.setup.system.stops is None
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arguments", "message"),
+    [
+        ("IntegPendulum-v0", {"joint_limit": 0.0}, "`joint_limit` must be a finite number above 0"),
+        ("IntegCartPole-v0", {"track_limit": -1.0}, "`track_limit` must be a finite number above"),
+        ("IntegCartPole-v0", {"stop_stiffness": 0.0}, "`stop_stiffness` must be"),
+        ("IntegCartPole-v0", {"stop_damping": -1.0}, "`stop_damping` must be"),
+        ("IntegCartPoleSwingUp-v0", {"track_limit": None}, "`track_limit` must be"),
+        ("IntegPendulum-v0", {"friction": -1.0}, "`friction` must be"),
+        ("IntegPendulum-v0", {"friction_speed": 0.0}, "`friction_speed` must be"),
+    ],
+)
+def test_impossible_stops_and_friction_are_refused(env_id, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make(env_id, **arguments)
+
+
+def test_implicit_methods_hold_a_stiff_stop_that_explicit_ones_cannot():
+    """hω = 10: the stop throws an explicit cart back faster than it came."""
+    for integrator, holds in (("implicit_euler", True), ("explicit_euler", False)):
+        plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e5 / 3.0, stop_damping=0.0)
+        engine = NativeEngine(PlantSystem(plant), integrator, 0.0316)
+        motion = engine.advance(SCALAR, (0.99,), (1.0,), ((0.0, 60),), None)
+        assert (abs(motion.v[0]) <= 1.0) is holds, integrator
+        assert motion.converged
+
+
+def test_a_pole_against_the_stop_does_not_end_the_episode():
+    env = gym.make("IntegCartPoleSwingUp-v0")
+    env.reset(options={"state": (2.35, 3.0, pi, 0.0)})
+    deepest = 0.0
+    for _ in range(100):
+        _, reward, terminated, _, info = env.step(np.array([10.0]))
+        assert not terminated
+        assert 0.0 <= reward <= 1.0
+        deepest = max(deepest, info["penetration"])
+    assert deepest > 0.02
+    setup = env.unwrapped.setup
+    inside, outside = ((x, 0.0) for x in (2.4, 2.41))
+    for x, expected in ((inside[0], True), (outside[0], False)):
+        assert setup.task.at_goal(SCALAR, (x, 0.1), (0.0, 0.0)) is expected
+
+
+def test_starts_of_the_three_worlds_carry_the_energy_of_the_stops():
+    plant = Pendulum(joint_limit=1.0, stop_stiffness=50.0)
+    env = gym.make("IntegPendulum-v0", joint_limit=1.0, stop_stiffness=50.0)
+    setup = env.unwrapped.setup
+    assert setup.plant == plant
+    scalar = initial_state(SCALAR, setup, (1.2,), (0.3,)).energy
+    array = initial_state(ARRAY, setup, (np.array([1.2]),), (np.array([0.3]),)).energy
+    assert array[0] == scalar
+
+
+@pytest.mark.parametrize(
+    ("integrator", "left", "made_up"),
+    [
+        ("explicit_euler", 2.757, 23.291),
+        ("symplectic_euler", 2.248, 7.176),
+        ("implicit_midpoint", 1.580, 0.090),
+        ("stormer_verlet", 1.532, -0.279),
+        ("reference", 1.440, 0.0),
+        ("rk4", 1.405, -0.030),
+        ("implicit_euler", 0.490, -3.292),
+    ],
+)
+def test_energy_that_a_rebound_leaves(integrator, left, made_up):
+    """The table of docs/environments.md."""
+    env = gym.make("IntegCartPoleSwingUp-v0", integrator=integrator)
+    _, info = env.reset(options={"state": (2.33, 3.0, pi, 0.0)})
+    assert info["energy"] == pytest.approx(4.95)
+    residual = 0.0
+    for _ in range(10):
+        *_, info = env.step(np.zeros(1))
+        residual += info["energy_residual"]
+    assert info["energy"] == pytest.approx(left, abs=1e-3)
+    assert residual == pytest.approx(made_up, abs=1e-3)
+
+
+DRIVEN = CartPole(
+    damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
+)
+CONTROLS = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
+START = (0.0, 3.0, pi - 0.3, 0.0)
+"""Thrown from stop to stop by random controls."""
+
+
+def test_the_reference_books_contact_as_an_independent_integral_does():
+    state, touched = START, 0
+    for control in CONTROLS:
+        truth = exact(DRIVEN, state[0::2], state[1::2], control, 0.05)
+        found = ledger("reference", DRIVEN, state, [control], 0.05, 1)
+        state = tuple(truth[[0, 2, 1, 3]])
+        np.testing.assert_allclose(found.state, state, rtol=0, atol=1e-8)
+        assert found.losses_j == pytest.approx(truth[4] + truth[5], abs=1e-8)
+        assert found.total_residual_j < 1e-9
+        touched += truth[5] > 1e-6
+    assert touched > 3
+
+
+def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:
+    """What 64 random starts book in 0.5 s of random controls between the stops, J, shape (64,)."""
+    rng, lanes = np.random.default_rng(4), 64
+    system = PlantSystem(DRIVEN)
+    engine = NativeEngine(system, integrator, 0.05 / substeps)
+    q = rng.uniform(-0.2, 0.2, lanes), pi + rng.uniform(-0.6, 0.6, lanes)
+    v = rng.uniform(-3.0, 3.0, lanes), rng.uniform(-1.0, 1.0, lanes)
+    names = ("residual", "damping", "contact", "work", "touched")
+    booked = {name: np.zeros(lanes) for name in names}
+    for control in rng.uniform(-8.0, 8.0, (10, lanes)):
+        before = system.energy(ARRAY, q, v)
+        motion = engine.advance(ARRAY, q, v, ((control, substeps),), None)
+        q, v = motion.q, motion.v
+        change = system.energy(ARRAY, q, v) - before
+        booked["residual"] += np.abs(change - motion.work + sum(motion.losses))
+        booked["damping"] += motion.losses[0]
+        booked["contact"] += motion.losses[1]
+        booked["work"] += motion.work
+        booked["touched"] += motion.penetration > 0.0
+    return booked
+
+
+def _orders(integrator: str) -> dict[str, float]:
+    """Order of the mean error of all that is booked, over a sixteenfold refinement."""
+    truth = _driven("reference", 1)
+    coarse, fine = (_driven(integrator, substeps) for substeps in (8, 128))
+    return {
+        name: log(
+            np.abs(coarse[name] - truth[name]).mean() / np.abs(fine[name] - truth[name]).mean()
+        )
+        / log(16.0)
+        for name in ("residual", "damping", "contact", "work")
+    }
+
+
+def test_the_reference_closes_the_ledger_of_many_driven_contacts():
+    truth = _driven("reference", 1)
+    assert truth["residual"].max() < 1e-9
+    assert (truth["contact"] > 1e-6).mean() > 0.5
+    assert truth["damping"].min() > 0.0
+
+
+@pytest.mark.parametrize("integrator", [n for n in ALL if n != "reference"])
+def test_the_ledger_closes_in_driven_damped_contact_at_order(integrator):
+    """All that is booked converges to the exact motion's at order min(p, 2).
+
+    A stop's force is continuous on touching and its rate is not: the acceleration jumps by J in its
+    first derivative. A step of h with the touch at a share s of its length follows a broken line by
+    its own quadrature, whose error in the velocity is c(s) J h², and in the position h times
+    that. Only one step per touch errs so, while the smooth rest adds up to O(h^p): the error is
+    O(h^min(p, 2)), as that of energy, losses and work, which are integrals of the motion. c(s)
+    depends on where in a step the touch happens to be, changes from step size to step size, and may
+    vanish, so that one motion has no order; the mean over many has.
+    """
+    expected = min(declared(integrator).order, 2)
+    for name, order in _orders(integrator).items():
+        assert order == pytest.approx(expected, abs=0.3), name
+
+
+def test_a_first_order_ledger_on_rk4_is_caught_in_contact():
+    assert _orders("mutants:RectangleLedger")["residual"] < 1.3

@@ -1,0 +1,210 @@
+"""The measuring functions, on maps whose properties are known, and on a user's own classes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.numerics.identification.identity import Declared, classify, declared
+from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.numerics.convergence import convergence
+from integ_gym.envs.numerics.energy import energies, energy_growth
+from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.independent import independent_motion
+from integ_gym.envs.numerics.linear import linear_map, stability_limit
+from integ_gym.envs.numerics.reversibility import reversibility_defect
+from integ_gym.envs.numerics.phase_space import volume_defect
+from integ_gym.envs.numerics.convergence import slope
+from integ_gym.envs.numerics.probe import fastest_mode, linear_rates
+from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.pendulum import Pendulum
+
+NAMES = INTEGRATORS.names()
+CONTRADICTED_ON_THE_CART_POLE = {
+    "symplectic_euler": ("symplectic",),
+    "stormer_verlet": ("symplectic",),
+    "implicit_midpoint": ("symplectic",),
+}
+
+
+class Heun:
+    """Second order, explicit; declares a third order that it does not have."""
+
+    order = 3
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        a1, p1 = system.rates(ops, q, v, control)
+        end = along(v, dt, a1)
+        a2, p2 = system.rates(ops, along(q, dt, v), end, control)
+        half = 0.5 * dt
+        return Step(
+            along(along(q, half, v), half, end),
+            along(along(v, half, a1), half, a2),
+            along(along(losses, half, p1), half, p2),
+        )
+
+
+class Overflowing:
+    """Raises what Python raises where an array would hold an infinity."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        return Step((q[0] + 1e200**2,), v, losses)
+
+
+OWN = f"{__name__}:Heun"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_integrator_is_what_it_declares_on_the_pendulum(name):
+    assert classify(name).contradictions(declared(name)) == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_on_the_cart_pole_symplectic_is_contradicted(name):
+    found = classify(name, CartPole()).contradictions(declared(name))
+    assert found == CONTRADICTED_ON_THE_CART_POLE.get(name, ())
+
+
+def test_the_reference_is_exact_to_rounding():
+    found = classify("reference")
+    assert (found.order, found.symplectic, found.stable_up_to) == (None, True, math.inf)
+
+
+def test_own_integrator():
+    found = classify(OWN)
+    assert found.order == pytest.approx(2.0, abs=0.05)
+    assert (found.symplectic, found.reversible, found.stable_up_to) == (False, False, 0.0)
+    assert declared(OWN) == Declared(3, None, None)
+    assert found.contradictions(declared(OWN)) == ("order",)
+
+
+def test_damping_is_neither_symplectic_nor_reversible():
+    found = classify("stormer_verlet", Pendulum(damping=0.5))
+    assert (found.symplectic, found.reversible) == (False, False)
+    assert found.contradictions(declared("stormer_verlet")) == ("symplectic", "reversible")
+
+
+def test_volume_shrinks_by_the_damping():
+    """det of the exact flow is exp(−b h / I)."""
+    plant = Pendulum(damping=0.2)
+    found = volume_defect("reference", plant, (1.0, 2.0), 0.1)
+    assert found == pytest.approx(math.expm1(-0.2 / plant.inertia * 0.1), abs=1e-9)
+
+
+def test_an_integrator_that_arrives_at_no_number_is_not_exact():
+    found = classify("planted:Nowhere")
+    assert math.isnan(found.order)
+    assert found.contradictions(declared("planted:Nowhere")) == ("order",)
+    assert math.isnan(linear_map("planted:Nowhere", 0.5).spectral_radius)
+    assert stability_limit("planted:Nowhere") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("errors", "order"),
+    [
+        ((4e-2, 1e-2, 2.5e-3), 2.0),
+        ((math.nan, 1e-2, 2.5e-3), 2.0),
+        ((4e-2, 1e-2, 1e-14), 2.0),
+        ((1e-13, 1e-14, 1e-15), None),
+        ((4e-2, 1e-2, math.nan), math.nan),
+        ((4e-2, 1e-2, math.inf), math.nan),
+    ],
+)
+def test_slope_is_taken_above_rounding_and_of_numbers(errors, order):
+    found = slope((0.4, 0.2, 0.1), errors, 1e-12)
+    assert found == pytest.approx(order, nan_ok=True)
+
+
+def test_independent_motion_books_work_and_loss():
+    """A damped oscillator under a constant force: what it ends with is known."""
+    plant = Pendulum(gravity=0.0, damping=0.5)
+    motion = independent_motion(plant, (0.0, 0.0), [0.3] * 200, 0.1)
+    speed = 0.3 / 0.5
+    assert motion.states[-1, 1] == pytest.approx(speed, rel=1e-9)
+    assert motion.work[-1] == pytest.approx(0.3 * motion.states[-1, 0], rel=1e-12)
+    kinetic = 0.5 * plant.inertia * speed**2
+    assert motion.energy[-1] - motion.energy[0] == pytest.approx(kinetic, rel=1e-9)
+    assert motion.lost[-1] == pytest.approx(motion.work[-1] - kinetic, rel=1e-9)
+    assert (np.diff(motion.lost) > 0.0).all()
+
+
+def test_rates_of_a_plant_in_order():
+    plant = ElasticPendulum()
+    rest = (0.0, 0.0, 0.0, 0.0)
+    slow, fast = math.sqrt(9.81 / plant.hanging_length), math.sqrt(1000.0)
+    found = linear_rates(plant, rest)
+    assert found == pytest.approx([slow, slow, fast, fast], rel=1e-6)
+    assert fastest_mode(plant, rest) == pytest.approx([0.0, 1.0], abs=1e-6)
+
+
+def test_unknown_integrator():
+    with pytest.raises(ValueError, match="unknown integrator 'rk5'"):
+        classify("rk5")
+
+
+def test_arithmetic_errors_are_not_a_number():
+    own = f"{__name__}:Overflowing"
+    assert np.isnan(advance(own, Pendulum(), (1.0, 0.0), 0.05)).all()
+    assert np.isnan(energies(own, Pendulum(), (1.0, 0.0), 0.05, 3)[1:]).all()
+    assert math.isnan(reversibility_defect(own, Pendulum(), (1.0, 0.0), 0.05))
+    assert energy_growth(energies(own, Pendulum(), (1.0, 0.0), 0.05, 30)).drift == math.inf
+
+
+def test_fastest_rate_is_the_frequency():
+    assert fastest_rate(Pendulum(), (math.pi, 0.0)) == pytest.approx(math.sqrt(15.0), rel=1e-9)
+    assert fastest_rate(CartPole(), probe_state(CartPole())) > 1.0
+
+
+def test_jacobian_of_a_known_map():
+    found = jacobian(
+        lambda z: np.stack([np.sin(z[:, 0]) * z[:, 1], np.exp(z[:, 1])], -1), np.array([0.4, 0.7])
+    )
+    expected = [[0.7 * math.cos(0.4), math.sin(0.4)], [0.0, math.exp(0.7)]]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+LADDER = (4, 5, 6, 12, 13)
+"""Errors of the last two steps are rounding."""
+
+
+def test_convergence_is_measured_above_rounding_only():
+    found = convergence("rk4", Pendulum(), (math.pi - 1.0, 0.0), frequency=4.0, halvings=LADDER)
+    assert found.order == pytest.approx(4.0, abs=0.05)
+    assert found.steps_s[0] == 0.5 / 16
+    assert len(found.errors) == len(LADDER)
+
+
+def test_heun_grows_at_every_step():
+    assert stability_limit(OWN) == 0.0
+    found = linear_map(OWN, 0.5)
+    growth = 1.0 + 0.5**4 / 4.0
+    assert found.energy_multipliers == pytest.approx((growth, growth), rel=1e-12)
+    assert found.determinant == pytest.approx(growth, rel=1e-12)
+    assert found.spectral_radius == pytest.approx(math.sqrt(growth), rel=1e-12)
+
+
+TIME = np.linspace(0.0, 50.0, 2001)
+
+
+@pytest.mark.parametrize(
+    ("energy", "kind", "drift"),
+    [
+        (2.0 + 0.1 * np.sin(7.0 * TIME), "bounded", 0.0),
+        (2.0 + 1e-13 * TIME, "bounded", 0.0),
+        (2.0 + 0.04 * TIME + 0.01 * np.sin(7.0 * TIME), "linear", 0.88),
+        (2.0 - 0.0001 * TIME, "linear", -0.00225),
+        (2.0 * np.exp(0.05 * TIME), "exponential", math.exp(2.25) - 1.0),
+        (2.0 * np.exp(-0.05 * TIME), "exponential", math.exp(-2.25) - 1.0),
+    ],
+)
+def test_energy_growth(energy, kind, drift):
+    found = energy_growth(energy)
+    assert found.kind == kind
+    assert found.drift == pytest.approx(drift, rel=0.03, abs=5e-3 if kind == "bounded" else 0.0)
+    assert found.largest == pytest.approx(np.abs(energy / energy[0] - 1.0).max())

@@ -1,0 +1,169 @@
+"""Testbeds: what every one promises, and that what is applied is held against what was asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import needs
+
+import integ_gym
+from integ_gym.envs import testbeds
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.testbeds.interface import Applied
+from integ_gym.envs.testbeds.making import make_checked, make_training_environments
+from integ_gym.envs.testbeds.integ_environments import IntegTestbed
+
+TASK = "InvertedPendulum-v5"
+EVERY = (*integ_gym.ENVIRONMENTS, TASK)
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    """Of its own: MuJoCo's compiler writes a file where it has a remark on a model."""
+    monkeypatch.chdir(tmp_path)
+
+
+def _testbed(env_id, **arguments):
+    if env_id == TASK:
+        needs("mujoco")
+    return testbeds.testbed_of(env_id, arguments)
+
+
+@pytest.mark.parametrize("env_id", EVERY)
+def test_every_offer_is_made_and_really_applied(env_id):
+    testbed = _testbed(env_id)
+    home = testbed.home
+    offered = [
+        replace(home, integrator=name, dt=dt)
+        for name in testbed.integrators(home.engine)
+        for dt in testbed.steps(home)
+    ]
+    truth = testbed.truth(home.control_period)
+    for asked in (home, *offered, *([] if truth is None else [truth])):
+        environments = make_checked(testbed, asked, 2)
+        applied = testbed.applied(environments)
+        assert applied.discretization == asked
+        assert applied.substeps == round(asked.control_period / asked.dt)
+        assert environments.num_envs == 2
+        environments.reset(seed=[3, 4])
+        environments.step(environments.action_space.sample())
+        assert environments.state.shape[0] == 2
+        environments.close()
+    assert len(offered) == 3 * len(testbed.integrators(home.engine)) >= 15
+
+
+@pytest.mark.parametrize("env_id", EVERY)
+def test_lanes_are_the_single_environments(env_id):
+    """Same seeds, same actions: the same observations and rewards, to the bit."""
+    testbed = _testbed(env_id)
+    environments = make_checked(testbed, testbed.home, 2)
+    single = gym.make(env_id)
+    if env_id == TASK:
+        single = integ_gym.rediscretize(single)
+    observation, _ = environments.reset(seed=[5, 6])
+    assert np.array_equal(single.reset(seed=6)[0], observation[1])
+    environments.action_space.seed(0)
+    for _ in range(4):
+        actions = environments.action_space.sample()
+        observation, reward, *_, info = environments.step(actions)
+        expected, earned, *_, told = single.step(actions[1])
+        assert np.array_equal(observation[1], expected)
+        assert reward[1] == earned
+        assert info["energy"][1] == told["energy"]
+        assert np.array_equal(environments.state[1], single.unwrapped.state
+                              if env_id != TASK else single.state)  # fmt: skip
+
+
+def test_what_a_testbed_says_of_itself():
+    needs("mujoco")
+    ours, theirs = _testbed("IntegPendulum-v0"), _testbed(TASK)
+    assert ours.home == Discretization("symplectic_euler", 0.05, 0.05)
+    assert theirs.home == Discretization("RK4", 0.02, 0.04, "mujoco")
+    assert ours.truth(0.1) == Discretization("reference", 0.1, 0.1)
+    assert theirs.truth(0.04) is None
+    assert (ours.controller, theirs.controller) == ("pendulum_swing_up", None)
+    assert (ours.control_period, theirs.control_period) == (None, 0.04)
+    assert "0.2 rad" in ours.success.goal
+    assert theirs.success.parameter == "success_return"
+    assert _testbed(TASK, success_return=5).success.goal == "return of at least 5"
+    assert _testbed(TASK) is theirs
+
+
+class Rounding(IntegTestbed):
+    """A testbed whose library rounds its step to milliseconds without a word."""
+
+    def __init__(self, **arguments):
+        super().__init__("IntegPendulum-v0", **arguments)
+
+    def make(self, discretization, lanes, **arguments):
+        rounded = replace(discretization, dt=round(discretization.dt, 3))
+        return super().make(rounded, lanes, **arguments)
+
+
+class Truncating(IntegTestbed):
+    """A testbed that takes one sub-step too few."""
+
+    def __init__(self, **arguments):
+        super().__init__("IntegPendulum-v0", **arguments)
+
+    def applied(self, environments):
+        applied = super().applied(environments)
+        return Applied(applied.discretization, applied.substeps - 1)
+
+
+def test_a_step_that_is_rounded_is_refused_with_both_values():
+    testbed = testbeds.testbed_of(f"{__name__}:Rounding", {"max_torque": 1.0})
+    exact = Discretization("rk4", 0.025, 0.05)
+    make_checked(testbed, exact, 1).close()
+    with pytest.raises(ValueError, match=r"`dt`=0\.01202 was asked for, .* applies 0\.012;"):
+        make_checked(testbed, Discretization("rk4", 0.01202, 0.6), 1)
+
+
+def test_sub_steps_that_do_not_fill_the_control_period_are_refused():
+    testbed = testbeds.testbed_of(f"{__name__}:Truncating", {})
+    with pytest.raises(ValueError, match=r"`control_period`=0\.05 was asked .* applies 0\.025;"):
+        make_checked(testbed, Discretization("rk4", 0.025, 0.05), 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"control_period": 0.08}, r"`control_period`=0\.08 was asked for, .* applies 0\.04;"),
+        ({"engine": "native"}, "unknown engine of InvertedPendulum-v5 'native'. .*mujoco"),
+        ({"integrator": "rk4"}, "Did you mean 'RK4'"),
+        ({"dt": 0.03}, "nearest valid: 0.02 or 0.04 s"),
+    ],
+)
+def test_what_a_task_cannot_have_is_refused(changes, message):
+    testbed = _testbed(TASK)
+    with pytest.raises(ValueError, match=message):
+        make_checked(testbed, replace(testbed.home, **changes), 1)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ("IntegPendulun-v0", "unknown environment: .* Did you mean 'IntegPendulum-v0'.* MuJoCo"),
+        ("MountainCar-v0", "'MountainCar-v0' is no MuJoCo task; give IntegCartPole-v0, "),
+        ("no_such_module:Class", "cannot load testbed 'no_such_module:Class'"),
+    ],
+)
+def test_unknown_ids_are_refused_with_what_is_possible(env_id, message):
+    needs("mujoco")
+    with pytest.raises(ValueError, match=message):
+        _ = testbeds.testbed_of(env_id, {}).home
+
+
+@pytest.mark.parametrize("env_id", EVERY)
+def test_training_environments_have_what_is_stated_and_the_rest_from_home(env_id):
+    testbed = _testbed(env_id)
+    dt = testbed.home.dt / 2
+    stated = {"dt": dt, "control_period": testbed.home.control_period}
+    environments = make_training_environments(env_id, stated, 3)
+    assert testbed.applied(environments).discretization == replace(testbed.home, dt=dt)
+    assert environments.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP
+    assert len(environments.mixture.setups) == 1
+    environments.close()

@@ -1,0 +1,375 @@
+"""``integ-gym census``: what every step is, found from outside."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import planted_library as planted
+import pytest
+from browsing import assert_fits
+from engine_cases import FIRST, needs
+
+from integ_gym.cli import main
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.numerics.stepping import one_step
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.eval.census.page import words
+from integ_gym.eval.census.subjects.engines import engine_subjects
+from integ_gym.eval.census.measuring.line import Line, measure
+from integ_gym.eval.census.subjects.observed import nearest_turn
+from integ_gym.eval.census.page.page import render_census
+from integ_gym.eval.census.subjects.published import PUBLISHED, installed
+from integ_gym.eval.census.subjects.subject import Statement
+from integ_gym.commands.engines import integrators_of
+
+DAMPED = "symplectic_euler_implicit_damping"
+EXPECTED: dict[str, dict[str, tuple[str, int, float]]] = {
+    "dm_control": {"pendulum": (DAMPED, 1, 0.02), "cartpole": ("rk4", 1, 0.01)},
+    "envpool": {
+        "Pendulum-v1": ("symplectic_euler", 1, 0.05),
+        "CartPole-v1": ("explicit_euler", 1, 0.02),
+        "phys2d/CartPole-v1": ("explicit_euler", 1, 0.02),
+        "PendulumSwingup-v1": (DAMPED, 1, 0.02),
+        "CartpoleBalance-v1": ("rk4", 1, 0.01),
+    },
+    "gymnasium": {
+        "Pendulum-v1": ("symplectic_euler", 1, 0.05),
+        "CartPole-v1": ("explicit_euler", 1, 0.02),
+    },
+    "gymnasium_phys2d": {
+        "phys2d/Pendulum-v0": ("symplectic_euler", 1, 0.05),
+        "phys2d/CartPole-v1": ("none", 1, 0.02),
+    },
+    "gymnax": {
+        "Pendulum-v1": ("symplectic_euler", 1, 0.05),
+        "CartPole-v1": ("explicit_euler", 1, 0.02),
+    },
+    "mujoco_playground": {
+        "PendulumSwingup": ("symplectic_euler", 2, 0.01),
+        "CartpoleBalance": ("symplectic_euler", 1, 0.01),
+    },
+}
+"""Library to environment to map, integration steps per decision, and their length."""
+
+
+@pytest.fixture(scope="module")
+def gymnasium() -> dict[str, Line]:
+    return {s.name: measure(s) for s in PUBLISHED.load("gymnasium")().subjects()}
+
+
+def test_every_library_has_its_expectation() -> None:
+    assert set(EXPECTED) == set(PUBLISHED.names())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("library", PUBLISHED.names())
+def test_published_environments_are_identified(library: str, tmp_path: Path) -> None:
+    if not installed(library):
+        pytest.skip(f"{library} is not installed; run: {PUBLISHED.load(library).install}")
+    lines = census_apart(library, tmp_path)
+    assert set(lines) == set(EXPECTED[library])
+    for name, (known, substeps, dt) in EXPECTED[library].items():
+        found = lines[name]["found"]
+        assert found["identified"] == (known != "none"), name
+        if found["identified"]:
+            assert (found["map"], found["substeps"]) == (known, substeps), name
+            assert found["dt"] == pytest.approx(dt, rel=1e-9), name
+        assert_published(lines[name])
+
+
+def census_apart(library: str, out: Path) -> dict[str, dict[str, Any]]:
+    """Lines by environment, from a process that ends; what libraries set in theirs would stay.
+
+    dm_control takes over MuJoCo's warnings, for one.
+    """
+    command = [sys.executable, "-m", "integ_gym.cli", "census", "--published", library]
+    done = subprocess.run(
+        [*command, "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    document = json.loads((out / "census.json").read_text("utf-8"))
+    return {line["name"]: line for line in document["lines"]}
+
+
+def test_gymnasium_cuts_the_speed_before_the_angle_moves(gymnasium: dict[str, Line]) -> None:
+    limit = gymnasium["Pendulum-v1"].speed_limit
+    assert limit is not None
+    assert (limit.limit, limit.moves_by) == (8.0, "cut")
+    limit = gymnasium["CartPole-v1"].speed_limit
+    assert limit is not None
+    assert (limit.limit, limit.fastest) == (None, 40.0)
+
+
+def test_gymnasium_is_what_it_says(gymnasium: dict[str, Line]) -> None:
+    for line in gymnasium.values():
+        assert line.differences == ()
+        assert line.found.defect < 5e-8
+
+
+def test_the_energy_of_gymnasium_drifts_as_its_maps_do(gymnasium: dict[str, Line]) -> None:
+    """Released 90° from hanging: the figures of docs/verification.md's maps at these steps."""
+    drift = gymnasium["Pendulum-v1"].drift
+    assert drift is not None
+    assert drift.largest == pytest.approx(0.0906, abs=5e-5)
+    assert drift.duration == pytest.approx(10.0)
+    drift = gymnasium["CartPole-v1"].drift
+    assert drift is not None
+    assert drift.end == pytest.approx(1.7226, abs=5e-5)
+
+
+@pytest.mark.parametrize("engine", ["native", *(name for name, _ in FIRST)])
+def test_every_integrator_of_an_engine_is_what_it_is_said_to_be(engine: str) -> None:
+    needs(engine)
+    maps = getattr(ENGINES.load(engine), "maps", {})
+    for subject in engine_subjects(engine, integrators_of(engine)):
+        line = measure(subject)
+        said = maps.get(subject.name, subject.name)
+        assert line.found.identified, subject
+        assert line.found.map == said, subject
+        assert line.differences == (), subject
+
+
+def test_a_step_that_is_not_the_stated_one_is_found_out() -> None:
+    line = measure(planted.subject(one_step("symplectic_euler", planted.PENDULUM, 0.04)))
+    assert line.found.identified
+    assert line.found.map == "symplectic_euler"
+    assert line.found.control_period == pytest.approx(0.04, rel=1e-9)
+    assert line.differences == ("said to take 0.05 s a control period, takes 0.04 s",)
+
+
+def test_another_integrator_is_found_out() -> None:
+    line = measure(planted.subject(one_step("explicit_euler", planted.PENDULUM, 0.05)))
+    assert line.found.map == "explicit_euler"
+    assert line.differences == ("said to be symplectic_euler, is explicit_euler",)
+
+
+def test_another_number_of_steps_is_found_out() -> None:
+    step = planted.repeated(one_step("symplectic_euler", planted.PENDULUM, 0.0125), 4)
+    line = measure(planted.subject(step))
+    assert (line.found.substeps, line.found.dt) == (4, pytest.approx(0.0125))
+    assert line.differences == ("said to take 1 steps a control period, takes 4",)
+
+
+def test_another_step_and_number_of_steps_are_found_out_together() -> None:
+    step = planted.repeated(one_step("rk4", planted.PENDULUM, 0.02), 2)
+    line = measure(planted.subject(step, Statement(0.05)))
+    assert line.found.identified
+    assert (line.found.map, line.found.substeps) == ("rk4", 2)
+    assert line.found.dt == pytest.approx(0.02, rel=1e-6)
+
+
+def test_an_unknown_map_is_not_given_a_name() -> None:
+    line = measure(planted.subject(planted.drift_kick_drift))
+    assert not line.found.identified
+    assert line.speed_limit is None
+    assert "no known map" in line.differences[0]
+
+
+def test_hidden_damping_is_found_out() -> None:
+    damped = Pendulum(damping=0.01)
+    line = measure(planted.subject(one_step("symplectic_euler", damped, 0.05)))
+    assert not line.found.identified
+    assert line.drift is not None
+    assert line.drift.end < -0.1
+
+
+@pytest.mark.parametrize("moves_by", ["cut", "uncut"])
+@pytest.mark.parametrize("make", [planted.subject, planted.watched])
+def test_a_speed_limit_is_found_with_what_moves_the_position(make: Any, moves_by: str) -> None:
+    stated = Statement(0.05, map="symplectic_euler", max_speed=6.0)
+    line = measure(make(planted.limited(6.0, moves_by), stated))
+    assert line.found.identified
+    assert line.speed_limit is not None
+    assert line.speed_limit.limit == pytest.approx(6.0)
+    assert line.speed_limit.moves_by == moves_by
+    assert len(line.differences) == (moves_by == "uncut")
+
+
+def test_a_speed_limit_that_is_not_stated_is_found_out() -> None:
+    line = measure(planted.subject(planted.limited(20.0, "cut")))
+    assert line.differences == ("cuts speeds at 20 without saying so",)
+
+
+def test_a_speed_limit_that_does_not_act_is_found_out() -> None:
+    stated = Statement(0.05, max_speed=6.0)
+    line = measure(planted.subject(one_step("rk4", planted.PENDULUM, 0.05), stated))
+    assert line.differences == ("said to cut speeds at 6, does not",)
+
+
+def test_drag_at_high_speed_is_found_out() -> None:
+    line = measure(planted.subject(planted.dragged))
+    assert line.found.identified
+    assert line.differences == ("is slower than its map at high speeds",)
+
+
+def test_watched_episodes_say_the_same_as_states_that_are_set() -> None:
+    line = measure(planted.watched(one_step("stormer_verlet", planted.PENDULUM, 0.05)))
+    assert line.found.map == "stormer_verlet"
+    assert line.differences == ("said to be symplectic_euler, is stormer_verlet",)
+    assert line.drift is not None
+    assert line.drift.start == (pytest.approx((1.4,)), (0.0,))
+    assert 1e-3 < line.drift.largest < 2e-2
+
+
+def test_damping_is_no_drift() -> None:
+    damped = Pendulum(damping=0.1)
+    line = measure(planted.subject(one_step("rk4", damped, 0.05), Statement(0.05), damped))
+    assert line.drift is not None
+    assert line.drift.exact_energies[-1] < 0.6
+    assert line.drift.largest < 1e-4
+
+
+def test_angles_go_on_over_a_full_turn() -> None:
+    turns = [3.0, -3.1, -2.9]
+    unwrapped = [turns[0]]
+    for angle in turns[1:]:
+        unwrapped.append(nearest_turn(angle, unwrapped[-1]))
+    assert all(0.0 < b - a < 0.3 for a, b in pairwise(unwrapped))
+
+
+@pytest.fixture(scope="module")
+def census(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("census")
+    libraries = ["gymnasium", *(f"planted_library:{n}Library" for n in ("Planted", "Absent"))]
+    assert main(["census", "--published", *libraries, "--engine", "native", "--out", str(out)]) == 0
+    return out
+
+
+def test_the_document_holds_every_line(census: Path) -> None:
+    document = json.loads((census / "census.json").read_text("utf-8"))
+    names = {(line["source"], line["name"], line["plant"]) for line in document["lines"]}
+    assert ("Gymnasium", "CartPole-v1", "cart_pole") in names
+    assert ("native", "rk4", "pendulum") in names
+    assert document["missing"] == {"absent": "pip install absent"}
+    (wrong,) = [line for line in document["lines"] if line["differences"]]
+    assert (wrong["source"], wrong["plant"]) == ("planted", "cart_pole")
+    assert wrong["found"]["dt"] == pytest.approx(0.01)
+    assert "census --published gymnasium" in document["command"]
+
+
+def test_the_page_is_one_file_that_loads_nothing(census: Path) -> None:
+    html = (census / "census.html").read_text("utf-8")
+    assert "default-src 'none'" in html
+    assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!#|data:)", html)
+    assert "said to take 0.02 s a control period, takes 0.01 s" in html
+    assert "pip install absent" in html
+
+
+def test_the_text_of_a_library_is_no_markup(census: Path) -> None:
+    document = json.loads((census / "census.json").read_text("utf-8"))
+    document["lines"][0]["note"] = "<script>alert(1)</script>"
+    assert "<script>alert" not in render_census(document)
+
+
+@pytest.mark.slow
+def test_the_page_fits_a_desktop_and_a_phone(census: Path, tmp_path: Path) -> None:
+    document = json.loads((census / "census.json").read_text("utf-8"))
+    published = [line for line in document["lines"] if line["published"]]
+    pages = {"whole": document, "published": {**document, "lines": published}}
+    assert_fits(tmp_path, {name: render_census(one) for name, one in pages.items()})
+
+
+def test_the_terminal_gets_a_table_and_what_is_not_as_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--published", "planted_library:PlantedLibrary", "--out", str(tmp_path)]
+    assert main(["census", *given]) == 0
+    out = capsys.readouterr().out
+    assert "cart_pole" in out
+    assert "planted Planted-v0 (cart_pole): said to take 0.02 s" in out
+
+
+def test_a_narrow_terminal_is_told_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = ["census", "--published", "planted_library:PlantedLibrary", "--engine", "native"]
+    assert main([*given, "--out", str(tmp_path / "wide")]) == 0
+    wide = capsys.readouterr().out.replace(str(tmp_path / "wide"), "")
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*given, "--out", str(tmp_path / "narrow")]) == 0
+    narrow = capsys.readouterr().out.replace(str(tmp_path / "narrow"), "")
+    assert max(map(len, wide.splitlines())) > 80
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert set(wide.split()) - set(narrow.split()) <= {"source", *re.findall(r"-{3,}", wide)}
+
+
+def test_a_library_that_fails_is_named_and_the_others_are_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = [f"planted_library:{n}Library" for n in ("Broken", "Planted")]
+    assert main(["census", "--published", *names, "--out", str(tmp_path)]) == 1
+    assert "broken: could not be looked at: AttributeError" in capsys.readouterr().out
+    document = json.loads((tmp_path / "census.json").read_text("utf-8"))
+    assert len(document["lines"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "guess"),
+    [(["--engine", "mujco"], "Did you mean 'mujoco'?"), (["--published", "gymnasia"], "gymnasium")],
+)
+def test_unknown_names_are_refused(
+    given: list[str], guess: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["census", *given, "--out", str(tmp_path)]) == 2
+    assert guess in capsys.readouterr().err
+
+
+DOCS = (Path(__file__).parents[3] / "docs" / "census.md").read_text(encoding="utf-8")
+
+
+def cells_with(*texts: str) -> list[list[str]]:
+    """Rows of the page's tables that contain all of some texts."""
+    rows = (line for line in DOCS.splitlines() if line.startswith("|"))
+    return [
+        [cell.strip() for cell in row.strip("|").split(" | ")]
+        for row in rows
+        if all(text in row for text in texts)
+    ]
+
+
+def assert_published(line: dict[str, Any]) -> None:
+    """Of a version, what an environment applies, and what it says, is in the page."""
+    (row,) = cells_with(f"`{line['name']}` | {line['source']} {line['version']} |")
+    assert row[2].strip("`") == words.applied(line)
+    assert [row[3], row[-1]] == [words.found_steps(line), words.stated(line)]
+
+
+def test_the_published_result_is_what_is_measured(census: Path) -> None:
+    document = json.loads((census / "census.json").read_text("utf-8"))
+    for line in document["lines"]:
+        end, largest = words.energy(line)
+        error = words.error(line["found"]["truth_defect"])
+        if line["source"] == "Gymnasium":
+            (row,) = cells_with(f"`{line['name']}` | Gymnasium {line['version']} |")
+            expected = [f"`{words.applied(line)}`", words.found_steps(line), error, end, largest]
+            assert [row[2], row[3], *row[5:8]] == expected
+            assert row[8:] == [words.speed_limit(line), words.stated(line)]
+        elif line["source"] == "native":
+            rows = cells_with(f"| `{line['found']['map']}` |", f"native `{line['name']}`")
+            row = rows[("pendulum", "cart_pole").index(line["plant"])]
+            assert row[4] == end
+
+
+def test_every_library_is_in_the_published_result() -> None:
+    for library, environments in EXPECTED.items():
+        title = PUBLISHED.load(library).title
+        for name in environments:
+            assert cells_with(f"`{name}` | {title} "), (title, name)
+
+
+def test_the_documented_library_is_found_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = re.findall(r"^```python\n(# my_library.*?)^```", DOCS, re.DOTALL | re.MULTILINE)
+    (tmp_path / "my_library.py").write_text(block, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    given = ["--published", "my_library:MyLibrary", "--out", str(tmp_path / "out")]
+    assert main(["census", *given]) == 0
+    (said,) = re.findall(r"^```text\n(.*?)\n```", DOCS, re.DOTALL | re.MULTILINE)
+    assert said in capsys.readouterr().out

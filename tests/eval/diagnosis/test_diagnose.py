@@ -1,0 +1,415 @@
+"""`integ-gym diagnose`: what it measures, what it expects, what it writes."""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from planted import Falling, Hill, Slider
+
+from integ_gym.cli import main
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.eval.diagnosis import worked_example as drift_example
+from integ_gym.eval.diagnosis.sections import plant as plant_section
+from integ_gym.eval.diagnosis import run
+from integ_gym.eval.diagnosis.bench.bench import Bench, Commands
+from integ_gym.eval.diagnosis.bench.impact import impact_of
+from integ_gym.eval.diagnosis.bench.rest import rest_state
+from integ_gym.eval.diagnosis.run import SECTIONS
+from integ_gym.eval.diagnosis.bench.subject import subjects
+from integ_gym.eval.diagnosis.terminal import print_diagnosis
+from integ_gym.eval.diagnosis.bench.theory import theory_of
+from integ_gym.support.figures.style import FORMATS
+from integ_gym.evidence.store.store import EvidenceStore
+
+BUILT_IN = "symplectic_euler"
+PLANTED = ("planted:Boaster", "planted:Silent")
+
+
+def _lines(result: dict[str, Any], integrator: str, quantity: str) -> list[dict[str, Any]]:
+    return [
+        line
+        for line in result["findings"]
+        if line["integrator"] == integrator and quantity in line["quantity"]
+    ]
+
+
+def test_every_section_has_lines_with_measured_expected_tolerance_and_verdict(diagnosis):
+    _, result, _ = diagnosis
+    assert {line["section"] for line in result["findings"]} == set(SECTIONS)
+    for line in result["findings"]:
+        assert set(line) == {
+            "section", "plant", "integrator", "quantity", "measured", "unit", "shown", "order",
+            "order_steps", "expected", "tolerance", "holds", "steps",
+        }  # fmt: skip
+        assert line["holds"] in (True, False, None)
+        for key in ("quantity", "shown", "expected", "tolerance"):
+            assert line[key], line
+        assert line["measured"] or line["order_steps"]
+        assert (line["tolerance"] == "-") is (line["holds"] is None), line
+
+
+def test_units_are_those_of_the_plant(diagnosis):
+    _, result, _ = diagnosis
+    units = {line["unit"] for line in result["findings"]}
+    assert units == {"", "%", "J", "s", "rad", "rad/s", "N m"}
+
+
+def test_result_describes_the_run(diagnosis):
+    out, result, _ = diagnosis
+    assert result["schema_version"] == 1
+    assert result["command"].startswith("integ-gym diagnose --plant pendulum")
+    (plant,) = result["plants"]
+    assert plant["name"] == "pendulum"
+    assert plant["dt_s"] == [0.05, 0.025, 0.0125]
+    assert plant["frequency_rad_s"] == pytest.approx(math.sqrt(15.0))
+    assert plant["rest_state"] == pytest.approx([math.pi, 0.0])
+    assert result["integrators"] == [BUILT_IN, "reference", *PLANTED]
+    assert result["records"] == EvidenceStore(out / "evidence").count() > 1000
+
+
+def test_evidence_is_sound(diagnosis):
+    out, _, _ = diagnosis
+    store = EvidenceStore(out / "evidence")
+    assert store.verify() == []
+    phases = store.query("SELECT DISTINCT phase FROM records").to_pylist()
+    assert phases == [{"phase": "evaluation"}]
+    units = store.query(
+        "SELECT DISTINCT json_extract_string(arguments, '$.control_limit.unit') AS unit "
+        "FROM records WHERE env_id = 'OpenLoop-pendulum'"
+    ).to_pylist()
+    assert units == [{"unit": "N m"}]
+
+
+def test_every_point_of_the_convergence_curve_has_its_record(diagnosis):
+    out, result, _ = diagnosis
+    store = EvidenceStore(out / "evidence")
+    query = "SELECT DISTINCT dt FROM records WHERE integrator = '{}' AND cell LIKE '%refinement/%'"
+    for curve in result["curves"]["refinement"]:
+        recorded = {row["dt"] for row in store.query(query.format(curve["integrator"])).to_pylist()}
+        assert set(curve["steps"]) <= recorded
+
+
+def test_figures_are_written(diagnosis):
+    out, _, _ = diagnosis
+    names = (
+        "energy", "phase_portraits", "stability", "contact_pendulum", "convergence",
+        "work_precision",
+    )  # fmt: skip
+    expected = {name + suffix for name in names for suffix in FORMATS}
+    assert {path.name for path in (out / "figures").iterdir()} == expected
+
+
+def test_claims_of_a_planted_integrator_are_refuted(diagnosis):
+    _, result, _ = diagnosis
+    for quantity in ("order of convergence", "symplectic, max", "reversible, ", "energy gained"):
+        (line,) = _lines(result, "planted:Boaster", quantity)
+        assert line["holds"] is False, quantity
+    (drift,) = _lines(result, "planted:Boaster", "energy change after")
+    assert drift["expected"] == "bounded"
+    assert drift["holds"] is False
+
+
+def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
+    _, result, printed = diagnosis
+    (line,) = _lines(result, "planted:Silent", "order of convergence")
+    assert line["order"] == pytest.approx(1.0, abs=0.05)
+    assert line["holds"] is None
+    (told,) = [x for x in result["identities"] if x["integrator"] == "planted:Silent"]
+    assert told == {
+        "plant": "pendulum",
+        "integrator": "planted:Silent",
+        "order": pytest.approx(1.0, abs=0.05),
+        "symplectic": False,
+        "reversible": False,
+        "stable_up_to_h_omega": 0.0,
+        "stable_up_to_dt_s": 0.0,
+        "stable": "never: oscillations grow at every step",
+    }
+    words = "pendulum planted:Silent 1.00 no no never: oscillations grow at every step"
+    assert words in " ".join(printed.split())
+
+
+def test_built_in_integrator_keeps_its_promises(diagnosis):
+    _, result, _ = diagnosis
+    for quantity in ("order", "symplectic, ", "reversible, ", "energy gained", "stable up to"):
+        found = _lines(result, BUILT_IN, quantity)
+        assert found
+        for line in found:
+            assert line["holds"] is True, line
+
+
+def test_the_truth_holds_everywhere(diagnosis):
+    _, result, _ = diagnosis
+    for line in result["findings"]:
+        if line["integrator"] == "reference":
+            assert line["holds"] is not False, line
+
+
+def test_table_says_what_does_not_hold(diagnosis):
+    _, result, printed = diagnosis
+    failed = [line for line in result["findings"] if line["holds"] is False]
+    asked = [line for line in result["findings"] if line["holds"] is not None]
+    assert f"{len(asked) - len(failed)} of {len(asked)} expectations hold." in printed
+    after = printed.split("These do not")[1]
+    for line in failed:
+        assert f"{line['integrator']}: {line['shown']}; expected {line['expected']}" in after
+
+
+def test_counts_of_what_holds(diagnosis):
+    _, result, printed = diagnosis
+    asked = [line for line in result["findings"] if line["holds"] is not None]
+    rows = [row.split() for row in printed.splitlines()]
+    counts = [
+        f"{sum(line['holds'] for line in own)}/{len(own)}"
+        for section in SECTIONS
+        if (own := [line for line in asked if line["section"] == section])
+    ]
+    assert ["all", *counts] in rows
+    own = [x for x in asked if x["integrator"] == BUILT_IN and x["section"] == "friction"]
+    (row,) = [row for row in rows if row[:2] == ["pendulum", BUILT_IN] and "/" in row[-1]]
+    assert f"{sum(line['holds'] for line in own)}/{len(own)}" in row
+
+
+def test_every_line_is_printed(diagnosis):
+    _, result, printed = diagnosis
+    rows = {" ".join(row.split()) for row in printed.splitlines()}
+    verdicts = {True: "yes", False: "NO", None: "-"}
+    for line in result["findings"]:
+        cells = (
+            line["integrator"], line["shown"], line["expected"], line["tolerance"],
+            verdicts[line["holds"]],
+        )  # fmt: skip
+        assert " ".join(" ".join(cells).split()) in rows
+
+
+def test_a_narrow_terminal_is_told_the_same(diagnosis, monkeypatch):
+    _, result, _ = diagnosis
+    monkeypatch.setenv("COLUMNS", "80")
+    file = io.StringIO()
+    print_diagnosis(result, file)
+    text = file.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    told = "".join(text.split())
+    for line in result["findings"]:
+        assert "".join(f"{line['plant']}, {line['section']}: {line['quantity']}".split()) in told
+    _, _, after = text.partition("These do not")
+    for line in result["findings"]:
+        if line["holds"] is False:
+            said = f"{line['integrator']}: {line['shown']}; expected {line['expected']}"
+            assert "".join(said.split()) in "".join(after.split())
+    assert len(re.findall("^all ", text, re.MULTILINE)) == 2
+
+
+def test_a_diagnosis_is_not_overwritten(diagnosis, capsys):
+    out, _, _ = diagnosis
+    assert main(["diagnose", "--plant", "pendulum", "--out", str(out)]) == 2
+    assert "already holds a diagnosis" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--plant", "pendulm"], "Did you mean 'pendulum'"),
+        (["--plant", "nowhere:Plant"], 'write it as "module:Class"'),
+        (["--plant", "planted:NoPlant"], "lacks name, coordinates"),
+        (["--integrator", "rk5"], "unknown integrator 'rk5'"),
+        (["--plant", "pendulum", "--dt", "-0.1"], "--dt must be a finite number"),
+        (["--plant", "pendulum", "--dt", "nan"], "--dt must be a finite number"),
+        (["--env", "IntegPendulum-v0", "--plant", "pendulum"], "not both"),
+        (["--plant", "pendulum", "--dt", "0.05", "0.03"], "not a whole multiple"),
+        (["--plant", "pendulum", "--workers", "0"], "--workers must be 1 or above"),
+        (["--example", "drift", "--plant", "pendulum"], "leave --plant out"),
+        (["--plant", "pendulum", "--dt", "0"], "--dt must be a finite number"),
+        (["--plant", "pendulum", "--integrator", "planted:Missing"], "cannot load integrator"),
+        (["--plant", "pendulum", "--integrator", "planted:NoPlant"], "is not an integrator"),
+        (["--plant", "pendulum", "--integrator", "planted:Raising"], "KeyError: 'no such"),
+        (["--integrator", "rk4", "planted:Raising"], "the integrator 'planted:Raising' cannot"),
+        (["--integrator", "rk4", "planted:Wordy"], "`order` of the integrator 'planted:Wordy'"),
+        (["--integrator", "planted:Unsure"], "`reversible` of the integrator 'planted:Unsure'"),
+        (["--integrator", "planted:Pair"], "cannot take a step on cart_pole"),
+        (
+            ["--plant", "pendulum", "--integrator", "rk4", "planted:Late"],
+            "with planted:Late failed",
+        ),
+    ],
+)
+def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys):
+    command = ["diagnose", *arguments, "--out", str(tmp_path / "out"), "--no-progress"]
+    assert main(command) == 2
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    left = [path.name for path in (tmp_path / "out").glob("*")]
+    assert left == []
+
+
+def test_a_file_in_the_place_of_the_directory(tmp_path, capsys):
+    (tmp_path / "out").write_text("", encoding="utf-8")
+    command = ["diagnose", "--plant", "pendulum", "--out", str(tmp_path / "out"), "--no-progress"]
+    assert main(command) == 2
+    error = capsys.readouterr().err.strip()
+    assert "is a file" in error
+    assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_directory_that_cannot_be_made_is_said_before_anything_is_run(workers, tmp_path, capsys):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    out = str(tmp_path / "file" / "out")
+    assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", workers]) == 2
+    error = capsys.readouterr().err
+    assert (
+        error == f"integ-gym diagnose: cannot write to {out}: Not a directory; give another --out\n"
+    )
+
+
+def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkeypatch):
+    def no_space(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Bench, "commit", no_space)
+    monkeypatch.setattr(run, "SECTIONS", {plant_section.SECTION: plant_section.diagnose_plant})
+    out = str(tmp_path / "out")
+    assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", "1"]) == 2
+    assert f"cannot write to {out}: No space left on device" in capsys.readouterr().err
+
+
+def test_theory_is_what_the_class_itself_declares():
+    assert all(theory_of(name) is not None for name in INTEGRATORS.names())
+    assert theory_of("planted:Boaster") is theory_of("no_such_module:Class") is None
+
+
+def test_records_of_different_plants_are_different(tmp_path):
+    bench = Bench(EvidenceStore(tmp_path), "run")
+    for subject in subjects(None, None, []):
+        bench.open_loop(
+            "cell", subject, "rk4", subject.steps[0], Commands("zero", np.zeros(1)),
+            subject.start[None], duration=2.0 * subject.steps[0],
+        )  # fmt: skip
+    bench.commit("section")
+    assert bench.store.count() == len(PLANTS.names())
+    assert bench.store.verify() == []
+
+
+@pytest.mark.parametrize("name", PLANTS.names())
+def test_rest_is_an_equilibrium(name):
+    (subject,) = subjects(None, name, [])
+    moved = advance("reference", subject.plant, subject.rest, 1.0)
+    assert np.abs(moved - subject.rest).max() < 1e-8
+
+
+@pytest.mark.parametrize("omega", [0.05, 0.1, 1.0, 10.0, 141.0, 1e3, 1e4])
+@pytest.mark.parametrize("hardening", [0.0, 5.0])
+def test_stiff_and_slow_plants_come_to_rest(omega, hardening):
+    plant = Slider(stiffness=omega**2, hardening=hardening)
+    assert np.abs(rest_state(plant)).max() < 1e-12
+    pendulum = Pendulum(gravity=omega**2 * Pendulum().gravity / 15.0)
+    np.testing.assert_allclose(rest_state(pendulum), (math.pi, 0.0), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("stiffness", [30.0, 1e3, 1e6, 1e8])
+def test_a_stiff_spring_does_not_hide_a_slow_swing(stiffness):
+    rest = rest_state(ElasticPendulum(stiffness=stiffness))
+    np.testing.assert_allclose(rest, np.zeros(4), rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("plant", [Falling(), Hill()])
+def test_what_never_rests_is_refused(plant):
+    with pytest.raises(ValueError, match="does not come to rest without control"):
+        rest_state(plant)
+
+
+@pytest.mark.parametrize("name", PLANTS.names())
+def test_analytic_impact_is_what_the_plant_does(name):
+    """Penetration and rebound of one impact, against the motion followed to rounding."""
+    (subject,) = subjects(None, name, [])
+    impact = impact_of(subject)
+    if impact is None:
+        assert not hasattr(subject.plant, "stopped")
+        return
+    plant = subject.varied(**impact.arguments)
+    place = 2 * plant.stopped
+    (start,) = impact.starts(1e-3, 0.1, 1)
+    states = [start]
+    for _ in range(600):
+        states.append(advance("reference", plant, states[-1], 1e-3))
+    path = np.array(states)
+    deepest = path[:, place].max() - 2.0
+    assert deepest == pytest.approx(impact.penetration(impact.stiffness), rel=1e-3)
+    assert path[-1, place + 1] == pytest.approx(-math.sqrt(impact.rebound), rel=1e-8)
+
+
+def test_drift_example(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(drift_example, "CART_POLE_TIMES", (10.0,))
+    assert main(["diagnose", "--example", "drift", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    for number in ("−0.7968 %", "+3.585·10⁴ %", "−0.07413 %", "−3.435 %"):
+        assert number in printed
+    for suffix in FORMATS:
+        assert (tmp_path / f"drift{suffix}").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("plant", "fragment"),
+    [
+        ("own_plants:CentralSpring", "`mass` of the plant 'own_plants:CentralSpring' has no unit"),
+        (f"{__name__}:Loose", "has no restoring force"),
+        (f"{__name__}:Scalar", "write its equations with the `ops`"),
+    ],
+)
+def test_a_plant_that_cannot_be_diagnosed_is_refused_in_one_line(
+    plant, fragment, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "envs")
+    assert main(["diagnose", "--plant", plant, "--out", str(tmp_path / "o")]) == 2
+    error = capsys.readouterr().err
+    assert fragment in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("dt", "limit", "remedy"),
+    [
+        ("1e-7", "finer than 2.6e-05 s", "give a larger one"),
+        ("2.6", "coarser than 2.6 s", "give a smaller one"),
+        ("1e9", "coarser than 2.6 s", "give a smaller one"),
+    ],
+)
+def test_a_step_of_another_scale_than_the_plant_is_refused(dt, limit, remedy, tmp_path, capsys):
+    command = ["diagnose", "--plant", "pendulum", "--dt", dt, "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert limit in error
+    assert remedy in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+@dataclass(frozen=True)
+class Loose(Pendulum):
+    """A pendulum that nothing pulls back."""
+
+    def acceleration(self, ops, q, v, force):
+        return (force[0] / self.inertia - 0.0 * q[0],)
+
+
+@dataclass(frozen=True)
+class Scalar(Pendulum):
+    """A pendulum whose equations take floats alone."""
+
+    def acceleration(self, ops, q, v, force):
+        return (self.gravity_torque / self.inertia * math.sin(q[0]),)

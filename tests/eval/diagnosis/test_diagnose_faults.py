@@ -1,0 +1,296 @@
+"""Planted faults: every kind of line of a diagnosis can say NO, and says it of the right thing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mutants
+import numpy as np
+import planted
+import pytest
+from examining import examine, lines, verdicts
+from plant_checks import damped
+
+from integ_gym.envs.mechanics.contact import Stops
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.integrators.rk4 import RK4
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.episode.timing import Timing
+from integ_gym.eval.diagnosis.bench import handmade, open_loop
+from integ_gym.eval.diagnosis.sections import latency
+from integ_gym.eval.diagnosis.sections import plant as plant_section
+from integ_gym.eval.diagnosis.bench.subject import subjects
+from integ_gym.train.baselines.making import make_baseline
+
+PLANT_FAULTS = [
+    fault
+    for owner in map(PLANTS.load, PLANTS.names())
+    for method in ("acceleration", "energy", "dissipation", "jacobian", "mass_matrix")
+    if hasattr(owner, method)
+    for make in (mutants.sign_errors, mutants.wrong_numbers)
+    for fault in make(owner, method)
+]
+
+
+@pytest.mark.parametrize("fault", PLANT_FAULTS, ids=lambda fault: fault.__name__)
+def test_any_wrong_sign_or_number_in_a_plant_is_seen(fault):
+    plant = damped(fault)
+    (subject,) = subjects(None, fault.name, [])
+    states = plant_section.states_around(subject.rest)
+    defects = [
+        plant_section.energy_defect(plant, states),
+        plant_section.mass_defect(plant, states),
+        abs(plant_section.rest_energy(plant, subject.rest)),
+    ]
+    if hasattr(plant, "jacobian"):
+        defects.append(plant_section.jacobian_defect(plant, states))
+    assert not max(defects) < plant_section.EXACT
+
+
+@pytest.mark.parametrize(
+    ("name", "fragment"),
+    [
+        ("Unbooked", "rate of energy"),
+        ("Lifted", "energy at rest"),
+        ("Heavy", "mass matrix ×"),
+        ("Wavering", "change of the mass matrix"),
+        ("Blunt", "Jacobian"),
+    ],
+)
+def test_a_plant_that_contradicts_itself(name, fragment, tmp_path):
+    findings = examine("plant", f"planted:{name}", store=tmp_path / "none")
+    assert verdicts(findings, fragment) == {False}
+    others = [f for f in findings if fragment not in f.quantity]
+    assert all(f.holds for f in others)
+
+
+@pytest.fixture(scope="module")
+def boasters(tmp_path_factory):
+    """Section `integrator` on the pendulum, of integrators that are not what they say."""
+    names = [f"planted:{n}" for n in ("Boaster", "Growing", "Nowhere", "WrongWeight", "Heun")]
+    store = tmp_path_factory.mktemp("boasters")
+    return examine("integrator", "pendulum", *names, "rk4", store=store)
+
+
+@pytest.mark.parametrize(
+    ("name", "order", "symplectic", "reversible"),
+    [
+        ("planted:Boaster", False, False, False),
+        ("planted:Growing", True, False, True),
+        ("planted:Nowhere", False, None, None),
+        ("planted:WrongWeight", False, True, True),
+        ("planted:Heun", True, True, True),
+        ("rk4", True, True, True),
+    ],
+)
+def test_claims_are_put_to_the_test(boasters, name, order, symplectic, reversible):
+    assert verdicts(boasters, "order of convergence", name) == {order}
+    assert verdicts(boasters, "symplectic, max", name) == {symplectic}
+    assert verdicts(boasters, "reversible, forward", name) == {reversible}
+
+
+def test_an_integrator_that_arrives_nowhere_is_not_exact(boasters):
+    (line,) = lines(boasters, "order of convergence", "planted:Nowhere")
+    assert line.words() == "diverges"
+
+
+@pytest.mark.parametrize(
+    ("integrator", "holds"),
+    [("planted:Forgetful", False), ("mutants:RectangleLedger", False), ("rk4", True)],
+)
+def test_losses_that_are_not_booked_as_they_are_taken(integrator, holds, tmp_path):
+    findings = examine("damping", "pendulum", integrator, store=tmp_path)
+    assert verdicts(findings, "Σ |energy residual|") == {holds}
+    assert verdicts(findings, "energy booked as dissipated") == {holds}
+
+
+def test_a_plant_that_books_no_damping(tmp_path):
+    """Even of the reference: SciPy's integral does not ask the plant what it dissipates."""
+    findings = examine("damping", "planted:Unbooked", "reference", "rk4", store=tmp_path)
+    assert verdicts(findings, "Σ |energy residual|") == {False}
+    assert verdicts(findings, "energy booked as dissipated") == {False}
+
+
+@pytest.mark.parametrize("integrator", ["planted:Forgetful", "rk4"])
+def test_friction_that_is_not_booked(integrator, tmp_path):
+    findings = examine("friction", "pendulum", integrator, store=tmp_path)
+    assert verdicts(findings, "dissipated") == {integrator == "rk4"}
+    assert verdicts(findings, "smoothed friction, Σ") == {integrator == "rk4"}
+    assert verdicts(findings, "largest speed") == {True}
+
+
+def test_friction_that_does_not_hold_the_plant(tmp_path):
+    findings = examine("friction", "pendulum", "explicit_euler", store=tmp_path)
+    assert verdicts(findings, "largest speed") == {False}
+
+
+def test_energy_that_grows_under_a_symplectic_name(tmp_path):
+    findings = examine("free motion", "pendulum", "planted:Growing", "rk4", store=tmp_path)
+    assert verdicts(findings, "energy change after", "planted:Growing") == {False}
+    assert verdicts(findings, "energy change after", "rk4") == {True}
+
+
+def test_a_method_that_pumps_where_it_should_drain(tmp_path, monkeypatch):
+    """Explicit Euler in the place of RK4, whose energy decays."""
+    monkeypatch.setattr(planted.Silent, "theory", RK4.theory, raising=False)
+    findings = examine("free motion", "pendulum", "planted:Silent", store=tmp_path)
+    assert verdicts(findings, "energy change after") == {False}
+    findings = examine("stiffness", "pendulum", "planted:Silent", store=tmp_path / "other")
+    assert verdicts(findings, "one step, linearized") == {False}
+
+
+def test_a_solver_that_does_not_solve(tmp_path):
+    findings = examine("free motion", "pendulum", "planted:Unsolved", store=tmp_path)
+    assert verdicts(findings, "solver iterations") == {False}
+
+
+def test_an_oscillation_that_grows_where_one_step_says_it_does_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("integ_gym.eval.diagnosis.sections.stiffness.stability_limit", lambda name: 2.5)
+    findings = examine("stiffness", "pendulum", "symplectic_euler", store=tmp_path)
+    assert verdicts(findings, "small oscillation, factor") == {False}
+
+
+@pytest.mark.parametrize("plant", PLANTS.names())
+@pytest.mark.parametrize("integrator", ["planted:Heun", "planted:Silent"])
+def test_slow_and_fast_growth_of_own_integrators_is_seen(integrator, plant, tmp_path):
+    """Heun's method grows by (hω)⁴ / 8 per step alone."""
+    findings = examine("stiffness", plant, integrator, store=tmp_path)
+    assert verdicts(findings, "small oscillation, factor") == {True}
+
+
+def test_commands_that_are_not_cut(tmp_path, monkeypatch):
+    def uncut(ops, action, limit):
+        command = open_loop_saturated(ops, action, limit)
+        return command._replace(control=action)
+
+    open_loop_saturated = open_loop.saturated
+    monkeypatch.setattr(open_loop, "saturated", uncut)
+    findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
+    assert verdicts(findings, "|control − command|") == {False}
+    assert verdicts(findings, "IntegPendulum-v0, decisions") == {True}
+
+
+def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
+    def uncounted(ops, action, limit):
+        command = saturated(ops, action, limit)
+        return command._replace(saturated=command.saturated & False)
+
+    saturated = open_loop.saturated
+    monkeypatch.setattr(open_loop, "saturated", uncounted)
+    monkeypatch.setattr("integ_gym.envs.tasks.pendulum_swing_up.saturated", uncounted)
+    findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
+    assert verdicts(findings, "counted as saturated") == {False}
+    assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_work_that_is_booked_by_half(share, tmp_path, monkeypatch):
+    def advance(self, *arguments):
+        motion = whole(self, *arguments)
+        return motion._replace(work=share * motion.work)
+
+    whole = NativeEngine.advance
+    monkeypatch.setattr(NativeEngine, "advance", advance)
+    findings = examine("actuation", "pendulum", "rk4", "reference", store=tmp_path)
+    assert verdicts(findings, "work booked") == {share == 1.0}
+    assert verdicts(findings, "Σ |energy residual|") == {share == 1.0}
+
+
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_commands_that_act_at_the_wrong_time(late, tmp_path, monkeypatch):
+    """Latencies ignored, or one step too long wherever there is one."""
+    if late != 1:
+        monkeypatch.setattr(
+            Timing, "delay", property(lambda t: divmod(_wrong(t, late), t.substeps))
+        )
+    monkeypatch.setattr(latency, "success", lambda *arguments: None)
+    findings = examine("latency", "pendulum", "rk4", store=tmp_path)
+    assert verdicts(findings, "delayed commands") == {late == 1}
+
+
+def _wrong(timing: Timing, late: int) -> int:
+    return max(0, timing.latency - 1) if late == 0 else 0 if timing.latency < 2 else timing.latency
+
+
+def test_motions_that_end_together_do_not_differ():
+    a = np.array([[0.0, 1.0], [2.0, 3.0], [np.nan, np.nan]])
+    assert latency.different(a, a.copy()) == 0
+    assert latency.different(a, np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])) == 1
+    assert latency.different(a, np.full((3, 2), np.nan)) == 2
+
+
+@pytest.fixture
+def impacts(tmp_path, monkeypatch):
+    """Section `contact` of the reference on the pendulum, with the stops' contact altered."""
+
+    def run(**change):
+        def contact(self, ops, q, v):
+            true = whole(self, ops, q, v)
+            return true._replace(**{k: f(getattr(true, k)) for k, f in change.items()})
+
+        whole = Stops.contact
+        monkeypatch.setattr(Stops, "contact", contact)
+        return examine("contact", "pendulum", "reference", store=tmp_path)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("changed", "rebound", "penetration", "ledger"),
+    [
+        ({}, True, True, True),
+        ({"force": lambda x: 0.8 * x}, False, False, False),
+        ({"dissipated": lambda x: 0.0 * x}, True, True, False),
+        ({"penetration": lambda x: 1.1 * x}, True, False, True),
+    ],
+)
+def test_stops_that_are_wrong(impacts, changed, rebound, penetration, ledger):
+    findings = impacts(**changed)
+    assert verdicts(findings, "largest penetration") == {penetration}
+    assert verdicts(findings, "Σ |energy residual|") == {ledger}
+    if "force" not in changed:
+        assert verdicts(findings, "share of energy left") == {rebound}
+
+
+def test_an_impact_that_an_explicit_method_should_not_survive(tmp_path, monkeypatch):
+    """Implicit Euler in the place of RK4: nothing is gained where something should be."""
+    passive = replace(RK4.theory, passive=True)
+    monkeypatch.setattr(planted.Heun, "theory", passive, raising=False)
+    findings = examine("contact", "pendulum", "planted:Heun", store=tmp_path)
+    assert verdicts(findings, "gains energy") == {False}
+
+
+def test_success_that_differs_from_the_truth(tmp_path, monkeypatch):
+    played = {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}
+    for module in ("refinement", "latency"):
+        monkeypatch.setattr(
+            f"integ_gym.eval.diagnosis.{module}.success",
+            lambda diagnosis, env_id, integrator, *rest: played[integrator],
+        )
+    for section in ("timestep refinement", "latency"):
+        names = ("rk4", "implicit_euler")
+        findings = examine(section, "pendulum", *names, store=tmp_path / section)
+        assert verdicts(findings, "hand-made controller", "rk4") == {True}
+        assert verdicts(findings, "hand-made controller", "implicit_euler") == {False}
+
+
+def test_where_nobody_succeeds_nothing_is_expected(tmp_path, monkeypatch):
+    monkeypatch.setattr(latency, "success", lambda *arguments: 0.0)
+    findings = examine("latency", "pendulum", "rk4", store=tmp_path)
+    assert verdicts(findings, "hand-made controller") == {None}
+
+
+def test_errors_of_a_controller_are_not_hidden(tmp_path, monkeypatch):
+    def broken(name, setup):
+        raise ValueError("the controller is broken")
+
+    assert make_baseline is handmade.make_baseline
+    monkeypatch.setattr(handmade, "make_baseline", broken)
+    with pytest.raises(ValueError, match="the controller is broken"):
+        examine("latency", "pendulum", "rk4", store=tmp_path)
+
+
+def test_a_task_without_a_controller_is_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(handmade, "has_handmade", lambda setup: False)
+    findings = examine("latency", "pendulum", "rk4", store=tmp_path)
+    assert {f.quantity.split()[0] for f in findings} == {"instants"}

@@ -1,0 +1,257 @@
+"""What holds of sections on every plant: orders are judged, rollouts recorded, NaN is no number."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from examining import examine, lines, verdicts
+from pairing import covering
+
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.numerics.independent import independent_motion
+from integ_gym.envs.numerics import stepping
+from integ_gym.envs.numerics.probe import fastest_mode
+from integ_gym.envs.plants import PLANTS
+from integ_gym.eval.diagnosis.bench import bench
+from integ_gym.eval.diagnosis.sections import refinement
+from integ_gym.eval.diagnosis.sections.contact import passive
+from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown
+from integ_gym.eval.diagnosis.sections.free_motion import trend
+from integ_gym.eval.diagnosis.lines.order import order_expected
+from integ_gym.eval.diagnosis.bench.subject import subjects
+from integ_gym.evidence.store.store import EvidenceStore
+
+NAMES = INTEGRATORS.names()
+WITH_ORDERS = ("free motion", "damping", "friction", "contact", "actuation", "timestep refinement")
+
+
+@pytest.mark.parametrize(("section", "plant"), covering(WITH_ORDERS, PLANTS.names(), strength=1))
+def test_the_order_of_every_integrator_is_judged_and_right(section, plant, tmp_path, monkeypatch):
+    """Every section and every plant once; each pair in `make test-slow`.
+
+    Orders of every integrator on every plant are measured in `test_integrators.py` and
+    `test_accuracy.py`; here it is asked whether a section finds and judges them.
+    """
+    monkeypatch.setattr(refinement, "success", lambda *arguments: None)
+    findings = examine(section, plant, *NAMES, store=tmp_path)
+    judged = [f for f in findings if f.order_steps]
+    for finding in judged:
+        assert finding.holds is True, finding
+        assert finding.order_steps[-1] <= finding.steps[-1]
+    if findings:
+        names = set(NAMES) - {"reference"}
+        assert {f.integrator for f in judged} == names
+        assert all(f.holds for f in findings if f.integrator == "reference")
+
+
+@pytest.mark.parametrize("plant", PLANTS.names())
+def test_truth_is_known_to_the_same_digits_by_scipy(plant):
+    (subject,) = subjects(None, plant, [])
+    controls = np.sin(np.arange(30.0))
+    motion = independent_motion(subject.plant, subject.start, controls, subject.control_period)
+    state = subject.start
+    for control in controls:
+        state = advance("reference", subject.plant, state, subject.control_period, 1, control)
+    assert np.abs(state - motion.states[-1]).max() < 1e-10
+    assert np.abs(motion.lost).max() < 1e-10 * motion.energy.max()
+    assert abs(motion.work[-1]) > 1e-3 * motion.energy.max()
+
+
+@pytest.mark.parametrize("section", ["integrator", "free motion", "damping", "friction"])
+def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypatch):
+    """Only single steps are taken beside the records."""
+    steps, probes = [], []
+
+    def counting(self, ops, q, v, segments, sample_at):
+        steps.append(np.size(q[0]) * sum(count for _, count in segments))
+        return whole(self, ops, q, v, segments, sample_at)
+
+    def probing(integrator, plant, states, *more):
+        probes.append(len(states))
+        return one_step(integrator, plant, states, *more)
+
+    monkeypatch.setattr("integ_gym.envs.episode.steps.WARM_UP", 10**9)
+    monkeypatch.setattr(
+        "integ_gym.envs.environments.environment.WARM_UP", 10**9
+    )  # traced steps do not call the engine
+    whole, one_step = NativeEngine.advance, stepping.advance_lanes
+    monkeypatch.setattr(NativeEngine, "advance", counting)
+    for module in ("phase_space", "linear"):
+        monkeypatch.setattr(f"integ_gym.envs.numerics.{module}.advance_lanes", probing)
+    monkeypatch.setattr("integ_gym.eval.diagnosis.sections.stiffness.advance_lanes", probing)
+    examine(section, "pendulum", "implicit_midpoint", store=tmp_path)
+    recorded = EvidenceStore(tmp_path).query("SELECT sum(length * substeps) AS n FROM records")
+    assert sum(steps) - sum(probes) == recorded.to_pylist()[0]["n"] > 1000
+
+
+def test_evaluations_are_counted(tmp_path):
+    (subject,) = subjects(None, "pendulum", [])
+    counts = {}
+    for name in ("explicit_euler", "rk4"):
+        rollout = bench.Bench(EvidenceStore(tmp_path), "test").open_loop(
+            name, subject, name, 0.025, bench.Commands("zero", np.zeros(1)), subject.start[None],
+            duration=1.0,
+        )  # fmt: skip
+        counts[name] = rollout.evaluations
+    assert counts == {"explicit_euler": 40, "rk4": 160}
+
+
+def test_one_lane_alone_moves_as_among_others(tmp_path):
+    (subject,) = subjects(None, "elastic_pendulum", [])
+    runner = bench.Bench(EvidenceStore(tmp_path), "test")
+    starts = np.stack([subject.start, subject.rest])
+    together = runner.open_loop(
+        "two", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
+        starts, duration=0.4,
+    )  # fmt: skip
+    alone = runner.open_loop(
+        "one", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
+        starts[:1], duration=0.4,
+    )  # fmt: skip
+    assert np.array_equal(alone.state[:, 0], together.state[:, 0])
+    assert set(alone.info) == set(together.info)
+    for name, column in alone.info.items():
+        assert np.array_equal(column[:, 0], together.info[name][:, 0]), name
+
+
+def test_a_plant_of_ones_own_goes_through_every_section(tmp_path):
+    """Damped as it stands, without a task, a stop or friction."""
+    findings = examine("integrator", "planted:Slider", "stormer_verlet", store=tmp_path / "a")
+    assert verdicts(findings, "order") == {True}
+    assert verdicts(findings, "symplectic, max") == {True}
+    assert verdicts(findings, "reversible, ") == {True}
+    findings = examine("free motion", "planted:Slider", "stormer_verlet", store=tmp_path / "b")
+    assert {f.holds for f in findings} == {True}
+    (drift,) = lines(findings, "energy change after")
+    assert drift.expectation.expected == "bounded"
+    for section in ("plant", "stiffness", "damping", "actuation", "timestep refinement", "latency"):
+        found = examine(section, "planted:Slider", "stormer_verlet", store=tmp_path / section)
+        assert found
+        assert {f.holds for f in found} == {True}, section
+        assert {f.unit for f in found} <= {"", "J", "N", "s", "m"}
+    for section in ("friction", "contact"):
+        assert examine(section, "planted:Slider", "rk4", store=tmp_path / section) == []
+
+
+@pytest.mark.parametrize("steps", [(0.2,), (0.002,), (0.05, 0.01)])
+def test_ladders_reach_where_orders_show(steps):
+    (subject,) = subjects(None, "pendulum", steps)
+    ladder = subject.ladder()
+    assert set(subject.steps) <= set(ladder)
+    assert list(ladder) == sorted(ladder, reverse=True)
+    assert len(ladder) >= 3
+    assert ladder[-1] * subject.frequency <= 0.004
+    assert all(math.isclose(steps[0] / h, round(steps[0] / h)) for h in ladder)
+
+
+def test_steps_so_fine_that_errors_are_rounding_are_not_judged(tmp_path):
+    names, steps = ("rk4", "symplectic_euler"), [0.0005, 0.00025]
+    findings = examine("actuation", "pendulum", *names, steps=steps, store=tmp_path)
+    (work,) = lines(findings, "work booked", "rk4")
+    assert work.holds is None
+    assert "nothing but rounding" in work.expectation.expected
+    assert verdicts(findings, "work booked", "symplectic_euler") == {True}
+
+
+@pytest.mark.parametrize("name", PLANTS.names())
+def test_fastest_mode_swings_at_the_fastest_frequency(name):
+    (subject,) = subjects(None, name, [])
+    mode = fastest_mode(subject.plant, subject.rest)
+    start = subject.rest.copy()
+    start[0::2] += 1e-5 * mode
+    end = advance("reference", subject.plant, start, math.pi / subject.frequency)
+    assert np.abs(mode).max() == 1.0
+    assert end[0::2] - subject.rest[0::2] == pytest.approx(-1e-5 * mode, abs=1e-9)
+
+
+def test_not_a_number_is_neither_near_nor_below():
+    nan = math.nan
+    assert near(1.0, 0.1, (1.05, 0.95)).holds
+    assert not near(1.0, 0.1, (1.0, nan)).holds
+    assert not near(1.0, 0.1, (nan, 1.0)).holds
+    assert near(math.inf, 0.1, (math.inf,)).holds
+    assert not near(math.inf, 0.1, (1e9,)).holds
+    assert not near(1.0, 0.1, (math.inf,)).holds
+    assert below(1.0, (0.5, -0.5)).holds
+    assert not below(1.0, (0.5, -1.5)).holds
+    assert not below(1.0, (nan,)).holds
+    assert above(1.0, (2.0, nan)).holds
+    assert not above(1.0, (2.0, 0.5)).holds
+
+
+@pytest.mark.parametrize(
+    ("promised", "measured", "how", "holds"),
+    [
+        (2, 1.95, {}, True),
+        (2, 1.85, {}, False),
+        (2, 3.0, {}, True),
+        (2, 3.0, {"exactly": True}, False),
+        (2, 2.05, {"exactly": True}, True),
+        (4, 2.0, {"at_most": (2, "a kink")}, True),
+        (1, 0.8, {"at_most": (2, "a kink")}, False),
+        (2, math.nan, {}, False),
+        (2, None, {}, None),
+        (None, 2.0, {}, None),
+    ],
+)
+def test_orders(promised, measured, how, holds):
+    assert order_expected(promised, measured, **how).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("exponents", "changes", "expected", "holds"),
+    [
+        ((2.0, 1.0), (0.5, 0.2), "grows", True),
+        ((2.0, 1.0), (math.nan, 0.2), "grows", True),
+        ((2.0, 1.0), (0.5, -0.2), "grows", False),
+        ((-2.0, -1.0), (-0.5, -0.2), "decays", True),
+        ((-2.0, -1.0), (-0.5, math.nan), "decays", False),
+        ((2.0, -1.0), (0.5, -0.2), "grows at large steps alone", True),
+        ((2.0, -1.0), (0.5, 0.2), "grows at large steps alone", False),
+        ((-2.0, -1e-12), (-0.5, 0.1), "decays", True),
+        ((-1e-12, -1e-13), (0.1, 0.1), "nothing but rounding at these steps", None),
+    ],
+)
+def test_growth_and_decay_by_their_sign(exponents, changes, expected, holds):
+    steps = (0.2, 0.1)
+    found = trend(dict(zip(steps, exponents, strict=True)), dict(zip(steps, changes, strict=True)))
+    assert (found.expected, found.holds) == (expected, holds)
+
+
+@pytest.mark.parametrize("dt", [0.4, 0.1, 0.05, 0.03, 0.0125])
+def test_instants_are_whole_steps_and_close_enough(dt):
+    (subject,) = subjects(None, "pendulum", [0.4])
+    period = subject.sampling(dt, 0.05)
+    assert period / dt == pytest.approx(round(period / dt))
+    assert period <= max(dt, 0.05)
+    assert period > 0.02
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "holds"),
+    [
+        ("implicit_euler", math.inf, True),
+        ("implicit_euler", 8.0, False),
+        ("implicit_midpoint", 3.0, None),
+        ("rk4", 5.0, True),
+        ("rk4", math.inf, False),
+        ("explicit_euler", 0.2, True),
+        ("explicit_euler", 2.0, False),
+        ("planted:Silent", 1.0, None),
+    ],
+)
+def test_where_an_impact_may_gain_energy(name, limit, holds):
+    assert passive(name, limit).holds is holds
+
+
+def test_numbers_as_they_are_shown():
+    assert [shown(x) for x in (2.0, 0.0, -3.0, 0.06, 1e-9, math.inf, math.nan)] == [
+        "2", "0", "−3", "0.0600", "1.00·10⁻⁹", "unbounded", "diverged",
+    ]  # fmt: skip
+    assert [said(x, "J") for x in (0.05, 1e-9, 3e-13, 2000.0)] == [
+        "0.05 J", "10⁻⁹ J", "3·10⁻¹³ J", "2000 J",
+    ]  # fmt: skip

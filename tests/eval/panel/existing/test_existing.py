@@ -1,0 +1,261 @@
+"""`integ-gym evaluate` on policies really trained on Gymnasium's own environments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from integ_gym.cli import main
+from integ_gym.eval.panel.existing.planning import Grid, plan
+from integ_gym.eval.panel.existing.policy import read_existing, row_name
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.sidecar import has_sidecar
+
+
+def _trained(env_id: str, steps: int, path: Path, **arguments) -> Path:
+    torch.set_num_threads(1)
+    model = PPO("MlpPolicy", env_id, seed=0, device="cpu", **arguments)
+    model.learn(steps)
+    model.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def cart_pole_policy(made_once) -> Path:
+    """ReLU, unequal nets; clearly better than random on CartPole-v1."""
+
+    def make(folder: Path) -> None:
+        nets = {"pi": [32, 16], "vf": [64]}
+        kwargs = {"activation_fn": torch.nn.ReLU, "net_arch": nets}
+        _trained("CartPole-v1", 12_288, folder / "balance.zip", policy_kwargs=kwargs)
+
+    return made_once("cart_pole_policy", make) / "balance.zip"
+
+
+@pytest.fixture(scope="session")
+def pendulum_policy(tmp_path_factory) -> Path:
+    """gSDE, hardly trained; no better than random on Pendulum-v1."""
+    return _trained(
+        "Pendulum-v1", 1024, tmp_path_factory.mktemp("pendulum") / "swing.zip",
+        use_sde=True, n_steps=512,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def cart_pole_run(cart_pole_policy, made_once) -> Path:
+    command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--no-progress"]
+
+    def make(folder: Path) -> None:
+        assert main([*command, "--episodes", "10", "--out", str(folder / "out")]) == 0
+
+    return made_once("cart_pole_run", make) / "out"
+
+
+def _panel(out: Path) -> dict:
+    return json.loads((out / "panel.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_writes_the_usual_directory(cart_pole_policy, cart_pole_run):
+    for name in ("panel.json", "report.html", "figures", "evidence"):
+        assert (cart_pole_run / name).exists()
+    panel = _panel(cart_pole_run)
+    assert panel["warnings"] == []
+    assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero", "handmade"]
+    assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
+    assert len(panel["cells"]) == 6 * 3 + 1 + 4
+    assert {c["perturbation"] for c in panel["cells"]} == {None, "mass +20 %", "latency +20 ms"}
+    (policy,) = panel["rows"][0]["policies"]
+    assert (cart_pole_run / policy["file"]).read_bytes() == cart_pole_policy.read_bytes()
+    assert EvidenceStore(cart_pole_run / "evidence").verify() == []
+
+
+@pytest.mark.slow
+def test_home_replay_is_what_stable_baselines3_gets(cart_pole_policy, cart_pole_run):
+    """Same policy, same seeds, Gymnasium's own environment: the same returns.
+
+    A bang-bang policy may switch one step later where rounding differs, hence two per cent.
+    """
+    model, stock = PPO.load(cart_pole_policy), gym.make("CartPole-v1")
+    expected = []
+    for seed in range(1000, 1010):
+        observation, _ = stock.reset(seed=seed)
+        total, ended = 0.0, False
+        while not ended:
+            action, _ = model.predict(observation, deterministic=True)
+            observation, reward, terminated, truncated, _ = stock.step(action)
+            total, ended = total + reward, terminated or truncated
+        expected.append(total)
+    got = EvidenceStore(cart_pole_run / "evidence").query(
+        "SELECT \"return\" AS r FROM records WHERE policy_id = 'balance' "
+        "AND cell = 'explicit_euler dt=0.02' ORDER BY episode_index"
+    )
+    np.testing.assert_allclose(got.column("r").to_pylist(), expected, rtol=0.02)
+    mean, _ = evaluate_policy(model, _monitored(), n_eval_episodes=5)
+    assert mean > 50
+
+
+def _monitored():
+    from stable_baselines3.common.monitor import Monitor
+
+    return Monitor(gym.make("CartPole-v1"))
+
+
+@pytest.mark.slow
+def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["evaluate", str(pendulum_policy), "--env", "IntegPendulum-v0", "--out", str(out)]
+    selected = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "8", "--no-progress"]
+    assert main([*command, *selected]) == 0
+    assert "trained with VecNormalize? pass --obs-stats FILE.json" in capsys.readouterr().err
+    panel = _panel(out)
+    assert panel["warnings"]
+    assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {
+        "rk4 dt=0.05", "symplectic_euler dt=0.05", "reference dt=0.05",
+    }  # fmt: skip
+    assert panel["spec"]["environment"] == {"max_speed": 8.0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        (["--env", "IntegPendulum-v0"], "shape"),
+        (["--env", "IntegCartPole-v0", "--integrator", "rk9"], "unknown integrator 'rk9'"),
+        (["--env", "IntegCartPole-v0", "--dt", "-1"], "above 0"),
+        (["--env", "IntegCartPole-v0", "--dt", "nan"], "finite"),
+        (["--env", "IntegCartPole-v0", "--dt", "0.013"], "not a whole multiple"),
+        (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unknown argument 'masss'"),
+        (
+            ["--env", "IntegCartPole-v0", "--env-arg", "integrator=rk4"],
+            "what the evaluation varies",
+        ),
+        (["--env", "IntegCartPole-v0", "--episodes", "0"], "--episodes must be 1 or above"),
+        (["--env", "IntegCartPole-v0", "--obs-stats", "missing.json"], "missing.json"),
+    ],
+)
+def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arguments, fragment):
+    out = tmp_path / "out"
+    assert main(["evaluate", str(cart_pole_policy), "--out", str(out), *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert fragment in error
+    assert error.count("\n") == 0
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [("best model (1)", "best-model-1"), ("random", "policy-random"), ("é", "policy")],
+)
+def test_row_names_are_usable_and_not_a_baselines(given, name):
+    assert row_name(given) == name
+
+
+@pytest.mark.slow
+def test_a_side_car_gives_the_home(panel_directory, tmp_path, capsys):
+    source = panel_directory / "policies" / "rk4-dt-0.05-seed0"
+    for suffix in (".zip", ".json"):
+        (tmp_path / f"mine{suffix}").write_bytes((source / f"policy{suffix}").read_bytes())
+    command = ["evaluate", str(tmp_path / "mine.zip"), "--env", "IntegPendulum-v0"]
+    selected = ["--dt", "0.05", "--integrator", "explicit_euler", "--episodes", "3"]
+    out = tmp_path / "out"
+    assert main([*command, *selected, "--out", str(out), "--no-progress"]) == 0
+    panel = _panel(out)
+    assert panel["rows"][0]["name"] == "ppo-rk4-dt0.05-seed0"
+    assert panel["rows"][0]["policies"][0]["seed"] == 0
+    assert {f.name for f in (out / "policies" / "ppo-rk4-dt0.05-seed0").iterdir()} == {
+        "policy.zip",
+        "policy.json",
+    }
+    assert panel["rows"][0]["home"] == "rk4 dt=0.05"
+    assert panel["spec"]["environment"]["max_torque"] == 1.0
+    other = panel_directory / "policies" / "rk4-dt-0.05-seed1" / "policy.json"
+    (tmp_path / "mine.json").write_bytes(other.read_bytes())
+    capsys.readouterr()
+    assert main([*command, "--out", str(tmp_path / "second"), "--no-progress"]) == 2
+    assert "not the policy that" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
+    (tmp_path / "x.zip").write_bytes(b"PK nothing")
+    command = ["evaluate", str(tmp_path / "x.zip"), "--env", "IntegPendulum-v0"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
+    assert not (tmp_path / "out").exists()
+
+
+def _with_card(tmp_path, panel_directory, change) -> Path:
+    """A copy of a trained policy whose side-car is changed."""
+    source = panel_directory / "policies" / "rk4-dt-0.05-seed0"
+    (tmp_path / "mine.zip").write_bytes((source / "policy.zip").read_bytes())
+    card = json.loads((source / "policy.json").read_text(encoding="utf-8"))
+    change(card)
+    (tmp_path / "mine.json").write_text(json.dumps(card))
+    return tmp_path / "mine.zip"
+
+
+def test_a_side_car_runs_no_code_unasked(panel_directory, tmp_path, capsys, monkeypatch):
+    (tmp_path / "stranger.py").write_text("raise SystemExit('run')\nclass X: step = None\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def name_code(card):
+        card["config"]["env_arguments"]["integrator"] = "stranger:X"
+
+    policy = _with_card(tmp_path, panel_directory, name_code)
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert "--own-code" in error
+    assert error.count("\n") == 1
+    with pytest.raises(SystemExit, match="run"):
+        main([*command, "--own-code"])
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        (lambda card: card.pop("config"), "does not say what it was trained on"),
+        (lambda card: card.update(config="x"), "does not say what it was trained on"),
+        (lambda card: card.update(action_bounds=[1]), "two lists of numbers"),
+    ],
+)
+def test_a_damaged_side_car_is_refused(panel_directory, tmp_path, capsys, change, fragment):
+    policy = _with_card(tmp_path, panel_directory, change)
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert fragment in error
+    assert error.count("\n") == 1
+
+
+def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_path):
+    def delay(card):
+        card["config"]["env_arguments"] |= {"action_latency": 0.02, "dt": 0.01}
+
+    policy = _with_card(tmp_path, panel_directory, delay)
+    existing = read_existing(policy, "IntegPendulum-v0", {})
+    spec = plan(existing, "IntegPendulum-v0", Grid(integrators=["rk4"]))
+    assert sorted(d.dt for d in spec.grid) == pytest.approx([0.0025, 0.005, 0.01])
+
+
+def test_json_of_somebody_else_is_no_side_car(tmp_path):
+    (tmp_path / "model.zip").write_bytes(b"")
+    assert not has_sidecar(tmp_path / "model.zip")
+    (tmp_path / "model.json").write_text('{"note": "mine"}')
+    assert not has_sidecar(tmp_path / "model.zip")
+    for text in ('{"format": "integ-gym policy 1"}', "{"):
+        (tmp_path / "model.json").write_text(text)
+        assert has_sidecar(tmp_path / "model.zip")
+
+
+def test_a_stock_policy_meets_the_pendulum_where_the_speed_is_limited(pendulum_policy):
+    """Without a limit the observation space is another, and stable-baselines3 refuses."""
+    with pytest.raises(ValueError, match="Observation spaces do not match"):
+        PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0"))
+    assert PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0", max_speed=8.0))

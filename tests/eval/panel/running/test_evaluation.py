@@ -1,0 +1,200 @@
+"""Evaluating policies side by side gives the records of evaluating each alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from engine_cases import needs
+
+from integ_gym.envs import testbeds
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.eval.panel.specification.cells import (
+    Cell,
+    DiscretizationMixture,
+    Perturbation,
+    nominal_setup,
+)
+from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.panel.running.evaluation_units import batches_of
+from integ_gym.eval.panel.running.replays import Successes
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.evidence.schema.fields import VOLATILE_NAMES
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.sb3.initial_weights import initial_stack
+from integ_gym.train.policy.actions import BoxActions, DiscreteActions
+from integ_gym.train.policy.mlp_policy import MlpPolicy
+
+CASES = {
+    "IntegPendulum-v0": {"max_torque": 1.5, "start": "hanging", "duration": 2.5},
+    "IntegCartPole-v0": {"duration": 0.6, "theta_threshold": 0.1},
+}
+PERTURBATIONS = (
+    Perturbation("late", {"action_latency": 0.1}),
+    Perturbation("noisy", {"observation_noise": 0.2}),
+    Perturbation("heavy", {"mass": 1.3}),
+)
+
+
+def _spec(env_id):
+    period = 0.05
+    homes = tuple(Discretization(name, period, period) for name in ("explicit_euler", "rk4"))
+    return PanelSpec(
+        name="side by side",
+        env_id=env_id,
+        control_period=period,
+        train=(*homes, DiscretizationMixture("both", tuple((home, 1.0) for home in homes))),
+        grid=(*homes, Discretization("implicit_midpoint", 0.025, period)),
+        seeds=(0, 1),
+        environment=CASES[env_id],
+        perturbations=PERTURBATIONS,
+        episodes=4,
+    )
+
+
+def _network(seed, spec, policy_id):
+    setup = spec.nominal
+    actions = DiscreteActions(2) if setup.task.discrete else BoxActions([-1.5], [1.5])
+    sizes = (len(setup.task.observation_names), 16, 16)
+    stack = initial_stack([seed], sizes, actions.size, None)
+    layers = [(w[0, 0], b[0, 0]) for w, b in zip(stack.weights, stack.biases, strict=True)]
+    layers[-1] = (100.0 * layers[-1][0], layers[-1][1])
+    return MlpPolicy(tuple(layers), "Tanh", actions, policy_id=policy_id)
+
+
+def _subjects(spec):
+    trained = [
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
+        for home in spec.train
+        for seed in spec.seeds
+    ]
+    setup = spec.nominal
+    return [
+        *trained,
+        *(Subject(make_baseline(name, setup), spec.cells_of(None)) for name in BASELINES),
+    ]
+
+
+def _records(store, batch):
+    table = pq.read_table(store.directory / f"{batch}.parquet")
+    kept = [n for n in table.column_names if n == "content_hash" or n not in VOLATILE_NAMES]
+    order = np.argsort(table.column("record_id").to_pylist())
+    return table.select(kept).take(order)
+
+
+@pytest.mark.parametrize("env_id", CASES)
+def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
+    spec = _spec(env_id)
+    conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
+    subjects, store = _subjects(spec), EvidenceStore(tmp_path)
+    counted = []
+    note = lambda _, policies: counted.append(policies)  # noqa: E731
+    store.commit_all("together", evaluate(subjects, conditions, store, note))
+    assert sum(counted) == sum(len(subject.cells) for subject in subjects)
+    for place, subject in enumerate(subjects):
+        store.commit_all(f"alone-{place}", evaluate([subject], conditions, store))
+    alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
+    together = _records(store, "together")
+    assert together.num_rows == sum(table.num_rows for table in alone)
+    for subject, expected in zip(subjects, alone, strict=True):
+        own = [p == subject.policy.policy_id for p in together.column("policy_id").to_pylist()]
+        assert together.filter(own).equals(expected), subject.policy.policy_id
+        assert set(expected.column("training_seed").to_pylist()) == {subject.seed}
+    assert len(set(together.column("content_hash").to_pylist())) > together.num_rows / 2
+    assert len(set(together.column("failure_label").to_pylist())) > 1
+    (tmp_path / "together.parquet").unlink()
+    assert store.verify() == []
+
+
+def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, monkeypatch):
+    """Its lanes are run one by one, so a record does not depend on how many workers share them."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
+    testbed = testbeds.testbed_of(env_id, {})
+    cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
+    random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
+    subject = Subject(random, cells, cells[0].discretization, 0)
+    conditions = Conditions("run", env_id, {}, 5, 7)
+    store.commit_all("whole", evaluate([subject], conditions, store))
+    parts = conditions.divided(2)
+    assert [(part.first, part.episodes) for part in parts] == [(0, 3), (3, 2)]
+    tables = [table for part in parts for table in evaluate([subject], part, store)]
+    store.commit_all("parts", tables)
+    whole, divided = _records(store, "whole"), _records(store, "parts")
+    assert whole.num_rows == 10
+    assert divided.equals(whole)
+    assert len(set(whole.column("length").to_pylist())) > 1
+
+
+def test_labels_wait_for_the_replays_that_they_rest_on():
+    spec = _spec("IntegPendulum-v0")
+    home, other, _ = spec.train
+    cells = [spec.cells_of(home), spec.cells_of(other)]
+    known = Successes([home, other], cells, {})
+    at_home, at_other = Cell(home, "grid"), Cell(other, "grid")
+    flags = np.array([[True, False], [False, True]])
+    known.note(at_home, [0, 1], flags)
+    assert known.suffice(at_home, [0])
+    assert not known.suffice(at_home, [0, 1])
+    known.note(at_other, [0, 1], ~flags)
+    assert known.suffice(at_home, [0, 1])
+    said = known.replays(at_home, [0, 1])
+    assert [r.home for r in said[0].values()] == ["is home", "is home"]
+    assert [r.home for r in said[1].values()] == [True, False]
+    heavy = Cell(spec.reference, "perturbation", PERTURBATIONS[2])
+    known.note(heavy, [0], flags[:1])
+    assert not known.suffice(heavy, [0])
+
+
+@pytest.mark.parametrize(
+    ("changed", "without_noise", "without_delay"),
+    [
+        ({"observation_noise": 0.1}, True, None),
+        ({"action_latency": 0.05}, None, True),
+        ({"action_latency": 0.05, "sensor_period": 0.1}, None, True),
+        ({"action_latency": 0.05, "observation_noise": 0.1}, None, None),
+        ({"mass": 2.0}, None, None),
+    ],
+)
+@pytest.mark.parametrize("environment", [{}, {"observation_noise": 0.2, "sensor_period": 0.1}])
+def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
+    environment, changed, without_noise, without_delay
+):
+    rk4 = Discretization("rk4", 0.05, 0.05)
+    plain = Cell(rk4, "grid")
+    disturbed = Cell(rk4, "perturbation", Perturbation("x", changed))
+    known = Successes([None], [[plain, disturbed]], environment)
+    known.note(plain, [0], np.array([[True]]))
+    known.note(disturbed, [0], np.array([[False]]))
+    (((_, said),),) = (replays.items() for replays in known.replays(disturbed, [0]))
+    nothing = bool(environment)
+    assert said.home == "no home"
+    assert said.without_noise is (None if nothing else without_noise)
+    assert said.without_delay is (None if nothing else without_delay)
+
+
+def test_batches_hold_everyone_once_and_keep_every_worker_busy():
+    spec = built_in_spec()
+    setup = spec.nominal
+    subjects = [
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
+        for seed in spec.seeds
+        for home in spec.train
+    ]
+    subjects += [Subject(make_baseline("zero", setup), spec.cells_of(None))]
+    for workers in (1, 2, 5, 100):
+        batches = batches_of(spec, subjects, workers)
+        ids = [subject.policy.policy_id for batch in batches for subject in batch]
+        assert sorted(ids) == sorted(subject.policy.policy_id for subject in subjects)
+        assert len(batches) >= min(workers, len(subjects))
+        assert len(batches) % workers == 0 or len(batches) == len(subjects)
+    pairs = batches_of(spec, subjects, 2)
+    assert all(len({subject.home for subject in batch}) <= 4 for batch in pairs)
+    many = replace(spec, episodes=2000)
+    assert max(len(batch) for batch in batches_of(many, subjects, 2)) == 1
+    assert batches_of(spec, [], 2) == []

@@ -1,0 +1,305 @@
+"""Panels with a mixture: the specification, both trainers end to end, resuming."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engine_cases import needs
+from mixed_panel import TOML
+
+from integ_gym.cli import main
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.catalogue.registration import environment_setup
+from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture, training_arguments
+from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.running.units import training_config, units_of
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.policy_files.sidecar import read_sidecar
+
+MEMBERS = ["explicit_euler dt=0.05", "rk4 dt=0.05", "rk4 dt=0.025"]
+SHARES = dict(zip(MEMBERS, (0.5, 0.25, 0.25), strict=True))
+
+
+def _data(**changes):
+    return {**tomllib.loads(TOML), **changes}
+
+
+def _train(**changes):
+    """The specification with its mixture changed; None leaves a key out."""
+    single, mixture = tomllib.loads(TOML)["train"]
+    changed = {k: x for k, x in {**mixture, **changes}.items() if x is not None}
+    return _data(train=[single, changed])
+
+
+def test_a_mixture_is_one_row_evaluated_at_its_members_first():
+    spec = parse_spec(_data(), "test")
+    check_spec(spec)
+    single, mixture = spec.train
+    assert isinstance(single, Discretization)
+    assert (mixture.name, mixture.control_period) == ("both", 0.05)
+    assert {d.name: share for d, share in mixture.shares.items()} == SHARES
+    cells = spec.cells_of(mixture)
+    names = [cell.name for cell in cells]
+    assert set(names[:3]) == set(MEMBERS)
+    assert names[3:7] == [
+        "explicit_euler dt=0.025", "explicit_euler dt=0.0125", "rk4 dt=0.0125", "reference dt=0.05",
+    ]  # fmt: skip
+    assert names[7:] == [f"{name}, mass +20 %" for name in (*MEMBERS, "reference dt=0.05")]
+    rows = {unit.row: unit for unit in units_of(spec)}
+    assert rows["both"].policy == "both-seed1"
+    arguments = training_config(spec, rows["both"]).env_arguments
+    assert arguments == {
+        "start": "hanging", "max_torque": 1.0, "duration": 3.0, "control_period": 0.05,
+        "mixture": [
+            {"engine": "native", "integrator": "explicit_euler", "dt": 0.05, "weight": 2.0},
+            {"engine": "native", "integrator": "rk4", "dt": 0.05, "weight": 1.0},
+            {"engine": "native", "integrator": "rk4", "dt": 0.025, "weight": 1.0},
+        ],
+    }  # fmt: skip
+    stated = json.loads(json.dumps(spec.to_json()))["train"][1]
+    assert stated["mixture"] == "both"
+    assert [(m["integrator"], m["dt"], m["weight"]) for m in stated["members"]] == [
+        ("explicit_euler", 0.05, 2.0), ("rk4", 0.05, 1.0), ("rk4", 0.025, 1.0),
+    ]  # fmt: skip
+
+
+def test_the_examples_of_the_documentation_are_valid():
+    page = Path(__file__).parents[4] / "docs" / "panel.md"
+    examples = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    first, example, task = examples
+    needs("mujoco")
+    for alone in (first, task):
+        check_spec(parse_spec(tomllib.loads(alone), "docs/panel.md"))
+    spec = parse_spec(tomllib.loads(example), "docs/panel.md")
+    check_spec(replace(spec, trainer="fleet"))
+    assert [home.name for home in spec.train] == [
+        "explicit_euler dt=0.05", "reference dt=0.05", "mixed",
+    ]  # fmt: skip
+
+
+def test_a_reference_in_a_mixture_takes_a_step_that_delays_are_multiples_of():
+    members = [{"integrator": "reference", "dt": 0.05}, {"integrator": "rk4", "dt": 0.0125}]
+    data = _train(members=members)
+    data |= {"family": [], "compare": [], "environment": {"action_latency": 0.0125}}
+    data |= {"train": data["train"][1:], "evaluate": [{"integrator": "rk4", "dt": 0.0125}]}
+    spec = parse_spec(data, "test")
+    (mixture,) = spec.train
+    arguments = training_arguments(mixture, spec.environment)
+    assert [member["dt"] for member in arguments["mixture"]] == [0.0125, 0.0125]
+
+
+@pytest.mark.parametrize(
+    ("data", "fragments"),
+    [
+        (_train(members=[]), ["mixture 'both' needs at least two `members`, got 0"]),
+        (_train(members=None), ["needs at least two"]),
+        (_train(members=[{"integrator": "rk4", "dt": 0.05}]), ["got 1", "without a mixture"]),
+        (_train(members=3), ["`members` must be a list"]),
+        (_train(members=["rk4"]), ["every entry of `members of both` must be a table"]),
+        (_train(members=[{"integrator": "rk4"}] * 2), ["needs `integrator` and `dt`"]),
+        (
+            _train(members=[{"integrator": "rk5", "dt": [0.05, 0.025]}]),
+            ["unknown integrator 'rk5'", "Did you mean 'rk4'"],
+        ),
+        (_train(members=[{"integrator": "rk4", "dt": [0.05, 0.03]}]), ["not a whole multiple"]),
+        (
+            _train(members=[{"integrator": "rk4", "dt": 0.05, "control_period": 0.1}] * 2),
+            ["unknown key in `members of both` 'control_period'", "weight"],
+        ),
+        (
+            _train(members=[{"integrator": "rk4", "dt": [0.05, 0.025], "weight": -1}]),
+            ["`weight` must be a finite number above 0, got -1"],
+        ),
+        (_train(members=[{"integrator": "rk4", "dt": 0.05}] * 2), ["`members of both` lists"]),
+        (
+            _train(members=[{"integrator": "rk4", "dt": [0.05, 0.0025]}]),
+            ["'rk4 dt=0.0025' is not; add it to `evaluate`"],
+        ),
+        (_train(mixture=""), ["`mixture` must be made of names in quotes"]),
+        (_train(integrator="rk4"), ["unknown key of a mixture in `train` 'integrator'"]),
+        (_train(mixture="handmade"), ["mixture 'handmade' is named like another row or cell"]),
+        (_train(mixture="rk4 dt=0.0125"), ["is named like another row or cell"]),
+        (_train(mixture="explicit_euler-dt-0.05"), ["is named like another row or cell"]),
+        (_data(family=[["both", "rk4 dt=0.025"]]), ["its own home 'rk4 dt=0.025'"]),
+        (_data(family=[["neither", "rk4 dt=0.025"]]), ["unknown training discretization", "both"]),
+        (
+            _data(evaluate=[{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025]}]),
+            ["`compare` needs rk4 evaluated at dt=0.0125 or finer, a quarter of rk4 dt=0.05's"],
+        ),
+    ],
+)  # fmt: skip
+def test_impossible_mixtures_name_the_remedy(data, fragments):
+    data = {**data, "family": [], "compare": []} if data["train"] != _data()["train"] else data
+    with pytest.raises(SpecError) as caught:
+        check_spec(parse_spec(data, "panel.toml"))
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_fleet_refuses_shares_that_are_no_whole_environments():
+    thirds = [{"integrator": name, "dt": 0.05} for name in ("explicit_euler", "rk4", "reference")]
+    data = {**_train(members=thirds), "family": [], "compare": [], "trainer": "fleet"}
+    with pytest.raises(SpecError, match=r"16 environments .*explicit_euler 1/3.* multiple of 3"):
+        check_spec(parse_spec(data, "panel.toml"))
+    check_spec(parse_spec({**data, "trainer": "sb3"}, "panel.toml"))
+
+
+@pytest.fixture(scope="module", params=["sb3", "fleet"])
+def finished(request, tmp_path_factory):
+    """Directory of a finished run with each trainer, and the command that made it."""
+    folder = tmp_path_factory.mktemp("mixed")
+    (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
+    out = folder / "out"
+    command = ["panel", str(folder / "mixed.toml"), "--trainer", request.param, "--out", str(out)]
+    assert main([*command, "--no-progress"]) == 0
+    return out, [*command, "--no-progress"]
+
+
+def _panel(directory):
+    return json.loads((directory / "panel.json").read_text(encoding="utf-8"))
+
+
+def test_home_of_the_mixture_is_its_members_by_their_shares(finished):
+    panel = _panel(finished[0])
+    entries = {(e["row"], e["cell"]): e for e in panel["matrix"]}
+    row = next(row for row in panel["rows"] if row["name"] == "both")
+    assert (row["home"], row["integrator"], row["dt"]) == (None, None, None)
+    assert (row["shares"], row["control_period"]) == (SHARES, 0.05)
+    rates = [
+        share * np.array(entries["both", cell]["success_by_seed"]) for cell, share in SHARES.items()
+    ]
+    home = np.sum(rates, axis=0)
+    assert row["home_success"]["estimate"] == pytest.approx(home.mean())
+    assert row["learned"] == bool(home.mean() >= 0.5)
+    for cell in (*MEMBERS, "reference dt=0.05"):
+        there = np.mean(entries["both", cell]["success_by_seed"])
+        assert entries["both", cell]["home_drop"]["estimate"] == pytest.approx(home.mean() - there)
+    assert entries["both", "explicit_euler dt=0.05"]["transfer_gap"] is not None
+    assert entries["both", "rk4 dt=0.05"]["transfer_gap"] is None
+    assert [v["row"] for v in panel["verdicts"]] == ["both"]
+    assert panel["verdicts"][0]["verdict"] in ("inconclusive", "not_learned")
+    assert panel["policy_comparisons"][0]["a"] == "both"
+
+
+def test_training_episodes_ran_on_the_members(finished):
+    store = EvidenceStore(finished[0] / "evidence")
+    assert store.verify() == []
+    found = store.query(
+        "SELECT integrator, dt, count(*) AS n, any_value(training_discretization) AS trained "
+        "FROM records WHERE phase = 'training' AND policy_id LIKE 'both%' GROUP BY ALL"
+    ).to_pylist()
+    assert {f"{r['integrator']} dt={r['dt']:g}" for r in found} == set(MEMBERS)
+    assert all(len(json.loads(row["trained"])) == 3 for row in found)
+    card = read_sidecar(finished[0] / "policies" / "both-seed0" / "policy.zip")
+    assert [member["share"] for member in card["mixture"]] == [0.5, 0.25, 0.25]
+
+
+def test_failures_are_labelled_by_what_any_member_says(finished):
+    store = EvidenceStore(finished[0] / "evidence")
+    found = store.query(
+        "SELECT cell, failure_label, failure_reason FROM records "
+        "WHERE phase = 'evaluation' AND policy_id LIKE 'both%' AND NOT success"
+    ).to_pylist()
+    assert found
+    assert "unattributed" not in {row["failure_label"] for row in found}
+    own = {f"{member}{more}" for member in MEMBERS for more in ("", ", mass +20 %")}
+    at_home = [row["failure_label"] for row in found if row["cell"] in own]
+    assert "discretization_error" not in at_home
+
+
+def test_the_page_and_the_figures_show_the_remedy(finished):
+    out, _ = finished
+    panel = _panel(out)
+    (remedy,) = panel["remedies"]
+    assert remedy["row"] == "both"
+    assert [cell["cell"] for cell in remedy["cells"] if cell["member"]] == MEMBERS
+    costs = panel["training_costs"]
+    assert set(costs) == {"explicit_euler dt=0.05", "both"}
+    assert all(len(cost["by_seed"]) == 2 for cost in costs.values())
+    page = (out / "report.html").read_text(encoding="utf-8")
+    text = re.sub(r"<wbr>|<[^>]+>", "", page)
+    assert remedy["summary"] in text
+    assert "What it costs in training" in text
+    assert "mixture of 3" in text
+
+
+def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
+    out, command = finished
+    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    before = [e["success_by_seed"] for e in _panel(out)["matrix"]]
+    assert main(command) == 0
+    assert units == {path: path.stat().st_mtime_ns for path in units}
+    (out / "policies" / "both-seed1" / "policy.zip").unlink()
+    assert main(command) == 0
+    again = {path: path.stat().st_mtime_ns for path in units}
+    assert {p.stem for p in units if again[p] != units[p]} == {"train-both-seed1"}
+    assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
+
+
+def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
+    policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
+    grid = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"]
+    assert main([*command, *grid]) == 0
+    panel = _panel(tmp_path / "out")
+    row = panel["rows"][0]
+    assert (row["kind"], row["home"], row["shares"]) == ("given", None, SHARES)
+    columns = [c["name"] for c in panel["cells"] if c["kind"] in ("grid", "reference")]
+    assert set(columns) == {*MEMBERS, "reference dt=0.05"}
+    labels = {label for entry in panel["matrix"] for label in entry["labels"]}
+    assert "unattributed" not in labels
+    assert panel["remedies"] == []
+    capsys.readouterr()
+    assert main([*command[:-1], str(tmp_path / "no"), "--env-arg", "mixture=[]", *grid]) == 2
+    assert "`mixture` is what the evaluation varies" in capsys.readouterr().err
+
+
+def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, capsys):
+    source = finished[0] / "policies" / "both-seed0"
+    for name in ("policy.zip", "policy.json"):
+        (tmp_path / name).write_bytes((source / name).read_bytes())
+    card = json.loads((tmp_path / "policy.json").read_text())
+    command = ["evaluate", str(tmp_path / "policy.zip"), "--env", "IntegPendulum-v0"]
+    for members, fragment in (
+        ([{"integrator": "secret_module:Heun", "dt": 0.05}], "pass --own-code"),
+        (["rk4"], "every member of `mixture`"),
+        (3, "must be a list"),
+    ):
+        card["config"]["env_arguments"]["mixture"] = members
+        (tmp_path / "policy.json").write_text(json.dumps(card))
+        assert main([*command, "--out", str(tmp_path / "out")]) == 2
+        assert fragment in capsys.readouterr().err
+
+
+def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
+    """Handmade control: never fails on RK4, never succeeds on implicit Euler at 0.05."""
+    names = ("rk4", 0.05), ("implicit_euler", 0.05), ("implicit_euler", 0.025)
+    rk4, coarse, fine = (Discretization(name, dt, 0.05) for name, dt in names)
+    environment = {"start": "hanging", "max_torque": 0.9}
+    setup = environment_setup("IntegPendulum-v0", {**environment, **rk4.arguments()})
+    home = DiscretizationMixture("both", ((rk4, 1.0), (coarse, 1.0)))
+    cells = tuple(Cell(d, "grid") for d in (rk4, coarse, fine))
+    subject = Subject(make_baseline("handmade", setup), cells, home)
+    store = EvidenceStore(tmp_path)
+    conditions = Conditions("run", "IntegPendulum-v0", environment, 20, 1000)
+    store.commit_all("batch", evaluate([subject], conditions, store))
+    labels = {d.name: {} for d in (rk4, coarse, fine)}
+    for record in store.records():
+        count = labels[record["cell"]]
+        count[record["failure_label"]] = count.get(record["failure_label"], 0) + 1
+        if record["failure_label"] == "discretization_error":
+            assert "on a training discretization of it" in record["failure_reason"]
+    assert labels[rk4.name] == {"none": 20}
+    assert set(labels[coarse.name]) <= {"control_error", "planning_error"}
+    assert set(labels[fine.name]) == {"none", "discretization_error"}

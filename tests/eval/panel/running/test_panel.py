@@ -1,0 +1,344 @@
+"""The panel end to end: what it writes, resuming, refusals."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_panel import TOML
+
+from integ_gym.cli import main
+from integ_gym.eval.panel.specification.reading import read_spec
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.sb3_zip.reading import read_sb3_zip
+
+
+def _panel(directory: Path) -> dict:
+    return json.loads((directory / "panel.json").read_text(encoding="utf-8"))
+
+
+def test_directory_holds_the_whole_artefact(panel_directory):
+    for name in ("panel.json", "report.html", "figures", "evidence", "policies", "run.json"):
+        assert (panel_directory / name).exists(), name
+    assert list((panel_directory / "figures").glob("*.png"))
+    policies = list((panel_directory / "policies").glob("*/policy.zip"))
+    assert len(policies) == 4
+    for policy in policies:
+        assert read_sb3_zip(policy).observation_shape == (3,)
+
+
+def test_every_cell_has_every_paired_episode_once(panel_directory):
+    spec = read_spec(panel_directory.parent / "small.toml")
+    store = EvidenceStore(panel_directory / "evidence")
+    found = store.query(
+        "SELECT policy_id, cell, count(*) AS n, count(DISTINCT episode_index) AS k, "
+        "list(initial_state ORDER BY episode_index) AS starts FROM records "
+        "WHERE phase = 'evaluation' GROUP BY policy_id, cell"
+    ).to_pylist()
+    rows = len(spec.baselines) * len(spec.cells_of(None))
+    rows += len(spec.seeds) * sum(len(spec.cells_of(home)) for home in spec.train)
+    assert len(found) == rows
+    assert {(row["n"], row["k"]) for row in found} == {(spec.episodes, spec.episodes)}
+    assert len({json.dumps(row["starts"]) for row in found}) == 1
+    assert store.verify() == []
+
+
+def test_training_episodes_are_recorded_and_some_have_traces(panel_directory):
+    store = EvidenceStore(panel_directory / "evidence")
+    (row,) = store.query(
+        "SELECT count(*) AS n, sum((len(theta) > 0)::INT) AS traced FROM records "
+        "WHERE phase = 'training'"
+    ).to_pylist()
+    assert row["n"] > row["traced"] > 0
+    (row,) = store.query(
+        "SELECT count(*) AS n, sum((len(theta) > 0)::INT) AS traced FROM records "
+        "WHERE phase = 'evaluation'"
+    ).to_pylist()
+    assert row["n"] == row["traced"] > 0
+
+
+def test_matrix_is_what_the_records_say(panel_directory):
+    panel = _panel(panel_directory)
+    store = EvidenceStore(panel_directory / "evidence")
+    for entry in panel["matrix"]:
+        row = next(r for r in panel["rows"] if r["name"] == entry["row"])
+        ids = ", ".join(f"'{policy['id']}'" for policy in row["policies"])
+        (truth,) = store.query(
+            'SELECT avg(success::INT) AS success, avg("return") AS mean_return, count(*) AS n '
+            f"FROM records WHERE cell = '{entry['cell']}' AND policy_id IN ({ids})"
+        ).to_pylist()
+        assert entry["success"]["estimate"] == pytest.approx(truth["success"])
+        assert entry["episodes"] == truth["n"]
+        assert sum(entry["labels"].values()) == truth["n"]
+        assert entry["success"]["low"] < entry["success"]["high"]
+        assert entry["return"] is None or np.isfinite(entry["return"]["estimate"])
+
+
+def test_gaps_and_classes_are_given_where_they_are_defined(panel_directory):
+    panel = _panel(panel_directory)
+    entries = {(e["row"], e["cell"]): e for e in panel["matrix"]}
+    home = entries["rk4 dt=0.05", "rk4 dt=0.05"]
+    assert (home["home_drop"], home["transfer_gap"]) == (None, None)
+    away = entries["rk4 dt=0.05", "explicit_euler dt=0.05"]
+    assert away["home_drop"] is not None
+    assert away["transfer_gap"] is not None
+    untrained = entries["rk4 dt=0.05", "rk4 dt=0.0125"]
+    assert untrained["home_drop"] is not None
+    assert untrained["transfer_gap"] is None
+    assert untrained["reference_class"] in ("true_pass", "false_pass", "false_fail", "true_fail")
+    assert entries["handmade", "reference dt=0.05"]["home_drop"] is None
+    (verdict,) = panel["verdicts"]
+    assert verdict["verdict"] in ("inconclusive", "not_learned")
+    (comparison,) = panel["policy_comparisons"]
+    assert comparison["outcome"] in ("accepted", "rejected", "uninformative")
+    assert [one["verdict"] for one in panel["verdicts"]] == ["not_learned"]
+    assert panel["answer"].startswith("Not answered: no policies of the declared transfers")
+    assert "those trained on rk4 dt=0.05 come nearest, with 0.00. Train longer" in panel["answer"]
+
+
+def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directory):
+    store = EvidenceStore(panel_directory / "evidence")
+    labels = store.query(
+        "SELECT DISTINCT failure_label FROM records WHERE phase = 'evaluation' AND NOT success"
+    ).to_pylist()
+    assert labels
+    assert "unattributed" not in {row["failure_label"] for row in labels}
+
+
+def test_running_again_redoes_nothing(panel_directory):
+    cost = _panel(panel_directory)["cost"]
+    assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
+    files = {
+        path: path.stat().st_mtime_ns
+        for folder in ("evidence", "policies", "units")
+        for path in (panel_directory / folder).rglob("*")
+        if path.is_file()
+    }
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(panel_directory), "--no-progress"]) == 0
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert _panel(panel_directory)["cost"] == cost
+
+
+def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(panel_directory)]) == 0
+    printed = capsys.readouterr()
+    bar = re.split(r"[\r\n]+", printed.err.strip())[-1]
+    assert re.fullmatch(
+        r"panel small: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, evaluating", bar
+    )
+    *lines, page = printed.out.splitlines()
+    assert page.startswith("Page: ")
+    assert max(map(len, lines)) <= 80
+    verdicts = " ".join(printed.out.split())
+    for verdict in _panel(panel_directory)["verdicts"]:
+        assert f"{verdict['verdict']} {verdict['name']}: {verdict['reason']}" in verdicts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sign", "count"), [("units/train-*.json", 2), ("evidence/.evaluate-*.tmp", 1)]
+)
+def test_a_killed_panel_is_finished_without_losing_or_redoing(
+    tmp_path, panel_directory, sign, count, capsys
+):
+    """Killed with SIGKILL in training, or in evaluation; the result is that of an unbroken run."""
+    spec = tmp_path / "small.toml"
+    spec.write_text(TOML, encoding="utf-8")
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "integ_gym.cli", "panel", str(spec), "--out", str(out)]
+    process = subprocess.Popen([*command, "--no-progress"], stdout=subprocess.DEVNULL)
+    while len(list(out.glob(sign))) < count:
+        assert process.poll() is None, "the panel ended before it could be killed"
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    assert not (out / "panel.json").exists()
+    assert "holds a panel that is not finished" in _fails(capsys, "report", str(out))
+    time.sleep(1.5)
+    subprocess.run([*command, "--no-progress"], check=True, stdout=subprocess.DEVNULL)
+    assert kept == {path: path.stat().st_mtime_ns for path in kept}
+    again, unbroken = _panel(out), _panel(panel_directory)
+    same = ("row", "cell", "success_by_seed", "return", "energy_residual", "labels")
+    assert [[e[k] for k in same] for e in again["matrix"]] == [
+        [e[k] for k in same] for e in unbroken["matrix"]
+    ]
+
+
+def _fails(capsys, *arguments: str) -> str:
+    """The one line that a command ends with on bad input."""
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.count("\n") == 0
+    assert error.startswith("integ-gym ")
+    return error
+
+
+def test_another_panel_in_the_directory_is_refused(panel_directory, tmp_path, capsys):
+    other = tmp_path / "other.toml"
+    other.write_text(TOML.replace("episodes = 3", "episodes = 4"), encoding="utf-8")
+    before = sorted(panel_directory.rglob("*"))
+    message = _fails(capsys, "panel", str(other), "--out", str(panel_directory))
+    assert "holds another panel: `episodes` 3 (now 4); give another" in message
+    assert "--out" in message
+    assert sorted(panel_directory.rglob("*")) == before
+
+
+def test_another_versions_results_are_refused(panel_directory, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    manifest = json.loads((copy / "run.json").read_text())
+    manifest["versions"]["integ-gym"] = "0.0.1"
+    (copy / "run.json").write_text(json.dumps(manifest))
+    spec = panel_directory.parent / "small.toml"
+    message = _fails(capsys, "panel", str(spec), "--out", str(copy))
+    assert "integ-gym 0.0.1 (now" in message
+    assert "never mixed" in message
+
+
+def test_a_directory_with_other_files_is_refused(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("mine")
+    message = _fails(capsys, "panel", "--out", str(tmp_path))
+    assert "holds no panel" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fragment"),
+    [
+        ('["explicit_euler", "rk4"]\ndt = 0.05', '"rk9"\ndt = 0.05', "unknown integrator 'rk9'"),
+        ("dt = 0.05\n\n[[eval", "dt = -0.05\n\n[[eval", "above 0"),
+        ("dt = 0.05\n\n[[eval", "dt = nan\n\n[[eval", "finite"),
+        ("dt = [0.05, 0.0125]", "dt = [0.05, 0.02]", "not a whole multiple"),
+        ("episodes = 3", "episoden = 3", "episodes"),
+    ],
+)  # fmt: skip
+def test_bad_specifications_leave_nothing_behind(tmp_path, capsys, old, new, fragment):
+    spec = tmp_path / "bad.toml"
+    assert old in TOML
+    spec.write_text(TOML.replace(old, new), encoding="utf-8")
+    message = _fails(capsys, "panel", str(spec), "--out", str(tmp_path / "out"))
+    assert fragment in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_runs_in_one_directory_are_refused(panel_directory, capsys):
+    import fcntl
+
+    spec = panel_directory.parent / "small.toml"
+    with (panel_directory / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        message = _fails(capsys, "panel", str(spec), "--out", str(panel_directory))
+    assert "another process" in message
+
+
+def test_report_is_written_again(panel_directory, capsys):
+    page = panel_directory / "report.html"
+    before = page.read_text(encoding="utf-8")
+    page.unlink()
+    assert main(["report", str(panel_directory)]) == 0
+    assert str(page) in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8") == before
+    folder = page.parent.parent
+    assert "holds no panel; give the directory" in _fails(capsys, "report", str(folder))
+    assert "there is no directory" in _fails(capsys, "report", str(folder / "other"))
+
+
+@pytest.mark.slow
+def test_what_was_lost_is_done_again(panel_directory, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    lost = [
+        copy / "evidence" / "train-rk4-dt-0.05-seed0.parquet",
+        copy / "policies" / "rk4-dt-0.05-seed1" / "policy.zip",
+    ]
+    evaluations = sorted((copy / "evidence").glob("evaluate-*.parquet"))
+    for file in [*lost, evaluations[0]]:
+        file.unlink()
+    kept = {file: file.stat().st_mtime_ns for file in evaluations[1:]}
+    assert kept
+    spec = panel_directory.parent / "small.toml"
+    assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
+    assert all(file.exists() for file in lost)
+    _assert_same_records(copy, panel_directory)
+    assert kept == {file: file.stat().st_mtime_ns for file in kept}
+
+
+def _assert_same_records(directory: Path, other: Path) -> None:
+    """Every evaluation record is there once, and the same in both."""
+    query = "SELECT record_id, content_hash FROM records WHERE phase = 'evaluation' ORDER BY 1"
+    stores = [EvidenceStore(folder / "evidence") for folder in (directory, other)]
+    found, expected = (store.query(query).to_pylist() for store in stores)
+    assert found == expected
+    assert stores[0].verify() == []
+
+
+@pytest.mark.slow
+def test_records_without_a_marker_are_done_again_by_any_number_of_workers(
+    panel_directory, tmp_path
+):
+    """What a kill between the two leaves; the policies of that unit are divided anew."""
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    markers = sorted((copy / "units").glob("evaluate-*.json"))
+    markers[0].unlink()
+    kept = {file: file.stat().st_mtime_ns for file in markers[1:]}
+    assert kept
+    command = ["panel", str(panel_directory.parent / "small.toml"), "--out", str(copy)]
+    assert main([*command, "--workers", "3", "--no-progress"]) == 0
+    assert kept == {file: file.stat().st_mtime_ns for file in kept}
+    assert len(list((copy / "units").glob("evaluate-*.json"))) > len(markers)
+    _assert_same_records(copy, panel_directory)
+
+
+def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    marker = next((copy / "units").glob("evaluate-*.json"))
+    content = json.loads(marker.read_text())
+    content["key"] = "0" * 16
+    marker.write_text(json.dumps(content))
+    spec = panel_directory.parent / "small.toml"
+    message = _fails(capsys, "panel", str(spec), "--out", str(copy), "--no-progress")
+    assert "belongs to another specification, version or policy" in message
+
+
+def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
+    content = {"schema_version": 2, "rows": [1], "matrix": [{}], "cells": []}
+    (tmp_path / "panel.json").write_text(json.dumps(content))
+    assert "is damaged" in _fails(capsys, "report", str(tmp_path))
+
+
+@pytest.mark.slow
+def test_the_fleet_trains_the_same_panel(panel_directory, tmp_path, capsys):
+    """Directory, records and resuming are those of any panel; policies open alike."""
+    spec, out = panel_directory.parent / "small.toml", tmp_path / "out"
+    command = ["panel", str(spec), "--trainer", "fleet", "--out", str(out), "--no-progress"]
+    assert main(command) == 0
+    store = EvidenceStore(out / "evidence")
+    assert store.verify() == []
+    counts = "SELECT phase, count(*) AS n FROM records GROUP BY phase ORDER BY phase"
+    ours = store.query(counts).to_pylist()
+    theirs = EvidenceStore(panel_directory / "evidence").query(counts).to_pylist()
+    assert ours == theirs
+    assert len(list((out / "policies").glob("*/policy.zip"))) == 4
+    assert _panel(out)["spec"]["trainer"]["name"] == "fleet"
+    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    (out / "policies" / "rk4-dt-0.05-seed1" / "policy.zip").unlink()
+    assert main(command) == 0
+    again = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
+    assert {p.name for p in units if again[p] != units[p]} == {"train-rk4-dt-0.05-seed1.json"}
+    message = _fails(capsys, "panel", str(spec), "--out", str(out))
+    assert "holds another panel" in message

@@ -1,0 +1,123 @@
+"""A panel on a MuJoCo task of Gymnasium's: trained, evaluated and told like any other."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from engine_cases import needs
+
+from integ_gym.cli import main
+from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.evidence.store.store import EvidenceStore
+
+TOML = """
+name = "a task"
+env_id = "InvertedPendulum-v5"
+control_period = 0.04
+seeds = [0, 1]
+episodes = 3
+trainer = "sb3"
+family = [["mujoco RK4 dt=0.02", "mujoco Euler dt=0.01"]]
+
+[environment]
+max_episode_steps = 60
+
+[training]
+total_steps = 256
+n_envs = 4
+n_steps = 32
+batch_size = 64
+
+[[train]]
+integrator = ["Euler", "RK4"]
+dt = [0.02, 0.01]
+
+[[evaluate]]
+integrator = ["Euler", "RK4"]
+dt = [0.02, 0.01]
+"""
+CELLS = [f"mujoco {name} dt={dt}" for name in ("Euler", "RK4") for dt in ("0.02", "0.01")]
+
+
+@pytest.fixture(autouse=True)
+def _mujoco(tmp_path, monkeypatch):
+    """In a folder of its own: MuJoCo's compiler writes a file where it has a remark on a model."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+
+
+def _spec(**changes):
+    return parse_spec({**tomllib.loads(TOML), **changes}, "test")
+
+
+def test_a_specification_is_filled_in_from_the_task():
+    spec = _spec()
+    check_spec(spec)
+    assert [cell.name for cell in spec.columns()] == CELLS
+    assert spec.reference is None
+    assert spec.baselines == ("random", "zero")
+    assert spec.perturbations == ()
+    assert {cell.kind for cell in spec.cells_of(spec.train[0])} == {"grid"}
+    assert "no reference solution" in spec.gaps()[0]
+    assert list(spec.engine_versions()) == ["mujoco"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "fragment"),
+    [
+        ({"control_period": 0.05}, "`control_period`=0.05 was asked for, but"),
+        ({"env_id": "CartPole-v1"}, "use IntegCartPole-v0, which it is"),
+        ({"environment": {"mass": 2.0}}, "Gymnasium cannot make"),
+        ({"trainer": "fleet"}, "--trainer sb3"),
+    ],
+)
+def test_what_a_task_cannot_have_is_refused(changes, fragment):
+    with pytest.raises(SpecError) as caught:
+        check_spec(_spec(**changes))
+    assert fragment in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_task_goes_from_training_to_the_page(tmp_path):
+    (tmp_path / "task.toml").write_text(TOML, encoding="utf-8")
+    out = tmp_path / "out"
+    command = ["panel", str(tmp_path / "task.toml"), "--out", str(out), "--no-progress"]
+    assert main(command) == 0
+    panel = json.loads((out / "panel.json").read_text(encoding="utf-8"))
+    rows = [f"{cell}" for cell in CELLS]
+    assert [row["name"] for row in panel["rows"]] == [*rows, "random", "zero"]
+    assert [cell["name"] for cell in panel["cells"]] == CELLS
+    assert [verdict["verdict"] for verdict in panel["verdicts"]]
+    store = EvidenceStore(out / "evidence")
+    assert store.verify() == []
+    counts = store.query(
+        "SELECT phase, cell, count(DISTINCT policy_id) AS policies FROM records "
+        "WHERE phase = 'evaluation' GROUP BY ALL ORDER BY cell"
+    ).to_pylist()
+    assert {c["cell"]: c["policies"] for c in counts} == dict.fromkeys(CELLS, 10)
+    ran = store.query(
+        "SELECT DISTINCT integrator, dt, control_period, training_discretization AS home "
+        "FROM records WHERE phase = 'training'"
+    ).to_pylist()
+    assert {(r["integrator"], r["dt"]) for r in ran} == {
+        (name, dt) for name in ("Euler", "RK4") for dt in (0.02, 0.01)
+    }
+    for record in ran:
+        home = json.loads(record["home"])
+        assert (home["integrator"], home["dt"]) == (record["integrator"], record["dt"])
+        assert record["control_period"] == home["control_period"] == 0.04
+    assert "InvertedPendulum-v5" in (out / "report.html").read_text(encoding="utf-8")
+
+    policy = out / "policies" / "mujoco-RK4-dt-0.01-seed1" / "policy.zip"
+    given = ["evaluate", str(policy), "--env", "InvertedPendulum-v5", "--episodes", "2"]
+    chosen = ["--integrator=Euler", "--dt=0.02", "--out", str(tmp_path / "one"), "--no-progress"]
+    assert main([*given, *chosen]) == 0
+    one = json.loads((tmp_path / "one" / "panel.json").read_text(encoding="utf-8"))
+    assert one["rows"][0]["home"] == "mujoco RK4 dt=0.01"
+    assert one["rows"][0]["policies"][0]["seed"] == 1
+    assert Path(one["rows"][0]["policies"][0]["file"]).name == "policy.zip"

@@ -1,0 +1,116 @@
+"""Specifications of several engines: what they expand to, and what is refused."""
+
+from __future__ import annotations
+
+import tomllib
+
+import engines_panel
+import pytest
+import small_panel
+from engine_cases import FOREIGN, needs
+from engines_panel import trained_units
+from small_panel import small_data
+
+from integ_gym.cli import main
+from integ_gym.support.packages import extras
+from integ_gym.envs.engines import ENGINES, missing_modules
+from integ_gym.eval.panel.specification import engine_cells
+from integ_gym.eval.panel.specification.engine_cells import (
+    installed_engines,
+    integrator_applying,
+    map_of,
+)
+from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
+from integ_gym.eval.panel.running.units import training_config, training_key
+
+
+def test_the_built_in_panel_asks_the_quick_panels_policies():
+    quick, engines = built_in_spec("quick"), built_in_spec("engines")
+    check_spec(engines)
+    assert (engines.training, engines.environment) == (quick.training, quick.environment)
+    assert (engines.train, engines.trainer) == (quick.train, quick.trainer)
+    known = {
+        unit.policy: training_key(training_config(quick, unit)) for unit in trained_units(quick)
+    }
+    for unit in trained_units(engines):
+        assert known[unit.policy] == training_key(training_config(engines, unit))
+    for engine in installed_engines():
+        maps = {(map_of(d), d.dt) for d in engines.grid if d.engine == engine}
+        assert maps
+        assert {dt for _, dt in maps} == {0.05, 0.0125}
+    assert {"native", *installed_engines()} == {d.engine for d in engines.grid}
+
+
+def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
+    absent = [name for k, name in enumerate(FOREIGN) if k % 2 == 0 or missing_modules(name)]
+    monkeypatch.setattr(engine_cells, "missing_modules", lambda name: [name] * (name in absent))
+    spec = parse_spec(tomllib.loads(engines_panel.TOML), "test")
+    assert spec.left_out == tuple(absent)
+    assert not {d.engine for d in spec.grid} & set(absent)
+    for engine in absent:
+        assert any(f"integ-gym[{engine}]" in gap for gap in spec.gaps())
+
+
+@pytest.mark.parametrize("engine", FOREIGN)
+def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
+    """Of an engine that the specification names."""
+    needs(engine)
+    integrator = next(iter(ENGINES.load(engine).maps))
+    spec = tmp_path / "spec.toml"
+    cell = f'[[evaluate]]\nengine = "{engine}"\nintegrator = "{integrator}"\ndt = 0.05\n'
+    spec.write_text(f"{small_panel.TOML}\n{cell}", encoding="utf-8")
+    _hide(engine, monkeypatch)
+    assert main(["panel", str(spec), "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err.strip()
+    assert "\n" not in message
+    assert f'pip install "integ-gym[{engine}]"' in message
+    assert not (tmp_path / "out").exists()
+
+
+def _hide(engine, monkeypatch):
+    """As if the modules of an engine's extra were not there."""
+    hidden = ENGINES.load(engine).modules
+
+    def find(module, *arguments):
+        if module.partition(".")[0] in hidden:
+            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+        return importlib_import(module, *arguments)
+
+    importlib_import = extras.importlib.import_module
+    monkeypatch.setattr(extras.importlib, "import_module", find)
+
+
+@pytest.mark.parametrize(
+    ("entry", "fragments"),
+    [
+        ({"engine": "mujocco"}, ["unknown engine 'mujocco'", "Did you mean 'mujoco'"]),
+        ({"engine": "mujoco"}, ["engine 'mujoco' has no integrator 'rk4'", "RK4"]),
+        ({"engine": "dart"}, ["engine 'dart' has no integrator 'rk4'", "semi_implicit_euler"]),
+        ({"engine": "installed"}, ["takes `map` in place of `integrator`", "symplectic_euler"]),
+        ({"map": "rk4"}, ["unknown key in `evaluate`"]),
+    ],
+)  # fmt: skip
+def test_cells_that_no_engine_has_are_refused(entry, fragments):
+    evaluate = [*small_data(compare=[])["evaluate"], {"integrator": "rk4", "dt": 0.05, **entry}]
+    with pytest.raises(SpecError) as caught:
+        parse_spec(small_data(compare=[], evaluate=evaluate), "panel.toml")
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_maps_are_refused():
+    evaluate = [
+        *small_data(compare=[])["evaluate"],
+        {"engine": "installed", "map": "rk5", "dt": 0.05},
+    ]
+    with pytest.raises(SpecError, match="unknown map in `evaluate`"):
+        parse_spec(small_data(compare=[], evaluate=evaluate), "panel.toml")
+
+
+def test_every_engine_but_casadi_has_symplectic_euler():
+    maps = ("symplectic_euler", "symplectic_euler_implicit_damping")
+    without = {name for name in FOREIGN if integrator_applying(name, maps) is None}
+    assert without == {"casadi"}

@@ -1,0 +1,195 @@
+"""What the page and the figures both draw: one description of each plot, one style for a name."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+from report_pages import every_panel, page_of, panel_of
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.eval.report import page as report
+from integ_gym.support.figures.colours import PALETTE, channels
+from integ_gym.eval.report.figures.write import FIGURES
+from integ_gym.eval.report.data.checks import check_forest
+from integ_gym.eval.report.data.gaps import gap_forest
+from integ_gym.eval.report.data.ladders import ladder_plots
+from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
+from integ_gym.eval.report.data.remedy import remedy_forest
+from integ_gym.eval.scheme_style import HUES, MARKERS, NATIVE, styles_of
+
+VISION = {
+    "common": np.eye(3),
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+"""What is seen of linear red, green and blue (Machado, Oliveira and Fernandes 2009, severity 1)."""
+
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+def _linear(colour: str) -> np.ndarray:
+    share = np.array(channels(colour)) / 255.0
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def _lab(linear: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* of linear red, green and blue."""
+    ratio = XYZ @ np.clip(linear, 0.0, 1.0) / XYZ.sum(axis=1)
+    root = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16.0 / 116.0)
+    x, y, z = root
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+def _contrast(one: str, other: str) -> float:
+    low, high = sorted(float(XYZ[1] @ _linear(colour)) + 0.05 for colour in (one, other))
+    return high / low
+
+
+@pytest.mark.parametrize("ground", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize("eyes", VISION)
+def test_hues_stay_apart_for_colour_blind_readers(ground: int, eyes: str) -> None:
+    seen = {name: _lab(VISION[eyes] @ _linear(pair[ground])) for name, pair in HUES.items()}
+    for one, other in itertools.combinations(seen, 2):
+        assert np.linalg.norm(seen[one] - seen[other]) > 15.0, (one, other)
+
+
+@pytest.mark.parametrize("ground", [0, 1], ids=["light", "dark"])
+def test_hues_stand_out_from_the_ground(ground: int) -> None:
+    for name, pair in HUES.items():
+        assert _contrast(pair[ground], PALETTE["card"][ground]) >= 2.9, name
+
+
+def test_our_integrators_have_one_style_each_wherever_they_are_shown() -> None:
+    assert set(INTEGRATORS.names()) == set(NATIVE)
+    styles = styles_of(INTEGRATORS.names())
+    assert len({style.hue for style in styles.values()}) == len(styles)
+    assert len({style.marker for style in styles.values()}) == len(styles)
+    for name in INTEGRATORS.names():
+        assert styles_of([name]) == {name: styles[name]}
+        assert styles_of(["my_module:Heun", name, "drake radau1"])[name] == styles[name]
+
+
+def test_other_names_have_a_style_of_their_own_that_stays() -> None:
+    names = [f"{engine} {name}" for engine in ENGINES.names() for name in ("euler", "rk4", "own")]
+    names += ["my_module:Heun", "planted:Silent"]
+    styles = styles_of(names)
+    assert len(set(styles.values())) == len(names)
+    assert not set(styles.values()) & set(NATIVE.values())
+    assert styles_of(reversed(names)) == styles
+    assert list(styles_of(["b", "a"])) == ["b", "a"]
+    alone = [styles_of([name])[name] == styles[name] for name in names]
+    assert np.mean(alone) > 0.5
+    assert styles_of(["my_module:Heun"])["my_module:Heun"].marker in MARKERS
+
+
+def _drawn(name: str) -> str:
+    """All text of a figure."""
+    describe, draw = FIGURES[name]
+    figure = draw(describe(panel_of("full")))
+    return " ".join(text.get_text().replace("\n", "") for text in figure.findobj(Text))
+
+
+@pytest.mark.parametrize(
+    ("name", "describe"),
+    [("transfer_gaps", gap_forest), ("perturbations", check_forest), ("remedy", remedy_forest)],
+)
+def test_forests_are_the_same_on_the_page_and_in_the_figure(name, describe) -> None:
+    forest, text, page = describe(panel_of("full")), _drawn(name), page_of("full")
+    said = " ".join(page.text.split())
+    for _, label in forest.axis.ticks:
+        assert label in text
+        assert label in said
+    for block in forest.blocks:
+        for line in block.lines:
+            assert f"{line.number} {line.detail}" in said
+            assert line.words in page.values("aria-label")
+            for part in (line.number, line.detail, line.cell):
+                assert part in text
+
+
+@pytest.mark.parametrize(
+    ("name", "describe"), [("success_matrix", success_matrix), ("energy_residual", energy_matrix)]
+)
+def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe) -> None:
+    matrix, text, page = describe(panel_of("full")), _drawn(name), page_of("full")
+    said = " ".join(page.text.split())
+    shades = [
+        shade
+        for block in matrix.blocks
+        for line in block.lines
+        for _, cells in line.shades
+        for _, shade in cells
+        if shade is not None
+    ]
+    assert len(shades) > 100
+    for shade in shades:
+        assert shade.words in page.values("aria-label")
+        assert shade.text in text
+        assert shade.text in said
+    for words in (*matrix.notes, *matrix.ends):
+        assert words in text
+        assert words in said
+
+
+def test_ladders_are_the_same_on_the_page_and_in_the_figure() -> None:
+    ladders = ladder_plots(panel_of("full"))
+    text, html = _drawn("refinement_ladder"), report.render(panel_of("full"))
+    page = page_of("full")
+    hues = {}
+    for name, style in ladders.schemes.items():
+        assert name in text
+        key = html[: html.index(f"</svg>{name.replace('_', '_<wbr>')}</span>")].rsplit("<svg", 1)[1]
+        hues[name] = re.findall(r"h-(\w+)", key)
+        assert set(hues[name]) == {style.hue}
+    for row, plots in ladders.rows:
+        assert row in text
+        for plot in plots:
+            assert plot.about in text
+            assert f"Success of {row} against the step, {plot.about}" in page.values("aria-label")
+            for _, label in plot.ticks:
+                assert label in text
+            for series in plot.series:
+                assert all(point.words in page.text for point in series.points)
+
+
+@every_panel
+def test_colours_are_written_once(name: str) -> None:
+    """A page has the colours of the palette, and figures have no others by hand."""
+    html = report.render(panel_of(name))
+    for colour, (light, dark) in PALETTE.items():
+        if colour not in ("warm", "cool"):
+            assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
+    folder = Path(report.__file__).parents[1]
+    sources = [*folder.glob("report*/*.py"), *folder.glob("figures/*.py"), folder / "page.css"]
+    assert len(sources) > 15
+    for source in sources:
+        found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))
+        assert not found, source
+
+
+def test_integrators_keep_their_colour_when_others_leave() -> None:
+    styles = ladder_plots(panel_of("full")).schemes
+    for other in ("given", "large", "nothing learned"):
+        shown = ladder_plots(panel_of(other)).schemes
+        assert set(shown) & set(styles)
+        for name in set(shown) & set(styles):
+            assert shown[name] == styles[name]

@@ -1,0 +1,190 @@
+"""The report of a panel."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+import report_example as example
+from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
+
+from integ_gym.eval.report import figures, page as report
+from integ_gym.support.terminal.formatting import fixed
+from integ_gym.eval.report.page import page as report_page
+
+SECTIONS = [
+    "verdicts", "matrix", "conclude", "gaps", "remedy", "energy", "ladder", "checks", "failures",
+    "comparisons", "method", "reproduce", "records",
+]  # fmt: skip
+
+
+@every_panel
+def test_writes_one_file_with_the_rendered_page(name: str, tmp_path: Path) -> None:
+    path = report.write_report(panel_of(name), tmp_path / "new" / "panel")
+    assert path == tmp_path / "new" / "panel" / "report.html"
+    assert [entry.name for entry in path.parent.iterdir()] == ["report.html"]
+    assert path.read_text("utf-8") == report.render(panel_of(name))
+
+
+@every_panel
+def test_ids_differ_and_every_inner_link_leads_somewhere(name: str) -> None:
+    page = page_of(name)
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    inner = {link[1:] for link in page.values("href") if link.startswith("#")}
+    assert inner <= set(ids)
+    assert set(SECTIONS) <= inner
+    assert [place for place in ids if place in SECTIONS] == SECTIONS
+
+
+@every_panel
+def test_loads_nothing_and_links_only_beside_itself(name: str) -> None:
+    page = page_of(name)
+    assert page.values("src") == []
+    for link in page.values("href"):
+        assert link.startswith(("#", "./")) or link == "data:,"
+    assert not {tag for tag, _ in page.tags} & {"iframe", "img", "object", "embed", "base"}
+    html = report.render(panel_of(name))
+    assert "url(" not in html
+    assert "@import" not in html
+    assert not re.search(r"https?://", html)
+
+
+@every_panel
+def test_only_its_own_script_can_run(name: str) -> None:
+    page = page_of(name)
+    assert len(page.scripts) == 1
+    digest = base64.b64encode(hashlib.sha256(page.scripts[0].encode()).digest()).decode()
+    policy = next(value for value in page.values("content") if "default-src" in value)
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert "default-src 'none'" in policy
+    assert not [a for _, attributes in page.tags for a in attributes if a.startswith("on")]
+
+
+@every_panel
+def test_every_entry_of_the_matrix_has_its_record_and_every_grid_cell_its_place(name: str) -> None:
+    panel, page = panel_of(name), page_of(name)
+    ids = set(page.values("id"))
+    columns = {cell.name for cell in panel.columns}
+    assert {panel.anchor(entry.row, entry.cell) for entry in panel.matrix} <= ids
+    links = page.values("href")
+    for entry in panel.matrix:
+        if entry.cell in columns:
+            assert f"#{panel.anchor(entry.row, entry.cell)}" in links
+    shown = [t for t in page.values("title") if "evaluated on" in t and "success" in t]
+    assert len(shown) == sum(e.cell in columns for e in panel.matrix)
+
+
+@every_panel
+def test_nothing_unknown_is_printed_as_code(name: str) -> None:
+    page = page_of(name)
+    words = page.text + " ".join(page.values("title") + page.values("aria-label"))
+    assert not re.search(r"\b(None|nan|NaN|inf|Undefined)\b", words)
+    assert ("{{" in words) == (name == "hostile")
+
+
+def test_hostile_text_stays_text() -> None:
+    page = page_of("hostile")
+    assert example.HOSTILE in page.text
+    assert f"Does a policy trained on one integrator survive another?{example.HOSTILE}" in page.text
+    assert "49" not in page.text.split("Verdicts on the declared family")[0]
+    assert "./javascript%3Aalert%281%29" in page.values("href")
+    assert "./evil.example/x" in page.values("href")
+
+
+def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
+    panel, page = raw_of("full"), page_of("full")
+    text = " ".join(page.text.split())
+    places = [text.index(panel[name]) for name in ("question", "answer")]
+    assert places == sorted(places)
+    assert places[1] < text.index("Verdicts on the declared family")
+    for judged in panel["verdicts"]:
+        assert judged["reason"].replace(" -0.", " −0.") in text
+    links = [unquote(link) for link in page.values("href")]
+    for entry in panel["matrix"]:
+        assert entry["query"] in page.text
+        assert f"./{entry['file'][0]}" in links
+        assert fixed(entry["success"]["estimate"]) in text
+    for failure in panel["failures"]:
+        assert f"integ-gym evidence show runs/panel {failure['record_id']}" in page.text
+    assert panel["command"] in page.text
+    assert "10 min 11 s" in text
+
+
+def test_one_seed_gets_no_verdict_and_a_warning() -> None:
+    text = " ".join(page_of("given").text.split())
+    assert "declares no family" in text
+    assert "below 5 seeds nothing is concluded" in text
+    assert "The policy file names no training discretization." in text
+
+
+def test_engines_have_a_section_where_a_panel_has_them() -> None:
+    line = {
+        "cell": "drake radau1 dt=0.05", "engine": "drake", "integrator": "radau1", "dt": 0.05,
+        "control_period": 0.05, "map": "implicit_euler",
+        "twin": "implicit_euler dt=0.05", "success": 0.25, "twin_success": 0.5, "differing": 7,
+        "episodes": 28, "largest": 0.75,
+    }  # fmt: skip
+    lost = {"twin": None, "twin_success": None, "differing": None, "largest": None}
+    alone = {**line, "integrator": "runge_kutta5", **lost}
+    page = report.render(panel_from({**raw_of("full"), "engine_agreement": [line, alone]}))
+    for text in ('id="engines"', "drake radau1", "7 of 28", "0.75"):
+        assert text in page
+    assert 'id="engines"' not in report.render(panel_of("full"))
+
+
+def test_an_almost_empty_panel_still_reads(tmp_path: Path) -> None:
+    lists = ("rows", "cells", "matrix", "verdicts", "policy_comparisons", "failures", "remedies")
+    raw = {**raw_of("full"), **{name: [] for name in lists}, "training_costs": {}}
+    panel = panel_from(raw)
+    Page(report.render(panel))
+    assert figures.write_figures(panel, tmp_path) == []
+
+
+def test_a_failed_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = report.write_report(panel_of("given"), tmp_path)
+    before = path.read_bytes()
+
+    def broken(source: Path, target: Path) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr("os.replace", broken)
+    with pytest.raises(OSError, match="disk full"):
+        report.write_report(panel_of("full"), tmp_path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("module", ["jinja2", "matplotlib"])
+def test_a_missing_extra_names_its_remedy(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    report_page._template.cache_clear()
+    write: Any = report.write_report if module == "jinja2" else figures.write_figures
+    with pytest.raises(ModuleNotFoundError) as caught:
+        write(panel_of("given"), tmp_path)
+    assert str(caught.value) == (f'{module} is not installed; run: pip install "integ-gym[report]"')
+
+
+def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
+    (tmp_path / "panel.json").write_text(json.dumps(raw_of("given")), encoding="utf-8")
+    code = (
+        "import sys; import integ_gym.eval.report.page, integ_gym.eval.report.figures; "
+        "assert not {'matplotlib', 'jinja2'} & set(sys.modules); "
+        "from pathlib import Path; from integ_gym.eval.panel.model import read_panel; "
+        "import integ_gym.eval.report.figures as f; "
+        "f.write_figures(read_panel(Path('panel.json')), '.'); "
+        "assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60, cwd=tmp_path)

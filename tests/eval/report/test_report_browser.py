@@ -1,0 +1,45 @@
+"""The report in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browsing import assert_fits, browser, complaints
+from report_pages import PANELS, panel_of, pixels
+
+from integ_gym.eval.report import page as report
+
+
+@pytest.mark.slow
+def test_pages_fit_a_desktop_and_a_phone(tmp_path: Path) -> None:
+    pages = {name: report.render(panel_of(name)) for name in PANELS}
+    assert_fits(tmp_path, pages)
+
+
+@pytest.mark.slow
+def test_a_link_to_a_cell_opens_its_record(tmp_path: Path) -> None:
+    path = report.write_report(panel_of("full"), tmp_path)
+    run = browser(tmp_path, "--dump-dom", f"{path.as_uri()}#r1c2")
+    assert complaints(run) == []
+    page = run.stdout.split('id="records"')[1]
+    opened = page[: page.index('id="r1c2"')].rsplit("<details", 1)[1]
+    assert opened.startswith(' class="card" open=')
+    assert page.count("<button") > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", [0, 1], ids=["dark", "light"])
+def test_the_page_is_drawn_in_both_schemes(scheme: int, tmp_path: Path) -> None:
+    path = report.write_report(panel_of("full"), tmp_path)
+    shot = tmp_path / "shot.png"
+    colours = f"--blink-settings=preferredColorScheme={scheme}"
+    window = ("--window-size=1280,1800", f"--screenshot={shot}", colours)
+    run = browser(tmp_path, *window, path.as_uri())
+    assert complaints(run) == []
+    image = pixels(shot)
+    assert image.shape[:2] == (1800, 1280)
+    page = image[5, 5].mean()
+    assert page < 0.2 if scheme == 0 else page > 0.8
+    assert np.any(np.abs(image - image[5, 5]) > 0.1, axis=-1).mean() > 0.05

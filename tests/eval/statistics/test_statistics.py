@@ -1,0 +1,215 @@
+"""Intervals and tests over training seeds: exact laws, and families."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rate_laws import Array, lattice
+from scipy import integrate, stats
+
+from integ_gym.eval.statistics.posterior import DRAWS, rate_posterior, unpaired_posterior
+from integ_gym.eval.statistics.rates import (
+    Difference,
+    paired_difference,
+    rate_interval,
+    unpaired_difference,
+)
+from integ_gym.eval.statistics.interval import Interval
+from integ_gym.eval.statistics.family import holm
+from integ_gym.eval.statistics.returns import iqm, iqm_interval
+from integ_gym.eval.statistics.scalars import mean_interval, student_t_quantile
+
+GRID = np.linspace(0.0, 1.0, 201)
+several_rates = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12)
+fast = settings(max_examples=8, deadline=None, derandomize=True)
+
+
+def imhof(atoms: Array, weights: Array, at: float) -> float:
+    """P(Dirichlet mean of the atoms <= at), exact: the inversion formula of Imhof (1961).
+
+    The mean is at most c just when the sum of gamma variables times (atom − c) is at most 0.
+    """
+    scale = atoms - at
+
+    def integrand(u: float) -> float:
+        phase = float(np.sum(weights * np.arctan(scale * u)))
+        return float(np.sin(phase) / (u * np.prod((1.0 + (scale * u) ** 2) ** (weights / 2.0))))
+
+    value, _ = integrate.quad(integrand, 0.0, np.inf, limit=500)
+    return 0.5 - float(value) / np.pi
+
+
+@pytest.mark.parametrize("level", [0.95, 0.8])
+@pytest.mark.parametrize("seeds", [3, 5, 10])
+def test_all_or_nothing_seeds_give_the_jeffreys_interval(seeds: int, level: float) -> None:
+    for k, rates in enumerate(lattice(seeds)):
+        law = stats.beta(k + 0.5, seeds - k + 0.5)
+        found = rate_interval(rates, level)
+        assert found.estimate == pytest.approx(k / seeds, abs=1e-15)
+        assert found.low == pytest.approx(0.0 if k == 0 else law.ppf((1 - level) / 2), abs=3e-3)
+        assert found.high == pytest.approx(
+            1.0 if k == seeds else law.ppf((1 + level) / 2), abs=3e-3
+        )
+
+
+@pytest.mark.parametrize("at", [0.55, 0.7, 0.8])
+def test_rate_posterior_agrees_with_exact_inversion(at: float) -> None:
+    rates = np.array([0.55, 0.6, 0.8, 0.95, 1.0])
+    exact = imhof(np.append(rates, [0.0, 1.0]), np.array([1, 1, 1, 1, 1, 0.5, 0.5]), at)
+    assert 0.02 < exact < 0.98
+    assert (rate_posterior(rates) <= at).mean() == pytest.approx(exact, abs=4e-3)
+
+
+@pytest.mark.parametrize("at", [0.0, 0.2, 0.35])
+def test_paired_posterior_has_a_quarter_at_each_corner(at: float) -> None:
+    home = np.array([1.0, 0.9, 1.0, 0.8, 0.7, 0.95])
+    away = np.array([0.5, 0.8, 0.9, 0.9, 0.1, 0.6])
+    corners = np.array([0.0 - 0.0, 0.0 - 1.0, 1.0 - 0.0, 1.0 - 1.0])
+    weights = np.array([1.0] * 6 + [0.25] * 4)
+    exact = imhof(np.append(home - away, corners), weights, at)
+    assert 0.01 < exact < 0.99
+    difference = paired_difference(home, away)
+    assert difference.p_exceeds(at) == pytest.approx(exact, abs=4e-3)
+    assert difference.p_less(at) == pytest.approx(1.0 - exact, abs=4e-3)
+    assert difference.interval.estimate == pytest.approx(np.mean(home - away), abs=1e-15)
+
+
+@pytest.mark.parametrize(("k", "other", "size"), [(10, 5, 8), (9, 5, 8), (7, 4, 10), (9, 7, 10)])
+def test_unpaired_posterior_is_of_independent_groups(k: int, other: int, size: int) -> None:
+    first, second = stats.beta(k + 0.5, 10.5 - k), stats.beta(other + 0.5, size - other + 0.5)
+    quantiles = first.ppf((np.arange(4000) + 0.5) / 4000)
+    exact = float(second.sf(quantiles - 0.2).mean())  # P(first − second <= 0.2)
+    difference = unpaired_difference(lattice(10)[k], lattice(size)[other])
+    assert difference.p_exceeds(0.2) == pytest.approx(exact, abs=4e-3)
+    assert difference.interval.estimate == pytest.approx(k / 10 - other / size)
+
+
+@given(rate=st.floats(0.0, 1.0), seeds=st.integers(1, 20))
+@fast
+def test_seeds_that_agree_do_not_give_certainty(rate: float, seeds: int) -> None:
+    found = rate_interval([rate] * seeds)
+    assert found.high - found.low > 0.5 / (seeds + 1)
+    drop = paired_difference([rate] * seeds, [rate] * seeds).interval
+    assert drop.high - drop.low > 0.1 / (seeds + 1)
+
+
+@given(rates=several_rates, level=st.floats(0.01, 0.99))
+@fast
+def test_interval_holds_the_estimate_and_stays_in_range(rates: list[float], level: float) -> None:
+    found = rate_interval(rates, level)
+    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
+    assert found.estimate == pytest.approx(np.mean(rates), abs=1e-12)
+    assert found.level == level
+
+
+@given(data=st.data(), rates=several_rates)
+@settings(fast, max_examples=4)
+def test_order_of_seeds_does_not_matter(data: st.DataObject, rates: list[float]) -> None:
+    order = data.draw(st.permutations(range(len(rates))))
+    shuffled = [rates[i] for i in order]
+    assert rate_interval(shuffled) == rate_interval(rates)
+    away = [r * r for r in rates]
+    shuffled_away = [away[i] for i in order]
+    assert paired_difference(shuffled, shuffled_away) == paired_difference(rates, away)
+    moved, still = unpaired_difference(shuffled, away), unpaired_difference(rates, away)
+    assert np.array_equal(moved.draws, still.draws)
+
+
+def test_pairing_matters() -> None:
+    home, away = [1.0, 0.6, 1.0, 0.6], [0.9, 0.5, 0.9, 0.5]
+    matched = paired_difference(home, away)
+    crossed = paired_difference(home, away[1:] + away[:1])
+    assert matched.interval.estimate == pytest.approx(crossed.interval.estimate)
+    assert matched.p_greater() < crossed.p_greater()
+
+
+@given(rates=several_rates)
+@fast
+def test_failure_rates_mirror_success_rates(rates: list[float]) -> None:
+    there, back = rate_interval(rates), rate_interval([1.0 - r for r in rates])
+    assert back.low == pytest.approx(1.0 - there.high, abs=0.01)
+    assert back.high == pytest.approx(1.0 - there.low, abs=0.01)
+
+
+def test_same_input_gives_same_output_whatever_the_global_generator() -> None:
+    rates, returns = [0.2, 0.9, 1.0], np.arange(12.0).reshape(4, 3)
+    np.random.seed(1)  # noqa: NPY002
+    first = (rate_interval(rates), paired_difference(rates, rates), iqm_interval(returns))
+    np.random.seed(2)  # noqa: NPY002
+    second = (rate_interval(rates), paired_difference(rates, rates), iqm_interval(returns))
+    assert first == second
+    assert np.array_equal(first[1].draws, second[1].draws)
+
+
+def test_batches_equal_single_calls() -> None:
+    rates = np.random.default_rng(3).random((4, 6))
+    batch = rate_posterior(rates, draws=1000)
+    assert batch.shape == (1000, 4)
+    for k in range(4):
+        np.testing.assert_allclose(batch[:, k], rate_posterior(rates[k], draws=1000), atol=1e-14)
+
+
+def test_p_values_are_counted_and_never_zero() -> None:
+    difference = Difference(Interval(0.0, 0.0, 0.0, 0.95), np.array([-0.2, 0.1, 0.3, 0.5]))
+    assert difference.p_exceeds(0.1) == pytest.approx(3 / 5)
+    assert difference.p_greater() == pytest.approx(2 / 5)
+    assert difference.p_less() == pytest.approx(4 / 5)
+    assert difference.p_equivalent(0.25) == pytest.approx(3 / 5)
+    assert difference.p_equivalent(0.6) == pytest.approx(1 / 5)
+    clear = unpaired_difference([1.0] * 30, [0.0] * 30)
+    assert clear.p_exceeds(0.2) == 1 / (DRAWS + 1)
+
+
+def test_interval_reads_as_text_without_negative_zero() -> None:
+    assert str(Interval(0.5, -0.001, 1.0, 0.95)) == "0.50 (95% interval 0.00 to 1.00)"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: rate_interval([]), "at least one training seed"),
+        (lambda: rate_interval([0.5, 1.2]), r"in \[0, 1\], got 1.2"),
+        (lambda: rate_interval([0.5, float("nan")]), "got nan"),
+        (lambda: rate_interval([0.5], 1.0), "level"),
+        (lambda: rate_interval(np.ones((2, 2))), r"shape \(seeds,\), got \(2, 2\)"),
+        (lambda: paired_difference([1.0], [1.0, 0.0]), "unpaired_difference"),
+        (lambda: unpaired_difference([1.0], []), "transferred with at least one"),
+        (lambda: unpaired_posterior([1.0], np.ones((2, 1))), "as many axes"),
+        (lambda: paired_difference([1.0], [1.0]).p_equivalent(0.0), "margin > 0"),
+        (lambda: iqm([]), "at least one value"),
+        (lambda: iqm([1.0, float("inf")]), "finite values, got inf"),
+        (lambda: iqm_interval([1.0, 2.0]), r"\(seeds, episodes\)"),
+        (lambda: mean_interval(np.ones((2, 2))), r"\(seeds,\)"),
+        (lambda: student_t_quantile(0, 0.95), "degree of freedom"),
+        (lambda: holm([0.5, 1.5]), r"p-values in \[0, 1\]"),
+        (lambda: holm([float("nan")]), r"p-values in \[0, 1\]"),
+        (lambda: holm(np.ones((1, 1))), r"shape \(m,\)"),
+    ],
+)
+def test_bad_input_is_named(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_holm_hand_worked() -> None:
+    # Sorted: .005 × 4, .01 × 3, .03 × 2, .04 × 1 → .02, .03, .06, max(.06, .04).
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(holm([0.6, 0.9]), [1.0, 1.0])
+    assert holm([0.04]).tolist() == [0.04]
+    assert holm([]).shape == (0,)
+
+
+@given(p=st.lists(st.floats(0.0, 1.0), max_size=10), data=st.data())
+@fast
+def test_holm_properties(p: list[float], data: st.DataObject) -> None:
+    adjusted = holm(p)
+    order = np.argsort(p, kind="stable")
+    assert np.all(np.diff(adjusted[order]) >= 0.0)
+    assert np.all(adjusted >= np.array(p))
+    assert np.all(adjusted <= np.minimum(1.0, len(p) * np.array(p)))
+    shuffle = data.draw(st.permutations(range(len(p))))
+    assert holm([p[i] for i in shuffle]).tolist() == [adjusted[i] for i in shuffle]

@@ -1,0 +1,70 @@
+"""Intervals for returns and other scalars."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from integ_gym.eval.statistics.interval import Interval
+from integ_gym.eval.statistics.returns import iqm, iqm_interval
+from integ_gym.eval.statistics.scalars import mean_interval, student_t_quantile
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 8, 13, 100])
+def test_iqm_is_the_quarter_trimmed_mean(size: int) -> None:
+    values = np.random.default_rng(size).normal(size=size)
+    assert iqm(values) == pytest.approx(stats.trim_mean(values, 0.25), abs=1e-14)
+
+
+def test_iqm_deletes_total_failures() -> None:
+    assert iqm([1.0] * 6 + [0.0] * 2) == 1.0
+
+
+def test_iqm_interval_agrees_with_all_resamples() -> None:
+    values = np.array([[0.0, 1.0], [4.0, 6.0], [10.0, 11.0]])
+    every = [iqm(values[list(rows)]) for rows in itertools.product(range(3), repeat=3)]
+    found = iqm_interval(values, 0.8)
+    assert found is not None
+    assert found.estimate == iqm(values)
+    assert found.low == pytest.approx(np.quantile(every, 0.1, method="inverted_cdf"))
+    assert found.high == pytest.approx(np.quantile(every, 0.9, method="inverted_cdf"))
+
+
+def test_iqm_interval_resamples_whole_seeds() -> None:
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(10, 1)) + 0.01 * rng.normal(size=(10, 50))
+    whole, scattered = iqm_interval(values), iqm_interval(rng.permuted(values.ravel())[:, None])
+    assert whole is not None
+    assert scattered is not None
+    assert whole.high - whole.low > 3.0 * (scattered.high - scattered.low)
+
+
+def test_iqm_interval_does_not_depend_on_block_or_seed_order() -> None:
+    values = np.random.default_rng(6).normal(size=(7, 300))
+    assert iqm_interval(values[::-1]) == iqm_interval(values)
+    assert iqm_interval(values[:1]) is None
+
+
+def test_mean_interval_is_student_t() -> None:
+    values = np.array([1.0, 2.5, 2.0, 4.0, np.nan, np.inf])
+    finite = values[:4]
+    found = mean_interval(values, 0.9)
+    low, high = stats.t.interval(0.9, 3, finite.mean(), stats.sem(finite))
+    assert found is not None
+    assert (found.estimate, found.low, found.high) == pytest.approx((finite.mean(), low, high))
+
+
+def test_mean_interval_needs_two_finite_seeds() -> None:
+    assert mean_interval([]) is None
+    assert mean_interval([3.0, float("nan"), float("inf")]) is None
+    assert mean_interval([3.0, 3.0]) == Interval(3.0, 3.0, 3.0, 0.95)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.9, 0.95, 0.999])
+@pytest.mark.parametrize("dof", [1, 2, 3, 4, 7, 30, 199])
+def test_student_t_quantile(dof: int, level: float) -> None:
+    exact = stats.t.ppf(0.5 + level / 2, dof)
+    assert student_t_quantile(dof, level) == pytest.approx(exact, rel=1e-11)

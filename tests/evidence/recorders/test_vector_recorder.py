@@ -1,0 +1,284 @@
+"""Recording a vector environment gives the records of single ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.schema.fields import VOLATILE_NAMES
+
+LANES = 5
+STEPS = 120
+CASES = {
+    "pendulum": ("IntegPendulum-v0", {"duration": 1.0, "integrator": "implicit_euler"}),
+    "noise": (
+        "IntegPendulum-v0",
+        {"duration": 1.0, "dt": 0.025, "control_period": 0.05, "observation_noise": 0.1,
+         "sensor_period": 0.075, "action_latency": 0.05},
+    ),
+    "cart-pole": ("IntegCartPole-v0", {"duration": 0.5, "theta_threshold": 0.1}),
+}  # fmt: skip
+
+
+def _actions(space, lane, step):
+    """What a lane does in its step, whatever else is run beside it."""
+    rng = np.random.default_rng([lane, step])
+    if isinstance(space, gym.spaces.Discrete):
+        return int(rng.integers(space.n))
+    return rng.uniform(1.5 * space.low, 1.5 * space.high).astype(np.float32)
+
+
+def _vector_actions(env, steps):
+    """The lanes' actions; ``steps`` counts each lane's own control steps."""
+    space = env.single_action_space
+    return np.array([_actions(space, lane, step) for lane, step in enumerate(steps)])
+
+
+def _run_vector(env, mode, seed=0):
+    """Control steps that each lane has made when its time is up."""
+    env.reset(seed=seed)
+    steps = np.zeros(LANES, dtype=int)
+    waiting = np.zeros(LANES, dtype=bool)
+    for _ in range(STEPS):
+        _, _, terminated, truncated, _ = env.step(_vector_actions(env, steps))
+        done = terminated | truncated
+        steps += ~waiting
+        if mode is AutoresetMode.NEXT_STEP:
+            waiting = done
+        elif mode is AutoresetMode.DISABLED and done.any():
+            env.reset(options={"reset_mask": done})
+    return steps
+
+
+def _run_single(env, lane, steps, seed=0):
+    env.reset(seed=seed + lane)
+    for step in range(steps):
+        _, _, terminated, truncated, _ = env.step(_actions(env.action_space, lane, step))
+        if terminated or truncated:
+            env.reset()
+
+
+def _by_key(directory):
+    records = list(EvidenceStore(directory).records())
+    assert EvidenceStore(directory).verify() == []
+    keyed = {record["rng_key"]: record for record in records}
+    assert len(keyed) == len(records)
+    return keyed
+
+
+def _assert_same(record, other, ignored):
+    for name, value in record.fields.items():
+        if name not in VOLATILE_NAMES and name not in ignored:
+            assert value == other[name], name
+    assert record.trace.keys() == other.trace.keys()
+    for name, values in record.trace.items():
+        np.testing.assert_array_equal(values, other.trace[name], err_msg=name)
+        assert values.dtype == other.trace[name].dtype
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize(("env_id", "arguments"), CASES.values(), ids=CASES)
+def test_same_records_as_single_environments(env_id, arguments, mode, tmp_path, context):
+    vector = gym.make_vec(env_id, num_envs=LANES, autoreset_mode=mode, **arguments)
+    vector = RecordVectorEvidence(vector, tmp_path / "vector", context)
+    steps = _run_vector(vector, mode)
+    vector.close()
+    for lane in range(LANES):
+        single = gym.make(env_id, **arguments)
+        own = replace(context, first_episode=1000 * lane)
+        single = RecordEvidence(single, tmp_path / "single", own)
+        _run_single(single, lane, steps[lane])
+        single.close()
+    found, expected = _by_key(tmp_path / "vector"), _by_key(tmp_path / "single")
+    assert found.keys() == expected.keys()
+    assert len(found) > 2 * LANES
+    for key, record in found.items():
+        _assert_same(record, expected[key], {"episode_index", "record_id"})
+    indices = sorted(record["episode_index"] for record in found.values())
+    assert indices == list(range(len(found)))
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_paired_starts(mode, tmp_path, context):
+    arguments = {"duration": 0.5, "theta_threshold": 0.1}
+    env = gym.make_vec("IntegCartPole-v0", num_envs=LANES, autoreset_mode=mode, **arguments)
+    episodes = [40, 3, 17, 8, 21]
+    env = RecordVectorEvidence(env, tmp_path, context, episodes=episodes)
+    _run_vector(env, mode)
+    assert env.recorded.all()
+    assert sorted(env.summaries()["episode_index"].tolist()) == sorted(episodes)
+    env.assign([k + 100 for k in episodes])
+    assert not env.recorded.any()
+    _run_vector(env, mode, seed=100)
+    env.commit("both", {3: Replays(home=True)})
+    records = list(EvidenceStore(tmp_path).records())
+    assert [r["episode_index"] for r in records] == sorted(
+        [*episodes, *(k + 100 for k in episodes)]
+    )
+    for record in records:
+        late, index = divmod(record["episode_index"], 100)
+        assert record["seed"] == episodes.index(index) + 100 * late
+        assert record["rng_key"] == f"{record['seed']}/0"
+        assert record["record_id"] == context.record_id(record["episode_index"])
+    env.close()
+    assert EvidenceStore(tmp_path).batches() == ("both",)
+
+
+def test_paired_lane_that_was_not_finished_is_not_recorded(tmp_path, context):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2, duration=0.5)
+    env = RecordVectorEvidence(env, tmp_path, context, episodes=range(2))
+    env.reset(seed=0)
+    for _ in range(9):
+        env.step(np.zeros((2, 1)))
+    env.close()
+    assert EvidenceStore(tmp_path).batches() == ()
+
+
+def test_mixture_and_array_parameters(tmp_path, context):
+    mixture = [{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]
+    masses = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
+    env = gym.make_vec(
+        "IntegPendulum-v0", num_envs=LANES, mixture=mixture, control_period=0.05, mass=masses,
+        duration=0.5,
+    )  # fmt: skip
+    env = RecordVectorEvidence(env, tmp_path, context)
+    _run_vector(env, AutoresetMode.NEXT_STEP)
+    env.close()
+    records = list(EvidenceStore(tmp_path).records())
+    assert {record["integrator"] for record in records} == {"rk4", "explicit_euler"}
+    for record in records:
+        member = next(m for m in mixture if m["integrator"] == record["integrator"])
+        assert record["dt"] == member["dt"]
+        assert record["substeps"] == round(0.05 / member["dt"])
+        assert record.arguments()["mass"] == masses[record["seed"]]
+        single = gym.make("IntegPendulum-v0", **record.arguments())
+        single.reset(options={"state": record["initial_state"]})
+        for k, torque in enumerate(record["torque_commanded"]):
+            single.step(np.array([torque]))
+            state = [record["theta"][k + 1], record["theta_dot"][k + 1]]
+            np.testing.assert_allclose(single.unwrapped.state, state, rtol=1e-12)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_environment_stays_what_it_was(mode, tmp_path, context):
+    def make():
+        return gym.make_vec("IntegCartPole-v0", num_envs=LANES, autoreset_mode=mode, duration=0.5)
+
+    plain, env = make(), RecordVectorEvidence(make(), tmp_path, context)
+    for name in ("spec", "metadata", "num_envs", "observation_space", "single_action_space"):
+        assert getattr(env, name) == getattr(plain, name)
+    seed = [3, 1, 4, 15, 9]
+    np.testing.assert_array_equal(env.reset(seed=seed)[0], plain.reset(seed=seed)[0])
+    for step in range(60):
+        actions = _vector_actions(plain, [step] * LANES)
+        results = env.step(actions), plain.step(actions)
+        for ours, theirs in zip(results[0][:4], results[1][:4], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        assert results[0][4].keys() == results[1][4].keys()
+        done = results[1][2] | results[1][3]
+        if mode is AutoresetMode.DISABLED and done.any():
+            options = {"reset_mask": done}
+            np.testing.assert_array_equal(env.reset(options=options)[0][done],
+                                          plain.reset(options=options)[0][done])  # fmt: skip
+
+
+def test_reset_forgets_unfinished_episodes(tmp_path, context):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2, duration=0.5, autoreset_mode="Disabled")
+    env = RecordVectorEvidence(env, tmp_path, context)
+    zero = np.zeros((2, 1))
+    env.reset(seed=[7, None])
+    for _ in range(6):
+        env.step(zero)
+    env.reset(seed=[None, 9], options={"reset_mask": np.array([False, True])})
+    for _ in range(4):
+        env.step(zero)
+    env.reset(options={"reset_mask": np.array([True, False])})
+    for _ in range(6):
+        env.step(zero)
+    env.close()
+    first, second = EvidenceStore(tmp_path).records()
+    assert (first["seed"], first["rng_key"], first["length"]) == (7, "7/0", 10)
+    assert (second["seed"], second["rng_key"], second["length"]) == (9, "9/0", 10)
+
+
+def test_long_runs_fit_a_bounded_buffer(tmp_path):
+    context = EpisodeContext("run", "cell", phase="training", trace_every=10)
+    arguments = {"duration": 2.0, "theta_threshold": 0.3}
+    env = gym.make_vec("IntegCartPole-v0", num_envs=LANES, **arguments)
+    env = RecordVectorEvidence(env, tmp_path, context)
+    env.reset(seed=0)
+    for step in range(1500):
+        env.step(_vector_actions(env, [step] * LANES))
+    env.close()
+    records = list(EvidenceStore(tmp_path).records())
+    assert len(records) > 100
+    for record in records:
+        assert bool(record.trace) == (record["episode_index"] % 10 == 0)
+        if record.trace:
+            assert len(record["theta"]) == record["length"] + 1
+            assert record["theta"][0] == record["initial_state"][2]
+            np.testing.assert_array_equal(record["time"], np.arange(record["length"] + 1) * 0.02)
+            np.testing.assert_allclose(np.diff(record["x"]), 0.02 * record["x_dot"][:-1],
+                                       atol=1e-15)  # fmt: skip
+
+
+def test_wrong_use_is_refused(tmp_path, context):
+    with pytest.raises(TypeError, match="integ-gym environments, got"):
+        RecordVectorEvidence(gym.make_vec("CartPole-v1", num_envs=2), tmp_path, context)
+    for episodes in ([0, 0], [0, 1, 2]):
+        env = gym.make_vec("IntegPendulum-v0", num_envs=2)
+        with pytest.raises(ValueError, match=r"one index per lane \(2\), all different"):
+            RecordVectorEvidence(env, tmp_path, context, episodes=episodes)
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_lanes_are_shared_out_among_contexts(paired, tmp_path, context):
+    """Every context has its own policy, count of episodes and replays."""
+    names, lanes = ["a", "b", "c"], 2
+    env_id, arguments = CASES["cart-pole"]
+    seeds = [7, 8]
+
+    def run(store, contexts):
+        episodes = [*range(lanes)] * len(contexts) if paired else None
+        env = gym.make_vec(env_id, num_envs=lanes * len(contexts), **arguments)
+        env = RecordVectorEvidence(env, tmp_path / store, contexts, episodes=episodes)
+        env.reset(seed=seeds * len(contexts))
+        for step in range(STEPS):
+            actions = [_actions(env.single_action_space, lane, step) for lane in range(lanes)]
+            env.step(np.array(actions * len(contexts)))
+        env.commit("batch", [{0: Replays(home=True)}, {}, {0: Replays(home=False)}])
+        env.close()
+
+    run("shared", [replace(context, policy_id=name, first_episode=10) for name in names])
+    found = list(EvidenceStore(tmp_path / "shared").records())
+    assert EvidenceStore(tmp_path / "shared").verify() == []
+    assert [r["policy_id"] for r in found] == sorted(r["policy_id"] for r in found)
+    labels = {(r["policy_id"], r["episode_index"]): r["failure_label"] for r in found}
+    assert len(labels) == len(found)
+    first = 0 if paired else 10
+    for name in names:
+        own = [index for policy, index in labels if policy == name]
+        assert own == list(range(first, first + len(own)))
+        assert len(own) == len(labels) // 3
+        assert not paired or len(own) == lanes
+    if paired:
+        assert labels["a", 0] == "discretization_error" != labels["c", 0]
+
+
+def test_contexts_must_divide_the_lanes(tmp_path, context):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=4)
+    for contexts in ([context] * 3, []):
+        with pytest.raises(ValueError, match=r"must divide the number of lanes \(4\), got"):
+            RecordVectorEvidence(env, tmp_path, contexts)
+    with pytest.raises(ValueError, match="all different within a context"):
+        RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 0, 1, 2])
+    RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 1, 0, 1])

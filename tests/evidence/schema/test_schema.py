@@ -1,0 +1,118 @@
+"""One definition of the record: Arrow schema, JSON Schema and records agree with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields as dataclass_fields
+
+import gymnasium as gym
+import jsonschema
+import pytest
+
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.plants.interface import state_names
+from integ_gym.envs.episode.settings import Settings
+from integ_gym.envs.tasks import TASKS
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.json import json_schema
+from integ_gym.evidence.schema.arrow import ENV_KEY, VERSION_KEY, arrow_schema, described
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_NAMES
+from integ_gym.evidence.schema.json import SCHEMA_PATH, schema_text
+from integ_gym.evidence.schema.trace_fields import record_fields
+
+PROMISED = """
+    record_id schema_version run_id phase env_id arguments engine engine_version integrator dt
+    control_period sensor_period action_latency substeps solver_tolerance solver_cap seed rng_key
+    initial_state policy_id policy_hash training_discretization training_seed perturbation cell
+    episode_index metric metric_definition return success time_to_success length terminated
+    truncated energy_start energy_end work_total dissipated_total clip_loss_total
+    energy_residual_total energy_residual_abs_total solver_iterations_max solver_iterations_mean
+    solver_status fallback_count recovery_count saturated_share penetration_max
+    constraint_violation_max failure_label failure_reason inference_latency_mean
+    inference_latency_p99 latency_budget wall_start wall_end package_versions platform
+    float_width content_hash
+""".split()  # noqa: SIM905
+
+
+def _tasks():
+    return [TASKS.load(name) for name in TASKS.names()]
+
+
+def test_published_json_schema_is_what_the_definition_gives():
+    assert SCHEMA_PATH.read_text(encoding="utf-8") == schema_text()
+    jsonschema.Draft202012Validator.check_schema(json_schema())
+
+
+def test_promised_fields_are_there():
+    names = [field.name for field in SUMMARY_FIELDS]
+    assert set(PROMISED) <= set(names)
+    assert len(set(names)) == len(names)
+
+
+def test_volatile_group():
+    assert {
+        "wall_start",
+        "wall_end",
+        "inference_latency_mean",
+        "inference_latency_p99",
+        "platform",
+        "content_hash",
+    } == VOLATILE_NAMES
+
+
+@pytest.mark.parametrize("task", _tasks(), ids=lambda task: task.__name__)
+def test_every_column_states_unit_and_frame(task):
+    plant = PLANTS.load(task.plant)
+    fields = record_fields(plant, task)
+    schema = arrow_schema(fields, "Any-v0")
+    assert schema.metadata == {VERSION_KEY: str(SCHEMA_VERSION).encode(), ENV_KEY: b"Any-v0"}
+    framed = {*state_names(plant), *(f"sensed_{name}" for name in task.observation_names)}
+    framed |= {f"{plant.control_name}_{end}" for end in ("commanded", "applied")}
+    framed |= {"initial_state", "penetration", "contact_force"}
+    for field in schema:
+        about = described(field)
+        numeric = str(field.type) not in ("string", "bool", "timestamp[us, tz=UTC]")
+        assert bool(about["unit"]) == numeric, field.name
+        assert about["meaning"], field.name
+        assert bool(about["frame"]) or field.name not in framed, field.name
+        assert bool(about["at"]) == (about["group"] == "trace"), field.name
+
+
+def test_units_of_common_arguments_are_the_settings_own():
+    units = {field.name: field.unit for field in SUMMARY_FIELDS}
+    for field in dataclass_fields(Settings):
+        if field.name != "max_speed" and field.name in units:
+            assert units[field.name] == field.metadata["unit"], field.name
+
+
+def test_column_named_twice_is_refused():
+    plant = PLANTS.load("pendulum")
+    clashing = type("Clashing", (plant,), {"name": "clashing", "coordinates": ("length",)})
+    with pytest.raises(ValueError, match=r"two columns named length.*rename"):
+        record_fields(clashing, TASKS.load("pendulum_swing_up"))
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_records_of_every_environment_follow_both_schemas(env_id, tmp_path, context, play):
+    env = RecordEvidence(gym.make(env_id, duration=1.0), tmp_path, context)
+    task = env.unwrapped.setup.task
+    play(env, range(2))
+    env.close()
+    store = EvidenceStore(tmp_path)
+    validator = jsonschema.Draft202012Validator(
+        json_schema(), format_checker=jsonschema.FormatChecker()
+    )
+    records = list(store.records())
+    assert len(records) == 2
+    for record in records:
+        document = json.loads(record.to_json())
+        validator.validate(document)
+        names = {field.name for field in record_fields(env.unwrapped.setup.plant, task)}
+        assert set(document) == names
+        validator.validate(record.summary())
+        with pytest.raises(jsonschema.ValidationError):
+            validator.validate({**document, "success": "yes"})
+        with pytest.raises(jsonschema.ValidationError):
+            validator.validate({**document, "surprise": "text"})

@@ -1,0 +1,108 @@
+"""Every engine that is installed here, with its integrators and the plants that it moves."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from integ_gym.envs.engines import ENGINES, missing_modules
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.maps import MAPS
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.catalogue.registration import environment_setup
+from integ_gym.envs.episode.settings import Setup
+
+FOREIGN = tuple(name for name in ENGINES.names() if name != "native")
+IDS = ("IntegPendulum-v0", "IntegCartPole-v0")
+DAMPING = {
+    "IntegPendulum-v0": {"damping": 0.3},
+    "IntegCartPole-v0": {"damping": 0.02, "cart_damping": 0.4},
+}
+TOLERANCE = {64: 1e-9, 32: 2e-6}
+"""Of the one-step identity, by the width of the engine's floats."""
+
+CASES = [
+    (engine, integrator, env_id)
+    for engine in FOREIGN
+    for integrator in ENGINES.load(engine).maps
+    for env_id in IDS
+]
+EVERY = [(engine, integrator) for engine, integrator, env_id in CASES if env_id == IDS[0]]
+"""Every integrator of every engine."""
+
+FIRST = [(engine, next(iter(ENGINES.load(engine).maps))) for engine in FOREIGN]
+"""Each engine with one of its integrators."""
+
+STOPPED = [
+    (engine, integrator)
+    for engine in FOREIGN
+    if (owner := ENGINES.load(engine)).own_stops
+    for integrator in owner.maps
+    if integrator not in owner.stopless
+]
+"""Every integrator that heeds its engine's own stops."""
+
+
+def native_name(name: str) -> str:
+    """The map as an integrator of the native engine."""
+    if name in INTEGRATORS.names():
+        return name
+    owner = MAPS.load(name)
+    return f"{owner.__module__}:{owner.__name__}"
+
+
+def needs(engine: str) -> None:
+    """Skip where the engine is not installed, visibly."""
+    missing = missing_modules(engine)
+    if missing:
+        pytest.skip(f'{", ".join(missing)} not installed: pip install "integ-gym[{engine}]"')
+
+
+def setup_of(engine: str, integrator: str, env_id: str, **arguments: Any) -> Setup:
+    """The setup of an environment on an engine; made once for equal arguments."""
+    needs(engine)
+    return _setup(engine, integrator, env_id, tuple(sorted(arguments.items())))
+
+
+@cache
+def _setup(engine: str, integrator: str, env_id: str, arguments: Any) -> Setup:
+    chosen = {"dt": 0.02, **dict(arguments)}
+    return environment_setup(env_id, {"engine": engine, "integrator": integrator, **chosen})
+
+
+def states(setup: Setup, count: int = 20, strongest: float = 3.0) -> list[tuple[Any, Any, float]]:
+    """(q, v, control) at random: fast spins and both signs included; controls to ±strongest."""
+    rng, n = np.random.default_rng(7), len(setup.plant.coordinates)
+    return [
+        (
+            tuple(rng.uniform(-3.0, 3.0, n).tolist()),
+            tuple(rng.uniform(-6.0, 6.0, n).tolist()),
+            float(rng.uniform(-strongest, strongest)),
+        )
+        for _ in range(count)
+    ]
+
+
+def one_step(setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
+    """(q, v) after one of the engine's steps."""
+    motion = setup.engine.advance(SCALAR, q, v, ((control, 1),), None)
+    return np.array((*motion.q, *motion.v))
+
+
+def solved(setup: Setup, cases: list[tuple[Any, Any, float]]) -> list[tuple[Any, Any, float]]:
+    """Those from which the engine's solver converges; of others it goes on in ways of its own."""
+    return [
+        (q, v, control)
+        for q, v, control in cases
+        if setup.engine.advance(SCALAR, q, v, ((control, 1),), None).converged
+    ]
+
+
+def mapped(one_step_map: Any, setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
+    """(q, v) after one step of a map."""
+    system = setup.system
+    end = one_step_map.step(SCALAR, system, q, v, system.no_losses, control, setup.timing.dt)
+    return np.array((*end.q, *end.v))

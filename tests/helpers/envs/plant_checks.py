@@ -1,0 +1,162 @@
+"""What every plant must satisfy, as functions that raise AssertionError.
+
+The suite runs them over the registry, and over planted faults, which they must catch.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+from scipy.optimize import minimize
+
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.numerics.probe import probe_state
+from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.support.parameters import MASS_DISTRIBUTIONS
+
+
+def _pendulum(p, q, v):
+    rod = p.mass_distribution == "uniform"
+    inertia = p.mass * p.length**2 / (3.0 if rod else 1.0)
+    arm = p.length / 2.0 if rod else p.length
+    weight = p.mass * p.gravity * arm * math.sin(q[0])
+    return [[inertia]], [weight], p.damping * v[0] ** 2
+
+
+def _cart_pole(p, q, v):
+    rod = p.mass_distribution == "uniform"
+    inertia = p.mass * p.length**2 * (4.0 / 3.0 if rod else 1.0)
+    coupling = p.mass * p.length * math.cos(q[1])
+    weight = p.mass * p.gravity * p.length * math.sin(q[1])
+    lost = p.cart_damping * v[0] ** 2 + p.damping * v[1] ** 2
+    return [[p.cart_mass + p.mass, coupling], [coupling, inertia]], [0.0, weight], lost
+
+
+def _elastic_pendulum(p, q, v):
+    down = p.length + p.mass * p.gravity / p.stiffness - q[1]
+    pull = p.stiffness * (1.0 - p.length / math.hypot(q[0], down))
+    forces = [-pull * q[0], pull * down - p.mass * p.gravity]
+    return [[p.mass, 0.0], [0.0, p.mass]], forces, p.damping * (v[0] ** 2 + v[1] ** 2)
+
+
+CLOSED_FORMS = {
+    "pendulum": _pendulum,
+    "cart_pole": _cart_pole,
+    "elastic_pendulum": _elastic_pendulum,
+}
+"""Mass matrix, generalized forces at rest and dissipated power of every plant, by hand."""
+
+
+def damped(owner):
+    """A plant with every viscous damping that it has."""
+    names = [f.name for f in fields(owner) if f.name.endswith("damping") and f.default == 0.0]
+    return owner(**dict.fromkeys(names, 0.3))
+
+
+def check_plant(owner) -> None:
+    """Both checks of a plant class."""
+    check_closed_forms(owner)
+    check_equations_of_motion(damped(owner))
+
+
+def check_closed_forms(owner) -> None:
+    """Mass matrix, forces at rest and dissipation are those written by hand, to 1e-12.
+
+    Lagrange's equations hold of a plant with a wrong moment of inertia, too: it is another plant.
+    """
+    rng = np.random.default_rng(7)
+    for distribution in MASS_DISTRIBUTIONS:
+        for _ in range(4):
+            plant = _random_plant(owner, distribution, rng)
+            point = probe_state(plant) + 0.3 * rng.standard_normal(2 * len(plant.coordinates))
+            q, v = tuple(point[0::2].tolist()), tuple(point[1::2].tolist())
+            mass, force, lost = CLOSED_FORMS[plant.name](plant, q, v)
+            none = (0.0,) * len(q)
+            pulled = np.array(mass) @ plant.acceleration(SCALAR, q, none, none)
+            _assert_close(plant.mass_matrix(SCALAR, q), mass, 1e-12)
+            _assert_close(pulled, force, 1e-12)
+            _assert_close(plant.dissipation(SCALAR, q, v), lost, 1e-12)
+
+
+def _random_plant(owner, distribution, rng):
+    """Every number within a factor of two of its default, or up to 1 where that is zero."""
+    values = {
+        f.name: rng.uniform(0.5, 2.0) * f.default if f.default else rng.uniform(0.1, 1.0)
+        for f in fields(owner)
+        if isinstance(f.default, float)
+    }
+    if "mass_distribution" in (f.name for f in fields(owner)):
+        values["mass_distribution"] = distribution
+    return owner(**values)
+
+
+def check_equations_of_motion(plant) -> None:
+    """Accelerations are those of Lagrange's equations for the plant's energy and dissipation.
+
+    d/dt ∂L/∂v − ∂L/∂q = F − ½ ∂D/∂v, all derivatives taken numerically from energy(q, v) and
+    dissipation(q, v); the mass matrix is the energy's second derivative, and the Jacobian, where
+    given, is the acceleration's. The energy is zero at rest at the bottom.
+    """
+    n = len(plant.coordinates)
+    bottom = minimize(
+        lambda q: plant.energy(SCALAR, tuple(q), (0.0,) * n), probe_state(plant)[0::2]
+    )
+    assert abs(bottom.fun) < 1e-9, bottom.fun
+    rng = np.random.default_rng(2)
+    for _ in range(8):
+        point = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
+        q, v = point[0::2], point[1::2]
+        force = rng.uniform(-2.0, 2.0, n)
+        mass, expected = _lagrange(plant, q, v, force)
+        found = plant.acceleration(SCALAR, tuple(q), tuple(v), tuple(force))
+        _assert_close(found, expected, 1e-7)
+        _assert_close(plant.mass_matrix(SCALAR, tuple(q)), mass, 1e-8)
+        if hasattr(plant, "jacobian"):
+            _check_jacobian(plant, np.concatenate([q, v]), force, 1.0 + np.abs(expected).max())
+
+
+def _lagrange(plant, q, v, force):
+    """Mass matrix and accelerations from the derivatives of energy and dissipation."""
+    n, here = len(q), np.concatenate([q, v])
+    by_state = jacobian(lambda z: _gradient(plant, z)[:, n:], here)
+    twist, mass = by_state[:, :n], by_state[:, n:]
+    rest = _gradient(plant, np.concatenate([q, np.zeros(n)])[None])[0, :n]
+    by_q = _gradient(plant, here[None])[0, :n]
+    drag = 0.5 * jacobian(lambda z: _along(plant.dissipation, z)[:, None], here)[0, n:]
+    # L = T - V with E = T + V, so ∂L/∂q = ∂E/∂q - 2 ∂V/∂q
+    return mass, np.linalg.solve(mass, force - drag + (by_q - 2.0 * rest) - twist @ v)
+
+
+def _check_jacobian(plant, here, force, scale) -> None:
+    n = len(force)
+
+    def acceleration(points):
+        q, v = tuple(points.T[:n]), tuple(points.T[n:])
+        columns = plant.acceleration(ARRAY, q, v, tuple(force))
+        return np.stack([np.broadcast_to(x, len(points)) for x in columns], -1)
+
+    slopes = jacobian(acceleration, here)
+    by_q, by_v = plant.jacobian(SCALAR, tuple(here[:n]), tuple(here[n:]), tuple(force))
+    given = np.hstack([np.array(by_q), np.array(by_v)])
+    np.testing.assert_allclose(given, slopes, rtol=0, atol=1e-8 * (scale + np.abs(given).max()))
+
+
+def _assert_close(found, expected, share) -> None:
+    """Within a share of one plus the largest entry."""
+    scale = 1.0 + np.abs(expected).max()
+    np.testing.assert_allclose(np.array(found), expected, rtol=0, atol=share * scale)
+
+
+def _along(function, points):
+    n = points.shape[1] // 2
+    values = function(ARRAY, tuple(points.T[:n]), tuple(points.T[n:]))
+    return np.broadcast_to(values, len(points))
+
+
+def _gradient(plant, points):
+    """∂E/∂(q, v) at points of shape (lanes, 2n), by central differences."""
+    slopes = [jacobian(lambda z: _along(plant.energy, z)[:, None], p)[0] for p in points]
+    return np.array(slopes)

@@ -1,0 +1,52 @@
+"""A panel with one trained policy on every engine that applies symplectic Euler."""
+
+from __future__ import annotations
+
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.eval.panel.running.units import Unit, units_of
+
+TOML = """
+name = "alike"
+env_id = "IntegPendulum-v0"
+control_period = 0.05
+trainer = "fleet"
+seeds = [10]
+episodes = 10
+baselines = ["handmade"]
+perturbations = []
+ladder = false
+
+[environment]
+start = "hanging"
+max_torque = 0.9
+
+[training]
+total_steps = 300_000
+batch_size = 512
+gae_lambda = 0.9
+learning_rate = 2e-3
+learning_rate_end = 0.0
+
+[[train]]
+integrator = "symplectic_euler"
+dt = 0.05
+
+[[evaluate]]
+integrator = "symplectic_euler"
+dt = 0.05
+
+[[evaluate]]
+engine = "installed"
+map = [
+  "symplectic_euler", "symplectic_euler_implicit_damping", "symplectic_euler_sequential_damping",
+]
+dt = 0.05
+"""
+
+INSTALLED = TOML[TOML.index('engine = "installed"') :]
+"""The part that asks for every engine."""
+
+
+def trained_units(spec: PanelSpec) -> list[Unit]:
+    """Training runs of a panel."""
+    return [unit for unit in units_of(spec) if unit.home is not None]

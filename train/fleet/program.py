@@ -1,0 +1,322 @@
+"""PPO of many policies as one compiled program.
+
+One call of :meth:`FleetProgram.iterate` collects a rollout and updates every policy of a *chunk*
+from it. The algorithm is that of stable-baselines3's PPO, which `integ_gym.train.ppo` runs.
+Arrays are (policies, …); within a network, batches are the last axis, which is the fastest order
+for small matrix products on a CPU.
+
+Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from integ_gym.envs import FunctionalEnv
+from integ_gym.envs import Params
+from integ_gym.envs import reset_info, step_info
+from integ_gym.envs import jax, jnp
+from integ_gym.envs import Components
+from integ_gym.envs import join_state
+from integ_gym.envs import EnvState, Outcome
+from integ_gym.evidence import Layout
+from .network import log_prob_and_entropy, one_side, outputs
+from .random import draw, split
+from .types import Adam, Algorithm, Batch, Knobs, Learner, Trail
+from .update import advantages_of, learning_rate, permutations, update
+from ..sb3 import Stack
+
+Array = Any
+
+
+class _Draws(NamedTuple):
+    """Random numbers of a rollout, steps first."""
+
+    actions: Array
+    starts: Array
+    noise: Array
+
+
+class _Step(NamedTuple):
+    """What the scan over steps keeps."""
+
+    env: EnvState
+    noise: Components
+    member: Components
+    action: Array
+    log_prob: Array
+    terminated: Array
+    truncated: Array
+    fresh: Array
+
+
+class FleetProgram:
+    """The compiled functions for one structure; policies and their values are arguments.
+
+    Args:
+        env: what the structure of the environment is taken from.
+        algorithm: the structure of the learner.
+        layout: of evidence rows; None for no evidence.
+        in_turn: one after the other where all at once is no faster, as on a core of a CPU: its
+            cache holds one policy at a time.
+    """
+
+    def __init__(
+        self,
+        env: FunctionalEnv,
+        algorithm: Algorithm,
+        layout: Layout | None = None,
+        in_turn: bool = True,
+    ) -> None:
+        self.env = env
+        self.algorithm = algorithm
+        self.layout = layout
+        self.discrete = env.setup.task.discrete is not None
+        self.in_turn = in_turn
+
+    @cached_property
+    def iterate(self) -> Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]:
+        """Compiled: collect one rollout and learn from it."""
+        compiled: Any = jax.jit(self._iterate, donate_argnums=0)
+        return compiled  # type: ignore[no-any-return]
+
+    @cached_property
+    def begin(self) -> Callable[[Stack, Array, Params], Learner]:
+        """Compiled: the state before the first rollout."""
+        compiled: Any = jax.jit(self._begin)
+        return compiled  # type: ignore[no-any-return]
+
+    def _begin(self, stack: Stack, keys: Array, params: Params) -> Learner:
+        zeros = jax.tree.map(jnp.zeros_like, stack)
+        lanes = (stack.log_std.shape[0], self.algorithm.n_envs)
+        first, keys = split(keys, 2)
+        drawn = draw(jax.random.uniform, first, (self.env.start_size, self.algorithm.n_envs))
+        env, member = self.env.fresh(tuple(jnp.moveaxis(drawn, 1, 0)), params)
+        noise: Components = ()
+        if self._noise_size:
+            later, keys = split(keys, 2)
+            drawn = draw(jax.random.normal, later, (self._noise_size, lanes[1]))
+            noise = tuple(jnp.moveaxis(drawn, 1, 0))
+        adam = Adam(zeros, zeros, jnp.zeros(lanes[:1]))
+        return Learner(stack, adam, env, noise, member, keys, jnp.int32(0))
+
+    def _iterate(self, learner: Learner, knobs: Knobs, params: Params) -> tuple[Learner, Trail]:
+        keys = jax.vmap(lambda key: jax.random.fold_in(key, learner.iteration))(learner.keys)
+        drawing, shuffling = split(keys, 2)
+        (env, noise, member), steps = self._collect(learner, drawing, params)
+        after, outcome, observed, observed_after = self._again(steps, params)
+        batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
+        iteration = learner.iteration + 1
+        rate = learning_rate(self.algorithm, knobs, iteration)
+        orders = jnp.swapaxes(permutations(self.algorithm, shuffling), 0, 1)
+        stack, adam = self._each(
+            self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
+        )
+        trail = self._trail(steps, after, outcome, observed, observed_after, params)
+        return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
+
+    def _learn(
+        self, stack: Stack, adam: Adam, batch: Batch, orders: Array, knobs: Knobs, rate: Array
+    ) -> tuple[Stack, Adam]:
+        """:func:`update`, with the axis of policies first in all arrays."""
+        return update(self.algorithm, stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate)
+
+    def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
+        """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
+
+        Args:
+            function: of arrays whose first axis counts policies, to such arrays.
+            given: what it is applied to.
+        """
+        if not self.in_turn:
+            return function(*given)
+
+        def one(given: Any) -> Any:
+            alone = function(*jax.tree.map(lambda x: x[None], given))
+            return jax.tree.map(lambda x: x[0], alone)
+
+        return jax.lax.map(one, given)
+
+    @property
+    def _noise_size(self) -> int:
+        noisy = self.env.setup.settings.observation_noise > 0.0
+        return 2 * len(self.env.setup.plant.coordinates) if noisy else 0
+
+    def _draws(self, stack: Stack, keys: Array) -> _Draws:
+        for_actions, for_starts, for_noise = split(keys, 3)
+        steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
+        size = stack.weights[-1].shape[2]
+        sample = jax.random.gumbel if self.discrete else jax.random.normal
+        return _Draws(
+            jnp.moveaxis(draw(sample, for_actions, (steps, size, lanes)), 1, 0),
+            jnp.moveaxis(
+                draw(jax.random.uniform, for_starts, (steps, self.env.start_size, lanes)), 1, 0
+            ),
+            jnp.moveaxis(
+                draw(jax.random.normal, for_noise, (steps, 2 * self._noise_size, lanes)), 1, 0
+            ),
+        )
+
+    def _collect(
+        self, learner: Learner, keys: Array, params: Params
+    ) -> tuple[tuple[EnvState, Components, Components], _Step]:
+        """Act for one rollout; episodes that end are followed by new ones at once.
+
+        Returns:
+            State, noise and members afterwards, and the steps.
+        """
+        actor = one_side(learner.stack, 0)
+        draws = self._draws(learner.stack, keys)
+
+        def step(carry: tuple[EnvState, Components, Components], drawn: _Draws) -> Any:
+            env, noise, member = carry
+            own = self.env.lane_params(params, member)
+            observed = jnp.stack(self.env.observe(env, noise, own), axis=1)
+            head = outputs(actor, self.algorithm.activation, observed)[:, 0]
+            action = self._sample(head, learner.stack.log_std, drawn.actions)
+            log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
+            after, outcome = self.env.advance(env, self._control(action, own), own)
+            ended = outcome.terminated | outcome.truncated
+            fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
+            begun = self.env.fresh(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
+            next_env, next_member = jax.tree.map(
+                lambda a, b: jnp.where(ended, a, b), begun, (after, member)
+            )
+            half = self._noise_size
+            next_noise = _where(outcome.sampled, fresh[:half], noise)
+            next_noise = _where(ended, fresh[half:], next_noise)
+            kept = _Step(
+                env,
+                noise,
+                member,
+                action,
+                log_prob,
+                outcome.terminated,
+                outcome.truncated,
+                drawn.noise,
+            )
+            return (next_env, next_noise, next_member), kept
+
+        return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
+
+    def _sample(self, head: Array, log_std: Array, drawn: Array) -> Array:
+        if self.discrete:
+            return jnp.argmax(head + drawn, axis=1, keepdims=True).astype(jnp.float32)
+        return head + jnp.exp(log_std)[..., None] * drawn
+
+    def _control(self, action: Array, own: Any) -> Array:
+        """Clipped to the action space, as the environment gets it, (…, policies, n_envs)."""
+        control = action[..., 0, :]
+        if self.discrete:
+            return control
+        limit = self.env.setup_of(own).task.control_limit
+        return jnp.clip(control, -limit, limit)
+
+    def _again(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
+        """All transitions of the rollout, and the observations before and after them.
+
+        The scan keeps states and actions only; this gives everything that follows from them. All at
+        once, every transition would take as many iterations as the one that takes most of them.
+        """
+        if not self.in_turn:
+            return self._transitions(steps, params)
+
+        def one(step: _Step) -> Any:
+            alone = self._transitions(jax.tree.map(lambda x: x[None], step), params)
+            after, outcome, *observed = alone
+            return jax.tree.map(lambda x: x[0], (after, outcome, *map(_steps_first, observed)))
+
+        after, outcome, before, later = jax.lax.map(one, steps)
+        return after, outcome, _steps_first(before), _steps_first(later)
+
+    def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
+        own = self.env.lane_params(params, steps.member)
+        control = self._control(steps.action, own)
+        after, outcome = self.env.advance(steps.env, control, own)
+        outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
+        fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
+        noise = _where(outcome.sampled, fresh, steps.noise)
+        before = jnp.stack(self.env.observe(steps.env, steps.noise, own))
+        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own))
+
+    def _batch(
+        self,
+        stack: Stack,
+        knobs: Knobs,
+        steps: _Step,
+        outcome: Outcome,
+        observed: tuple[Array, Array],
+    ) -> Batch:
+        """Advantages and returns; an episode cut off by the time limit is bootstrapped."""
+        before, after = (_flat(x) for x in observed)
+        critic = one_side(stack, 1)
+        shape = outcome.reward.shape
+
+        def value_of(critic: Stack, observations: Array) -> Array:
+            return outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+
+        def value(observations: Array) -> Array:
+            values = self._each(value_of, (critic, observations))
+            return jnp.moveaxis(values.reshape(shape[1], shape[2], shape[0]), -1, 0)
+
+        values, next_values = value(before), value(after)
+        reward = outcome.reward.astype(jnp.float32) * knobs.reward_scale[:, None]
+        advantages = advantages_of(
+            reward, values, next_values, steps.terminated, steps.truncated, knobs
+        )
+        return Batch(
+            before,
+            _flat(jnp.moveaxis(steps.action, 2, 0)),
+            _flat(steps.log_prob[None])[:, 0],
+            _flat(advantages[None])[:, 0],
+            _flat((advantages + values)[None])[:, 0],
+        )
+
+    def _trail(
+        self,
+        steps: _Step,
+        after: EnvState,
+        outcome: Outcome,
+        before_observed: Array,
+        after_observed: Array,
+        params: Params,
+    ) -> Trail:
+        rows: tuple[Array, ...] = ()
+        first: tuple[Array, ...] = ()
+        if self.layout is not None:
+            setup = self.env.setup_of(self.env.lane_params(params, steps.member))
+            ending = outcome.reward, outcome.terminated, outcome.truncated
+            info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
+            rows = self.layout.row(info, outcome.status, ending, state, after_observed)
+            info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
+            first = self.layout.start(info, state, before_observed)
+        return Trail(
+            outcome.reward,
+            outcome.terminated | outcome.truncated,
+            outcome.success,
+            steps.env.steps == 0,
+            steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
+            _stacked(rows),
+            _stacked(first),
+        )
+
+
+def _steps_first(values: Array) -> Array:
+    """(k, n_steps, …) to (n_steps, k, …), and back."""
+    return jnp.swapaxes(values, 0, 1)
+
+
+def _flat(values: Array) -> Array:
+    """(k, n_steps, policies, n_envs) to (policies, k, n_envs · n_steps), as SB3 orders them."""
+    k, steps, policies, lanes = values.shape
+    return values.transpose(2, 0, 3, 1).reshape(policies, k, lanes * steps)
+
+
+def _where(condition: Array, new: Components, old: Components) -> Components:
+    return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))
+
+
+def _stacked(entries: tuple[Array, ...]) -> Array:
+    return jnp.stack([x.astype(jnp.float32) for x in entries]) if entries else jnp.zeros((0,))

@@ -1,0 +1,286 @@
+"""The fleet trainer: PPO of many policies at once, compiled, on all cores or GPUs.
+
+    configs = [PPOConfig.of("IntegPendulum-v0", seed=seed) for seed in range(10)]
+    train_fleet(configs, [Path("runs") / f"seed{seed}" for seed in range(10)])
+
+The algorithm, its hyperparameters and the files it writes are those of `integ_gym.train.ppo`; the
+random numbers are not, so a seed gives another policy of the same distribution. A policy depends on
+its own configuration alone, up to rounding, whatever else is trained beside it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from integ_gym.envs import functional
+from integ_gym.support import require
+from integ_gym.envs import FunctionalEnv
+from integ_gym.envs import jax
+from integ_gym.envs import Mixture
+from integ_gym.evidence import Layout
+from ..policy_files import LAST_EPISODES, episode_summary, make_card
+from .evidence import EpisodeAssembler
+from .planning import Kind, kind_of, plan
+from .program import FleetProgram
+from .types import Algorithm, Knobs, Learner, Trail
+from .worker import default_cache_dir, fleet_workers, prepare_worker
+from ..sb3 import initial_stack, state_dict
+from ..ppo import PPOConfig, model_arguments
+from ..sb3 import zip_of_weights
+from ..runs import first_lane_seed
+from ..runs import OnTrained, Run, checked_runs, train_in_processes, training_bar, unheard
+from ..policy_files import TrainedPolicy, write_policy
+from ..runs import TrainingEvidence
+from integ_gym.support import report_work
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What training one policy of a chunk gave.
+
+    Attributes:
+        weights: by stable-baselines3's names.
+        seconds: wall time of the chunk, divided by its policies.
+        last_episodes: the last episodes of training.
+    """
+
+    weights: dict[str, NDArray[np.float32]]
+    seconds: float
+    last_episodes: dict[str, Any]
+
+
+def train_fleet(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[str | Path],
+    *,
+    evidence: Sequence[TrainingEvidence] | None = None,
+    progress: bool = True,
+    workers: int | None = None,
+    force: bool = False,
+    on_trained: OnTrained = unheard,
+    memory_gib: float | None = None,
+    cache_dir: str | Path | None = None,
+) -> list[TrainedPolicy]:
+    """Train policies and write each as `integ_gym.train.ppo.train_ppo` does.
+
+    Args:
+        configs: the runs; they may differ in everything.
+        out_dirs: a folder for each policy.
+        evidence: where the training episodes of each are recorded; None: nowhere.
+        progress: show a bar on stderr.
+        workers: processes; by default one per GPU, or one per core. There is never more than one
+            per GPU.
+        force: replace policies that are already there.
+        on_trained: told the place of every policy in `configs` once it and its evidence are
+            written.
+        memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
+        cache_dir: compiled programs are kept there; by default in the user's cache folder.
+
+    Raises:
+        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for arguments that are not possible, before anything is trained.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+        TrainingError: if a worker fails or is killed; finished policies stay.
+    """
+    require("train", "fleet")
+    runs = checked_runs(configs, out_dirs, evidence, force)
+    processes = fleet_workers(workers)
+    chunks = plan(configs, processes, memory_gib)
+    for _, folder, _ in runs:
+        folder.mkdir(parents=True, exist_ok=True)
+    return train_in_processes(
+        _run,
+        {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
+        processes.count,
+        training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
+        on_trained,
+        write=lambda place, outcome: write_outcome(configs[place], outcome, runs[place][1]),
+        prepare=partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device),
+    )
+
+
+def train_chunk(
+    configs: Sequence[PPOConfig],
+    evidence: Sequence[TrainingEvidence] | None = None,
+    on_steps: Callable[[int], None] | None = None,
+) -> list[Outcome]:
+    """Train runs of one kind together, in this process.
+
+    Args:
+        configs: the runs.
+        evidence: where the training episodes of each are recorded.
+        on_steps: told the decisions of all policies after each rollout.
+
+    Raises:
+        ValueError: if they are of different kinds.
+    """
+    kinds = {kind_of(config) for config in configs}
+    if len(kinds) != 1:
+        raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
+    with jax.enable_x64(False):
+        return _Trainer(kinds.pop(), configs, evidence).train(on_steps)
+
+
+@dataclass
+class _Returns:
+    """Returns and successes of the last episodes of one policy.
+
+    Attributes:
+        so_far: return of the episode under way in each lane.
+        returns: of finished episodes, oldest first.
+        successes: of the same.
+    """
+
+    so_far: Array
+    returns: list[float] = field(default_factory=list)
+    successes: list[float] = field(default_factory=list)
+
+    def add(self, rewards: Array, ended: Array, success: Array) -> None:
+        """Take in a rollout, arrays of shape (steps, lanes)."""
+        totals = np.cumsum(rewards, axis=0, dtype=np.float64) + self.so_far
+        before = np.zeros_like(self.so_far)
+        for step in np.flatnonzero(ended.any(axis=1)):
+            lanes = np.flatnonzero(ended[step])
+            self.returns += (totals[step, lanes] - before[lanes]).tolist()
+            self.successes += success[step, lanes].astype(float).tolist()
+            before[lanes] = totals[step, lanes]
+        self.so_far = totals[-1] - before
+        del self.returns[:-LAST_EPISODES], self.successes[:-LAST_EPISODES]
+
+
+class _Trainer:
+    """One chunk on its way."""
+
+    def __init__(
+        self, kind: Kind, configs: Sequence[PPOConfig], evidence: Sequence[TrainingEvidence] | None
+    ) -> None:
+        self._kind = kind
+        self._configs = configs
+        envs = [functional.make(c.env_id, **c.env_arguments) for c in configs]
+        self._setups = [env.setup for env in envs]
+        self._params = envs[0].columns([env.default_params for env in envs])
+        lanes = kind.algorithm.n_envs
+        self._returns = [_Returns(np.zeros(lanes)) for _ in configs]
+        layout = None if evidence is None else _layout(envs[0], lanes)
+        self._program = _program(kind, envs[0], layout)
+        self._assemblers = [
+            EpisodeAssembler(told, config.env_id, env.setups, layout, config.seed, lanes)
+            for told, config, env in zip(evidence or (), configs, envs, strict=False)
+            if layout is not None
+        ]
+
+    def train(self, on_steps: Callable[[int], None] | None) -> list[Outcome]:
+        """All rollouts; the host takes one in while the next is computed."""
+        started = time.perf_counter()
+        knobs = self._knobs()
+        learner = self._begin()
+        decisions = len(self._configs) * self._kind.algorithm.rollout
+        trail: Trail | None = None
+        for _ in range(self._kind.rollouts):
+            learner, next_trail = self._program.iterate(learner, knobs, self._params)
+            if trail is not None:
+                self._take(trail)
+            trail = next_trail
+            if on_steps is not None:
+                on_steps(decisions)
+        if trail is not None:
+            self._take(trail)
+        for assembler in self._assemblers:
+            assembler.commit()
+        seconds = (time.perf_counter() - started) / len(self._configs)
+        stack = jax.tree.map(np.asarray, learner.stack)
+        return [
+            Outcome(
+                state_dict(stack, place),
+                seconds,
+                episode_summary(of_policy.returns, of_policy.successes),
+            )
+            for place, of_policy in enumerate(self._returns)
+        ]
+
+    def _begin(self) -> Learner:
+        configs = self._configs
+        seeds = [config.seed for config in configs]
+        task = self._setups[0].task
+        noise = None if task.discrete else [config.log_std_init for config in configs]
+        stack = initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
+        lane_seeds = np.array([first_lane_seed(seed) for seed in seeds], dtype=np.uint32)
+        keys = jax.vmap(jax.random.key)(lane_seeds)
+        return self._program.begin(stack, keys, self._params)
+
+    def _knobs(self) -> Knobs:
+        rows = []
+        for config, setup in zip(self._configs, self._setups, strict=True):
+            values = {**vars(config), "gamma": config.discount(setup.timing.control_period)}
+            if config.learning_rate_end is None:
+                values["learning_rate_end"] = config.learning_rate
+            values["target_kl"] = config.target_kl or 0.0
+            rows.append([values[name] for name in Knobs._fields])
+        return Knobs(*np.array(rows, np.float32).T)
+
+    def _take(self, trail: Trail) -> None:
+        """Book a rollout's episodes."""
+        rewards, ended, success, begun, member = (np.asarray(x) for x in trail[:5])
+        for place, returns in enumerate(self._returns):
+            returns.add(rewards[:, place], ended[:, place], success[:, place])
+        if self._assemblers:
+            rows, first_rows = np.asarray(trail.rows), np.asarray(trail.first_rows)
+            for place, assembler in enumerate(self._assemblers):
+                of_steps = (values[:, place] for values in (begun, ended, member))
+                assembler.add(rows[:, :, place], first_rows[:, :, place], *of_steps)
+
+
+def _run(runs: Sequence[Run]) -> list[Outcome]:
+    """One chunk, in a worker process."""
+    evidence = [told for _, _, told in runs if told is not None]
+    return train_chunk([config for config, _, _ in runs], evidence or None, report_work)
+
+
+def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedPolicy:
+    """Write a trained policy into a folder that exists.
+
+    Raises:
+        ValueError: if its weights are not finite.
+    """
+    env = functional.make(config.env_id, **config.env_arguments)
+    zip_bytes = zip_of_weights(
+        model_arguments(config, env.setup.timing.control_period),
+        config.n_envs,
+        (env.observation_space, env.action_space),
+        outcome.weights,
+        config.rounded_steps,
+    )
+    mixture = Mixture(env.setups, env.shares)
+    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
+    return write_policy(folder, zip_bytes, card, env.action_space)
+
+
+_programs: dict[tuple[Hashable, Algorithm, bool], FleetProgram] = {}
+"""Compiled programs of this process."""
+
+
+def _program(kind: Kind, env: FunctionalEnv, layout: Layout | None) -> FleetProgram:
+    """The program of a kind; kinds that differ in counts alone share one."""
+    key = (kind.structure, kind.algorithm, layout is not None)
+    if key not in _programs:
+        on_cpu = jax.default_backend() == "cpu"
+        _programs[key] = FleetProgram(env, kind.algorithm, layout, in_turn=on_cpu)
+    return _programs[key]
+
+
+def _layout(env: FunctionalEnv, n_envs: int) -> Layout:
+    """What the entries of an evidence row are."""
+    info = jax.eval_shape(
+        lambda key: env.state_info(env.initial(key, lanes=(n_envs,))), jax.random.key(0)
+    )
+    return Layout(env.setup.plant, env.setup.task, info)

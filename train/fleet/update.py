@@ -1,0 +1,193 @@
+"""PPO's update of many policies from one rollout each.
+
+Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from integ_gym.envs import jax, jnp
+from .network import log_prob_and_entropy, outputs
+from .random import draw
+from .types import Adam, Algorithm, Batch, Knobs
+from ..sb3 import Stack
+
+Array = Any
+
+ADAM_DECAY = (0.9, 0.999)
+ADAM_EPSILON = 1e-5
+_NORM_EPSILON = 1e-6
+_ADVANTAGE_EPSILON = 1e-8
+_INDEX_BITS = 16
+"""Rollouts up to 2 to this many decisions are shuffled by one packed sort."""
+
+
+def update(
+    algorithm: Algorithm,
+    stack: Stack,
+    adam: Adam,
+    batch: Batch,
+    orders: Array,
+    knobs: Knobs,
+    rate: Array,
+) -> tuple[Stack, Adam]:
+    """Learn from one rollout.
+
+    Args:
+        algorithm: its structure.
+        stack: weights.
+        adam: state of the optimizer.
+        batch: the rollout.
+        orders: int32 (epochs, policies, n): the order of the decisions in each epoch.
+        knobs: hyperparameters.
+        rate: (policies,).
+    """
+    packed = jnp.concatenate(
+        [batch.observations, batch.actions, *(x[:, None] for x in batch[2:])], axis=1
+    )
+    rows = jnp.swapaxes(packed, 1, 2)
+    sizes = batch.observations.shape[1], batch.actions.shape[1]
+    policies, total, width = rows.shape
+    batch_size = algorithm.batch_size
+
+    def learn(carry: Any, part: Array) -> Any:
+        stack, adam, active = carry
+        minibatch = _unpacked(part, sizes)
+        gradient, divergence = _gradient(algorithm, stack, minibatch, knobs)
+        if not algorithm.stops_early:
+            return (*_adam_step(stack, adam, gradient, knobs, rate), active), None
+        active = active & (divergence <= 1.5 * knobs.target_kl)
+        learned = _adam_step(stack, adam, gradient, knobs, rate)
+        kept = jax.tree.map(
+            lambda new, old: jnp.where(_over(active, new), new, old), learned, (stack, adam)
+        )
+        return (*kept, active), None
+
+    def epoch(carry: Any, order: Array) -> Any:
+        shuffled = jnp.take_along_axis(rows, order[..., None], axis=1)
+        parts = shuffled.reshape(policies, total // batch_size, batch_size, width)
+        carry, _ = jax.lax.scan(learn, carry, parts.transpose(1, 0, 3, 2))
+        return carry, None
+
+    start = (stack, adam, jnp.ones(policies, bool))
+    (stack, adam, _), _ = jax.lax.scan(epoch, start, orders)
+    return stack, adam
+
+
+def learning_rate(algorithm: Algorithm, knobs: Knobs, iteration: Array) -> Array:
+    """Linear in the share of decisions taken, after the rollout that is learned from."""
+    done = jnp.minimum(iteration * algorithm.rollout / knobs.total_steps, 1.0)
+    return knobs.learning_rate + done * (knobs.learning_rate_end - knobs.learning_rate)
+
+
+def permutations(algorithm: Algorithm, keys: Array) -> Array:
+    """Orders of the rollout's decisions, int32 (n_epochs, policies, rollout)."""
+    size = algorithm.rollout
+    bits = draw(jax.random.bits, keys, (algorithm.n_epochs, size))
+    if size <= 1 << _INDEX_BITS:
+        mask = jnp.uint32((1 << max(1, (size - 1).bit_length())) - 1)
+        packed = (bits & ~mask) | jnp.arange(size, dtype=jnp.uint32)
+        order = jnp.sort(packed, axis=-1) & mask
+    else:
+        order = jnp.argsort(bits, axis=-1)
+    return jnp.moveaxis(order.astype(jnp.int32), 1, 0)
+
+
+def advantages_of(
+    reward: Array,
+    values: Array,
+    next_values: Array,
+    terminated: Array,
+    truncated: Array,
+    knobs: Knobs,
+) -> Array:
+    """Generalized advantage estimates, (n_steps, policies, n_envs).
+
+    ``next_values`` are the critic's at the state after each step, before a reset. Nothing is
+    bootstrapped where an episode was terminated, and nothing passes an episode's end.
+    Source: Schulman et al. (2016), *High-dimensional continuous control using generalized
+    advantage estimation*, arXiv:1506.02438.
+    """
+    gamma, decay = knobs.gamma[:, None], (knobs.gamma * knobs.gae_lambda)[:, None]
+    goes_on = jnp.where(terminated | truncated, 0.0, 1.0)
+    bootstrapped = jnp.where(terminated, 0.0, next_values)
+    delta = reward + gamma * bootstrapped - values
+
+    def back(later: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        advantage = now[0] + decay * now[1] * later
+        return advantage, advantage
+
+    _, advantages = jax.lax.scan(
+        back, jnp.zeros_like(delta[0]), (delta, goes_on), reverse=True, unroll=8
+    )
+    return advantages
+
+
+def _gradient(
+    algorithm: Algorithm, stack: Stack, batch: Batch, knobs: Knobs
+) -> tuple[Stack, Array]:
+    """Gradient of every policy's loss, and its approximate divergence from the rollout's."""
+    advantages = batch.advantages
+    if algorithm.normalize_advantage and advantages.shape[1] > 1:
+        mean = advantages.mean(1, keepdims=True)
+        spread = jnp.std(advantages, axis=1, keepdims=True, ddof=1)
+        advantages = (advantages - mean) / (spread + _ADVANTAGE_EPSILON)
+    clip = knobs.clip_range[:, None]
+
+    def loss(stack: Stack) -> tuple[Array, Array]:
+        out = outputs(stack, algorithm.activation, batch.observations)
+        log_prob, entropy = log_prob_and_entropy(out[:, 0], stack.log_std, batch.actions)
+        log_ratio = log_prob - batch.log_probs
+        ratio = jnp.exp(log_ratio)
+        clipped = jnp.clip(ratio, 1.0 - clip, 1.0 + clip)
+        surrogate = jnp.minimum(advantages * ratio, advantages * clipped).mean(1)
+        error = batch.returns - out[:, 1, 0]
+        losses = (
+            -surrogate - knobs.ent_coef * entropy.mean(1) + knobs.vf_coef * (error * error).mean(1)
+        )
+        return losses.sum(), ((ratio - 1.0) - log_ratio).mean(1)
+
+    gradient, divergence = jax.grad(loss, has_aux=True)(stack)
+    return gradient, divergence
+
+
+def _adam_step(
+    stack: Stack, adam: Adam, gradient: Stack, knobs: Knobs, learning_rate: Array
+) -> tuple[Stack, Adam]:
+    """One step of Adam along the gradient, scaled down to the largest norm.
+
+    Source: Kingma and Ba (2015), *Adam: a method for stochastic optimization*, arXiv:1412.6980.
+    """
+    squares = [(g * g).reshape(g.shape[0], -1).sum(1) for g in jax.tree.leaves(gradient)]
+    norm = jnp.sqrt(sum(squares[1:], squares[0]))
+    scale = jnp.minimum(1.0, knobs.max_grad_norm / (norm + _NORM_EPSILON))
+    gradient = jax.tree.map(lambda g: g * _over(scale, g), gradient)
+    count = adam.count + 1.0
+    first, second = ADAM_DECAY
+    size = learning_rate / (1.0 - first**count)
+    root = 1.0 / jnp.sqrt(1.0 - second**count)
+    mean = jax.tree.map(lambda m, g: first * m + (1.0 - first) * g, adam.mean, gradient)
+    square = jax.tree.map(lambda s, g: second * s + (1.0 - second) * g * g, adam.square, gradient)
+    stack = jax.tree.map(
+        lambda p, m, s: p - _over(size, p) * m / (jnp.sqrt(s) * _over(root, p) + ADAM_EPSILON),
+        stack, mean, square,
+    )  # fmt: skip
+    return stack, Adam(mean, square, count)
+
+
+def _unpacked(part: Array, sizes: tuple[int, int]) -> Batch:
+    observations, actions = sizes
+    rest = observations + actions
+    return Batch(
+        part[:, :observations],
+        part[:, observations:rest],
+        part[:, rest],
+        part[:, rest + 1],
+        part[:, rest + 2],
+    )
+
+
+def _over(per_policy: Array, like: Array) -> Array:
+    """Shape (policies,) as one that broadcasts against ``like``."""
+    return per_policy.reshape(per_policy.shape + (1,) * (like.ndim - 1))

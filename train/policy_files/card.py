@@ -1,0 +1,128 @@
+"""The side-car's content: how a policy came about, whichever trainer made it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.vector import VectorEnv
+
+from integ_gym.envs import Mixture
+from integ_gym.envs import Setup
+from integ_gym.support import installed_versions
+from ..runs import first_lane_seed
+
+if TYPE_CHECKING:
+    from ..ppo import PPOConfig
+
+_PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
+_OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}
+"""Packages whose versions are told; both trainers write SB3's zip."""
+
+_DRAWN = {
+    "sb3": "each environment draws a member at every reset",
+    "fleet": "each integrator has its share of the environments at every moment; each environment "
+    "draws its step at every reset",
+}
+"""How each trainer draws from a mixture."""
+
+LAST_EPISODES = 100
+"""Episodes at the end of training that the card tells about."""
+
+
+def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:
+    """What training environments run on; environments side by side are alike."""
+    env: Any = vector_env.unwrapped
+    return env.mixture if hasattr(env, "mixture") else Mixture((env.get_attr("setup")[0],))
+
+
+def make_card(
+    config: PPOConfig,
+    mixture: Mixture,
+    trainer: str,
+    seconds: float,
+    last_episodes: Mapping[str, Any],
+) -> dict[str, Any]:
+    """What the side-car says.
+
+    Args:
+        config: the run.
+        mixture: the discretizations of the training environment; one where it is no mixture.
+        trainer: ``"sb3"`` or ``"fleet"``.
+        seconds: wall time; for a fleet its chunk's, divided by the policies in it.
+        last_episodes: see :func:`episode_summary`.
+    """
+    setup = mixture.setups[0]
+    members = [
+        {**_discretization(member), "share": float(share)}
+        for member, share in zip(mixture.setups, mixture.shares, strict=True)
+    ]
+    mixed = config.env_arguments.get("mixture") is not None
+    name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
+    return {
+        "policy_id": f"ppo-{name}-seed{config.seed}",
+        "algorithm": "PPO",
+        "trainer": trainer,
+        "env_id": config.env_id,
+        "discretization": None if mixed else _discretization(setup),
+        "mixture": members if mixed else None,
+        "mixture_drawn": _DRAWN[trainer] if mixed else None,
+        "env_arguments": _json_values(_common(setup) if mixed else setup.arguments()),
+        "units": setup.units(),
+        "seed": config.seed,
+        "config": asdict(config),
+        "derived": {
+            "gamma": config.discount(setup.timing.control_period),
+            "gae_lambda": config.gae_lambda,
+            "rollout": config.rollout,
+            "first_lane_seed": first_lane_seed(config.seed),
+        },
+        "steps": config.rounded_steps,
+        "wall_seconds": round(seconds, 3),
+        "last_episodes": {**last_episodes, "exploring": True},
+        "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
+        "platform": platform.platform(),
+    }
+
+
+def _common(setup: Setup) -> dict[str, Any]:
+    """Constructor arguments that the members of a mixture have in common."""
+    own = ("engine", "integrator", "dt")
+    return {name: value for name, value in setup.arguments().items() if name not in own}
+
+
+def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dict[str, Any]:
+    """Number, mean return and success rate of some episodes."""
+    return {
+        "episodes": len(returns),
+        "return_mean": float(np.mean(returns)) if len(returns) else None,
+        "success_rate": float(np.mean(successes)) if len(successes) else None,
+    }
+
+
+def told(episodes: Mapping[str, Any]) -> str:
+    """Return and success in a few words."""
+    if not episodes["episodes"]:
+        return "no episode ended yet"
+    success = episodes["success_rate"]
+    words = f"return {episodes['return_mean']:.1f}"
+    return words if success is None else f"{words}, success {success:.2f}"
+
+
+def _discretization(setup: Setup) -> dict[str, Any]:
+    """Engine, integrator, step and control period in s."""
+    return {
+        "engine": setup.settings.engine,
+        "engine_version": setup.engine.version,
+        "integrator": setup.settings.integrator,
+        "dt": setup.timing.dt,
+        "control_period": setup.timing.control_period,
+    }
+
+
+def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays as lists."""
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}

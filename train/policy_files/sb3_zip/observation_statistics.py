@@ -1,0 +1,71 @@
+"""Observation statistics of a `VecNormalize`, read from JSON."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+from ...policy import ObservationStatistics
+from ..error import PolicyFileError
+from . import limits
+from .data import Json, parse_json
+
+
+def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStatistics:
+    """Read observation statistics from JSON.
+
+    The file holds exactly the keys of
+    `{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}`, which are `obs_rms.mean`,
+    `obs_rms.var`, `epsilon` and `clip_obs` of a `VecNormalize`.
+
+    Raises:
+        PolicyFileError: in one sentence, if the file is missing, malformed or has wrong values.
+    """
+    file = Path(path)
+    remedy = (
+        'write {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0} '
+        "with the numbers of the VecNormalize used in training"
+    )
+    try:
+        return _statistics(parse_json(_read_small_file(file), "the file {}"))
+    except ValueError as error:
+        raise PolicyFileError(f"{file}: {error}; {remedy}") from error
+
+
+def _read_small_file(file: Path) -> bytes:
+    """The bytes of a file of at most `limits.MAX_JSON_BYTES`."""
+    try:
+        with file.open("rb") as stream:
+            content = stream.read(limits.MAX_JSON_BYTES + 1)
+    except OSError as error:
+        raise PolicyFileError(f"cannot be opened ({error.strerror})") from error
+    if len(content) > limits.MAX_JSON_BYTES:
+        raise PolicyFileError(f"is larger than {limits.MAX_JSON_BYTES} bytes")
+    return content
+
+
+def _statistics(fields: Json) -> ObservationStatistics:
+    """Statistics from parsed JSON; raises ValueError with what is wrong."""
+    expected = {"mean", "var", "epsilon", "clip_obs"}
+    if set(fields) != expected:
+        raise ValueError(
+            f"expected the keys {', '.join(sorted(expected))}, got {', '.join(sorted(fields))}"
+        )
+    for name in ("mean", "var"):
+        if not isinstance(fields[name], list) or not all(map(_is_number, fields[name])):
+            raise ValueError(f"'{name}' must be a list of finite numbers")
+    for name in ("epsilon", "clip_obs"):
+        if not _is_number(fields[name]):
+            raise ValueError(f"'{name}' must be a finite number, got {fields[name]!r}")
+    return ObservationStatistics(**fields)
+
+
+def _is_number(value: object) -> bool:
+    """Whether a JSON value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False

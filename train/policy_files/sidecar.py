@@ -1,0 +1,212 @@
+"""The files of a trained policy: SB3's zip, its actor as `safetensors`, and a JSON side-car.
+
+The side-car says how the policy came about. It is written last, so a policy without one is not
+finished; and it holds the policy's content hash, so files that do not belong together are found
+out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+
+from ..policy import MlpPolicy
+from .error import PolicyFileError
+from .safetensors_file import read_safetensors, safetensors_bytes
+from .sb3_zip import read_sb3_zip
+
+POLICY_FILE = "policy.zip"
+WEIGHTS_FILE = "policy.safetensors"
+SIDECAR_FILE = "policy.json"
+FORMAT = "integ-gym policy 1"
+
+
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A finished policy on disk.
+
+    Attributes:
+        policy: path of the SB3 zip.
+        sidecar: path of the JSON beside it.
+        card: content of the side-car.
+    """
+
+    policy: Path
+    sidecar: Path
+    card: Mapping[str, Any]
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything that decides the actions; see `MlpPolicy.content_hash`."""
+        return str(self.card["content_hash"])
+
+
+def check_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
+    """The folder for a policy, which need not be there yet.
+
+    Raises:
+        OSError: if it is a file; or, unless ``force``, if there is a policy in it.
+    """
+    folder = Path(out_dir)
+    held = [name for name in (POLICY_FILE, SIDECAR_FILE) if (folder / name).exists()]
+    if held and not force:
+        raise FileExistsError(
+            f"{folder} already holds {' and '.join(held)}; give another folder, or --force "
+            "(force=True) to replace the policy"
+        )
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{folder} is a file; give a folder for the policy")
+    return folder
+
+
+def write_policy(
+    out_dir: Path, zip_bytes: bytes, card: Mapping[str, Any], action_space: spaces.Space[Any]
+) -> TrainedPolicy:
+    """Write a policy and its side-car, each file in one step, the side-car last.
+
+    A process killed in between leaves no file half-written and no side-car beside a zip that it
+    does not describe. ``format``, ``policy_file``, ``weights_file``, ``content_hash`` and
+    ``action_bounds`` are added to the card from the zip itself.
+
+    Args:
+        out_dir: folder that exists; a policy in it is replaced.
+        zip_bytes: what SB3 saved.
+        card: JSON-serialisable, without NaN or infinity.
+        action_space: that the policy was trained in.
+
+    Raises:
+        ValueError: if the policy cannot be read back, for example because its weights are not
+            finite, or if the card is not JSON.
+    """
+    zip_path, sidecar_path = out_dir / POLICY_FILE, out_dir / SIDECAR_FILE
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=out_dir) as folder:
+        new_zip, new_weights = Path(folder) / POLICY_FILE, Path(folder) / WEIGHTS_FILE
+        new_sidecar = Path(folder) / SIDECAR_FILE
+        _write_durably(new_zip, zip_bytes)
+        bounds = _bounds(action_space)
+        policy = _read_back(new_zip, bounds)
+        _write_durably(new_weights, safetensors_bytes(policy))
+        full = {
+            "format": FORMAT,
+            "policy_file": POLICY_FILE,
+            "weights_file": WEIGHTS_FILE,
+            "content_hash": policy.content_hash,
+            "action_bounds": bounds,
+            **card,
+        }
+        text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        _write_durably(new_sidecar, text.encode())
+        sidecar_path.unlink(missing_ok=True)
+        os.replace(new_zip, zip_path)
+        os.replace(new_weights, out_dir / WEIGHTS_FILE)
+        os.replace(new_sidecar, sidecar_path)
+    return TrainedPolicy(zip_path, sidecar_path, full)
+
+
+def _read_back(new_zip: Path, bounds: Any) -> MlpPolicy:
+    try:
+        return read_sb3_zip(new_zip, action_bounds=bounds)
+    except PolicyFileError as error:
+        reason = str(error).removeprefix(f"{new_zip}: ")
+        raise PolicyFileError(f"training left a policy that cannot be used: {reason}") from error
+
+
+def has_sidecar(policy: str | os.PathLike[str]) -> bool:
+    """Whether a file of the policy's name is its side-car, or a damaged one.
+
+    JSON that does not say what format it has belongs to somebody else.
+    """
+    path = Path(policy).with_suffix(".json")
+    if not path.exists():
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True
+    return isinstance(content, dict) and "format" in content
+
+
+def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
+    """The side-car of a policy zip: the JSON file of the same name.
+
+    Raises:
+        PolicyFileError: in one sentence, if it is missing, damaged or of another format.
+    """
+    path = Path(policy).with_suffix(".json")
+    try:
+        card = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PolicyFileError(
+            f"{path}: cannot be opened ({error.strerror or error}); keep the side-car beside the "
+            "policy it was written with"
+        ) from error
+    except ValueError as error:
+        raise PolicyFileError(f"{path}: is not readable JSON; train the policy again") from error
+    found = card.get("format") if isinstance(card, dict) else None
+    if found != FORMAT:
+        raise PolicyFileError(
+            f"{path}: has format {found!r} where {FORMAT!r} was expected; "
+            "give the side-car that the trainer wrote"
+        )
+    return dict(card)
+
+
+def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, Any]]:
+    """A trained policy, named as its side-car says, and the side-car.
+
+    Args:
+        policy: path of the zip, or of the safetensors file.
+
+    Raises:
+        PolicyFileError: in one sentence, if a file cannot be read or the two do not belong
+            together.
+    """
+    card = read_sidecar(policy)
+    bounds = card.get("action_bounds")
+    if not _are_bounds(bounds):
+        raise PolicyFileError(
+            f"{Path(policy).with_suffix('.json')}: `action_bounds` must be null or two lists of "
+            "numbers; restore the file that the trainer wrote"
+        )
+    if Path(policy).suffix == ".safetensors":
+        read = read_safetensors(policy)
+    else:
+        read = read_sb3_zip(policy, action_bounds=bounds)
+    if read.content_hash != card.get("content_hash"):
+        raise PolicyFileError(
+            f"{policy}: is not the policy that {Path(policy).with_suffix('.json').name} describes; "
+            "restore the pair, or train again"
+        )
+    return replace(read, policy_id=str(card.get("policy_id", read.policy_id))), card
+
+
+def _bounds(action_space: spaces.Space[Any]) -> tuple[list[float], list[float]] | None:
+    """(low, high) of a `Box`, in the action's units."""
+    if not isinstance(action_space, spaces.Box):
+        return None
+    return action_space.low.tolist(), action_space.high.tolist()
+
+
+def _are_bounds(value: Any) -> bool:
+    """Whether a side-car's value is (low, high), or None."""
+    return value is None or (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(side, list) and side for side in value)
+        and all(isinstance(x, int | float) for side in value for x in side)
+    )
+
+
+def _write_durably(path: Path, content: bytes) -> None:
+    """Write a file and wait until it is on disk."""
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())

@@ -1,0 +1,93 @@
+"""What the values of a training run's hyperparameters may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+
+from integ_gym.support import check_values, nonnegative, unknown_name
+from integ_gym.envs import ENVIRONMENTS
+
+if TYPE_CHECKING:
+    from ..ppo import PPOConfig
+
+_GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
+
+
+def whole(least: int, most: float = math.inf) -> Callable[[Any], str | None]:
+    """A whole number of at least ``least`` and at most ``most``."""
+    limits = f"{least} or above" if most == math.inf else f"from {least} to {most}"
+
+    def check_whole(value: Any) -> str | None:
+        fits = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+        return None if fits else f"must be a whole number, {limits}"
+
+    return check_whole
+
+
+def fraction(value: Any) -> str | None:
+    """A number in [0, 1]."""
+    return None if nonnegative(value) is None and value <= 1 else "must be a number from 0 to 1"
+
+
+def layer_sizes(value: Any) -> str | None:
+    """Sizes of layers."""
+    fits = isinstance(value, tuple) and all(whole(1)(size) is None for size in value)
+    return None if fits else "must be a list of whole numbers, 1 or above"
+
+
+def named_values(value: Any) -> str | None:
+    """A mapping from names."""
+    fits = isinstance(value, Mapping) and all(isinstance(name, str) for name in value)
+    return None if fits else "must map argument names to values"
+
+
+ENV_ARGUMENTS = {
+    "unit": "",
+    "meaning": "constructor arguments, `mixture` among them; those left out take the environment's "
+    "defaults",
+    "check": named_values,
+}
+"""Of the hyperparameter that holds what the environment is made with."""
+
+
+def check_names(owner: type[Any], names: Iterable[str]) -> None:
+    """Check that all names are hyperparameters.
+
+    Raises:
+        TypeError: for another, with the nearest.
+    """
+    known = [f.name for f in fields(owner)]
+    for name in names:
+        if name not in known:
+            raise TypeError(unknown_name("hyperparameter", name, known))
+
+
+def check_config(config: PPOConfig) -> None:
+    """Check every value, and that rollouts split into batches.
+
+    Raises:
+        ValueError: for an impossible value, in one sentence.
+    """
+    check_values(type(config), vars(config))
+    if not (config.env_id in ENVIRONMENTS or config.env_id in gym.registry or ":" in config.env_id):
+        raise ValueError(unknown_name("environment", config.env_id, ENVIRONMENTS))
+    for name in _GIVEN_BY_THE_TRAINER:
+        if name in config.env_arguments:
+            raise ValueError(f"`{name}` is not an environment argument; leave it out")
+    if config.rollout % config.batch_size:
+        raise ValueError(
+            f"`batch_size`={config.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
+            f"= {config.rollout} decisions; give a divisor, such as "
+            f"{_nearest_divisor(config.rollout, config.batch_size)}"
+        )
+
+
+def _nearest_divisor(whole: int, wanted: int) -> int:
+    """The divisor of ``whole`` whose ratio to ``wanted`` is nearest to 1."""
+    divisors = [n for n in range(1, whole + 1) if whole % n == 0]
+    return min(divisors, key=lambda n: abs(math.log(n / wanted)))

@@ -1,0 +1,32 @@
+"""Where the episodes of a training run are recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from integ_gym.evidence import EpisodeContext
+
+
+@dataclass(frozen=True)
+class TrainingEvidence:
+    """Where the training episodes of one policy are recorded, and what is said about them.
+
+    Attributes:
+        store: directory of an `EvidenceStore`.
+        batch: name of the batch that holds them.
+        context: what they are for; the fleet sets its float width and adds its packages.
+    """
+
+    store: Path
+    batch: str
+    context: EpisodeContext
+
+    def recorder(self, vector_env: Any) -> Any:
+        """Training environments that record; ``commit(batch)`` writes what they have recorded."""
+        from integ_gym.evidence import EvidenceStore
+        from integ_gym.evidence import RecordVectorEvidence
+
+        store = EvidenceStore(self.store)
+        return RecordVectorEvidence(vector_env, store, self.context, commit_on_close=False)

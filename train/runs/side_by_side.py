@@ -1,0 +1,160 @@
+"""Training runs side by side in worker processes: what both trainers have in common."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from itertools import repeat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ..policy_files import TrainedPolicy, check_folder
+from .error import TrainingError
+from .evidence import TrainingEvidence
+from integ_gym.support import Progress, cores, report_work
+
+if TYPE_CHECKING:
+    from ..ppo import PPOConfig
+
+OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
+"""Told the place of a policy among the configurations once it and its evidence are written."""
+
+
+Jobs: TypeAlias = Mapping[tuple[int, ...], tuple[Any, ...]]
+"""Arguments of each job, by the places of the policies that it trains."""
+
+Run: TypeAlias = "tuple[PPOConfig, Path, TrainingEvidence | None]"
+"""A run, the folder for its policy and where its episodes are recorded."""
+
+
+def unheard(place: int, trained: TrainedPolicy) -> None:
+    """Nobody is told."""
+
+
+def checked_runs(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[str | Path],
+    evidence: Sequence[TrainingEvidence] | None,
+    force: bool,
+) -> list[Run]:
+    """Runs with what belongs to each.
+
+    Raises:
+        OSError: if a folder is a file; or, unless ``force``, if there is a policy in it.
+        ValueError: if folders or evidence are not one per run.
+    """
+    counts = len(out_dirs), len(configs if evidence is None else evidence)
+    if counts != (len(configs), len(configs)):
+        raise ValueError(
+            f"`out_dirs` and `evidence` must have one entry per configuration ({len(configs)}), "
+            f"got {counts[0]} and {'none' if evidence is None else counts[1]}"
+        )
+    folders = [check_folder(out, force) for out in out_dirs]
+    return list(zip(configs, folders, evidence or repeat(None), strict=False))
+
+
+def train_each(
+    train_run: Callable[..., TrainedPolicy],
+    runs: Sequence[Run],
+    progress: bool,
+    workers: int | None,
+    on_trained: OnTrained,
+) -> list[TrainedPolicy]:
+    """Train policies one by one, in this process if one worker is enough; see `train_ppo`."""
+    processes = min(workers or cores(), len(runs))
+    bar = training_bar(sum(run[0].rounded_steps for run in runs), len(runs), progress)
+    if processes > 1:
+        jobs: Jobs = {(place,): (train_run, *run) for place, run in enumerate(runs)}
+        return train_in_processes(_train_and_report, jobs, processes, bar, on_trained)
+
+    def tell(steps: int, words: str) -> None:
+        bar.set_postfix_str(words, refresh=False)
+        bar.update(steps)
+
+    trained = []
+    with bar:
+        for place, run in enumerate(runs):
+            trained.append(train_run(*run, tell=tell))
+            on_trained(place, trained[-1])
+    return trained
+
+
+def _train_and_report(train_run: Callable[..., TrainedPolicy], *run: Any) -> list[TrainedPolicy]:
+    """One run, in a worker process."""
+    return [train_run(*run, tell=lambda steps, words: report_work(steps))]
+
+
+def train_in_processes(
+    train: Callable[..., Sequence[Any]],
+    jobs: Jobs,
+    processes: int,
+    bar: Any,
+    on_trained: OnTrained,
+    *,
+    write: Callable[[int, Any], TrainedPolicy] = lambda place, trained: trained,
+    prepare: Callable[[int], None] | None = None,
+) -> list[TrainedPolicy]:
+    """Do jobs in worker processes, and take in each as it ends.
+
+    Args:
+        train: a job; importable from a module. What it reports as work moves the bar.
+        jobs: what is to be trained.
+        processes: at most so many at once.
+        bar: see :func:`training_bar`; closed at the end.
+        on_trained: told of each policy.
+        write: called here for each place with what ``train`` returned for it.
+        prepare: called once in each process, with its number from 0.
+
+    Raises:
+        TrainingError: if a job fails or is killed; finished policies stay.
+    """
+    trained: dict[int, TrainedPolicy] = {}
+    shared, policies = Progress(), sum(map(len, jobs))
+    with bar, shared.pool(max(1, min(processes, len(jobs))), prepare) as pool:
+        running = {pool.submit(train, *given): places for places, given in jobs.items()}
+        while running:
+            ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            bar.update(min(bar.total, shared.total()) - bar.n)
+            for future in ended:
+                places = running.pop(future)
+                outcomes = _result(future, len(trained))
+                for place, outcome in zip(places, outcomes, strict=True):
+                    trained[place] = write(place, outcome)
+                    on_trained(place, trained[place])
+                bar.set_postfix_str(f"{len(trained)} of {policies} policies", refresh=False)
+    return [trained[place] for place in sorted(trained)]
+
+
+def _result(future: Future[Sequence[Any]], finished: int) -> Sequence[Any]:
+    """What a worker returned.
+
+    Raises:
+        TrainingError: if it failed, or was killed.
+    """
+    kept = f"finished policies are kept ({finished})"
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise TrainingError(
+            "a worker process was killed, perhaps for want of memory; give fewer workers, or the "
+            f"fleet a smaller `memory_gib`; {kept}"
+        ) from None
+    except Exception as error:
+        raise TrainingError(f"training failed: {error}; {kept}") from error
+
+
+def training_bar(decisions: int, policies: int, shown: bool) -> Any:
+    """A bar over the decisions of all policies, on stderr."""
+    from tqdm import tqdm
+
+    return tqdm(
+        total=decisions,
+        desc=f"PPO, {policies} {'policy' if policies == 1 else 'policies'}",
+        unit=" steps",
+        unit_scale=True,
+        disable=not shown,
+        mininterval=0.5 if sys.stderr.isatty() else 15.0,
+        smoothing=0.05,
+    )
