@@ -31,9 +31,9 @@ from rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.store.store import EvidenceStore
 
 ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0")
 LANES = (1, 64, 1024)

@@ -29,9 +29,9 @@ import results
 import training_cost
 from tqdm import tqdm
 
+from integ_gym.support.workers import cores
 from integ_gym.train.fleet.planning import GIB_PER_WORKER, kind_of
 from integ_gym.train.ppo import PPOConfig
-from integ_gym.support.workers import cores
 
 EXAMPLES = """\
 examples:

@@ -16,12 +16,12 @@ from typing import Any
 
 import results
 
-from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.arithmetic.ops import Component, Components, Ops
-from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
 from integ_gym.envs.arithmetic.tracing.compiling import compiled
+from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.plants import PLANTS
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("cart_pole", (0.0, 0.1), (0.1, 0.2), 0.02),

@@ -34,13 +34,13 @@ from scipy import stats
 
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.specification.reading import built_in_spec
-from integ_gym.eval.statistics.returns import iqm_interval
 from integ_gym.eval.statistics.rates import rate_interval, unpaired_difference
+from integ_gym.eval.statistics.returns import iqm_interval
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet
-from integ_gym.train.ppo import PPOConfig, train_ppo
 from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import PPOConfig, train_ppo
 from integ_gym.train.runs.evidence import TrainingEvidence
 
 _QUICK = built_in_spec("quick")

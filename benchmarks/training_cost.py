@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.train.fleet import training as fleet, worker as fleet_worker
+from integ_gym.support.workers import Progress, peak_memory
+from integ_gym.train.fleet import training as fleet
+from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.update import permutations
 from integ_gym.train.ppo import PPOConfig, train_run
 from integ_gym.train.runs.evidence import TrainingEvidence
-from integ_gym.support.workers import Progress, peak_memory
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
 """For the measured peak: so many square matrices, and products of each."""

@@ -1,0 +1,79 @@
+"""The environments: plants, integrators and engines, and the tasks asked of them.
+
+This floor knows the discrete map that a policy meets and how to step, draw and measure it. It knows
+nothing of evidence, training or panels.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .arithmetic import ARRAY, SCALAR, Component, Components, Ops, jax, jnp
+    from .catalogue import ENVIRONMENTS, environment_class, environment_setup, register_environments
+    from .engines import (
+        CONSTRAINT_VIOLATION,
+        ENGINES,
+        Engine,
+        NativeEngine,
+        integrators_of,
+        missing_modules,
+    )
+    from .environments import (
+        DiscretizedVectorEnv,
+        FunctionalEnv,
+        IntegEnv,
+        IntegVectorEnv,
+        Params,
+        RediscretizedEnv,
+        functional,
+        rediscretize,
+    )
+    from .episode import (
+        DISCRETIZATION,
+        NATIVE,
+        STATUS_NAMES,
+        WEIGHT,
+        Discretization,
+        EnvState,
+        Mixture,
+        Outcome,
+        Settings,
+        Setup,
+        Timing,
+        agrees,
+        dividing_step,
+        quiet_status,
+        reset_info,
+        step_info,
+        whole_multiple,
+    )
+    from .integrators import INTEGRATORS, Integrator, LinearTheory, Step, along
+    from .maps import map_names, one_step_map
+    from .mechanics import PlantSystem
+    from .plants import (
+        PLANTS,
+        CartPole,
+        ElasticPendulum,
+        Pendulum,
+        Plant,
+        join_state,
+        split_state,
+        state_names,
+        state_units,
+    )
+    from .tasks import (
+        FLOAT32_ROUNDING,
+        NEAR_PLUMB,
+        CartPoleBalance,
+        CartPoleSwingUp,
+        Command,
+        ElasticPendulumQuiet,
+        PendulumSwingUp,
+        Task,
+        saturated,
+        wrapped,
+    )
+    from .testbeds import Testbed, make_checked, make_training_environments, testbed_of
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,1 +1,27 @@
-"""Evaluation: panels, statistics, verdicts and reports."""
+"""Evaluation: panels, statistics, verdicts and reports; diagnosis of integrators; the census.
+
+The floor that judges. It knows testbeds, policies and evidence through their doors.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .census import PUBLISHED, render_census, row, take_census
+    from .diagnosis import Request, diagnose, drift_example, print_diagnosis
+    from .panel import (
+        BUILT_IN,
+        FILE_NAME,
+        MANIFEST,
+        TRAINERS,
+        PanelSpec,
+        evaluate,
+        read_panel,
+        run_panel,
+        specified,
+    )
+    from .report import write_figures, write_report
+    from .scheme_style import HUES, MARKERS, Schemes, SchemeStyle
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

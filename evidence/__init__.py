@@ -1,28 +1,36 @@
-"""Evidence: one record per episode, with all that is needed to question a result."""
+"""Evidence: one record per episode, with all that is needed to question a result.
 
-from .episodes import EpisodeContext
-from .schema import BatchExistsError, EvidenceError
-from .schema import SCHEMA_VERSION
-from .schema import json_schema
-from .episodes import EpisodeFacts, Replays, failure_label
-from .episodes import EvidenceRecord
-from .recorders import RecordEvidence
-from .store import EvidenceStore, Problem, open_run
-from .recorders import RecordVectorEvidence
+This floor knows environments and what they tell, and nothing of how policies are trained or judged.
+"""
 
-__all__ = [
-    "SCHEMA_VERSION",
-    "BatchExistsError",
-    "EpisodeContext",
-    "EpisodeFacts",
-    "EvidenceError",
-    "EvidenceRecord",
-    "EvidenceStore",
-    "Problem",
-    "RecordEvidence",
-    "RecordVectorEvidence",
-    "Replays",
-    "failure_label",
-    "json_schema",
-    "open_run",
-]
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .episodes import (
+        EpisodeContext,
+        EpisodeHead,
+        EpisodeLog,
+        EvidenceRecord,
+        Home,
+        Layout,
+        Replays,
+        record_table,
+    )
+    from .recorders import RecordEvidence, RecordVectorEvidence, now
+    from .schema import SCHEMA_VERSION, EvidenceError, json_schema
+    from .store import (
+        ASCII_BARS,
+        BARS,
+        EXPORT_FORMATS,
+        TABLE_FORMATS,
+        EvidenceStore,
+        Problem,
+        export,
+        open_run,
+        print_table,
+        show,
+    )
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,13 +1,43 @@
 """integ-gym: Gymnasium environments in which the discretization is a constructor argument.
 
 Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
-``IntegCartPoleSwingUp-v0`` and ``IntegElasticPendulum-v0``. :func:`rediscretize` gives
-Gymnasium's MuJoCo tasks the same choice.
+``IntegCartPoleSwingUp-v0`` and ``IntegElasticPendulum-v0``. What a script, a notebook or a part of
+one's own needs is here, each name imported when it is first asked for.
 """
 
-from integ_gym.envs import rediscretize
-from integ_gym.envs import ENVIRONMENTS, register_environments
+from typing import TYPE_CHECKING
 
-__all__ = ["ENVIRONMENTS", "rediscretize"]
+from integ_gym.envs import register_environments
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from integ_gym.envs import (
+        ENVIRONMENTS,
+        Command,
+        Discretization,
+        Engine,
+        IntegEnv,
+        Integrator,
+        IntegVectorEnv,
+        Plant,
+        Step,
+        Task,
+        Testbed,
+        along,
+        functional,
+        numerics,
+        rediscretize,
+    )
+    from integ_gym.eval import evaluate, read_panel, run_panel
+    from integ_gym.evidence import (
+        EpisodeContext,
+        EvidenceStore,
+        RecordEvidence,
+        RecordVectorEvidence,
+    )
+    from integ_gym.support import nonnegative, parameter, positive
+    from integ_gym.train import Policy, PPOConfig, train_fleet, train_ppo
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
 
 register_environments()

@@ -8,9 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from integ_gym.support import end_quietly, report_errors
-from integ_gym.support import package_version
-from integ_gym.support import CommandParser
+from integ_gym.support import CommandParser, end_quietly, package_version, report_errors
 
 COMMANDS = {
     "panel": ("integ_gym.commands.panel", "train and evaluate a whole panel (the main job)"),

@@ -1,1 +1,28 @@
-"""Training: PPO with stable-baselines3, baseline controllers and the policy file."""
+"""Training: PPO with stable-baselines3 or as a compiled fleet, baselines, and policies' files.
+
+This floor makes policies and gives them one seat to act from; judging them is not its business.
+`ppo.py` is the script to read first.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
+    from .fleet import fleet_workers, plan, train_fleet
+    from .policy import MlpPolicy, Policy, PolicyStack
+    from .policy_files import (
+        POLICY_FILE,
+        SIDECAR_FILE,
+        TrainedPolicy,
+        has_sidecar,
+        read_observation_statistics,
+        read_sb3_zip,
+        read_trained,
+        told,
+    )
+    from .ppo import PPOConfig, make_training_envs, train_ppo
+    from .runs import TrainingError, TrainingEvidence
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -22,7 +22,7 @@ from typing import Any
 
 from gymnasium.vector import VectorEnv
 
-from integ_gym.support import require
+from integ_gym.envs import make_training_environments
 from integ_gym.support import (
     boolean,
     finite_number,
@@ -31,25 +31,27 @@ from integ_gym.support import (
     optional,
     parameter,
     positive,
+    require,
     text,
 )
-from integ_gym.envs import make_training_environments
-from integ_gym.train.policy_files import make_card, mixture_of
+from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.policy_files import TrainedPolicy, make_card, mixture_of, write_policy
 from integ_gym.train.runs import (
     ENV_ARGUMENTS,
+    OnTrained,
+    TrainingEvidence,
     check_config,
     check_names,
+    checked_runs,
+    explained,
+    first_lane_seed,
     fraction,
     layer_sizes,
+    train_each,
+    unheard,
     whole,
 )
-from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.sb3 import Tell, last_episodes, logger, reproducible, saved, telling
-from integ_gym.train.runs import first_lane_seed
-from integ_gym.train.runs import OnTrained, checked_runs, train_each, unheard
-from integ_gym.train.policy_files import TrainedPolicy, write_policy
-from integ_gym.train.runs import explained
-from integ_gym.train.runs import TrainingEvidence
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -95,7 +97,9 @@ class PPOConfig:
         (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
     )
     activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
-    log_std_init: float = parameter(0.0, "", "log of the first exploration noise (Box)", finite_number)
+    log_std_init: float = parameter(
+        0.0, "", "log of the first exploration noise (Box)", finite_number
+    )
     trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
 
     def __post_init__(self) -> None:

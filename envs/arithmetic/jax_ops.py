@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.support import missing
+
 from .ops import Carry, Component, Components
 
 try:

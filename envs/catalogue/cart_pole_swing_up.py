@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from ..environments import IntegEnv
-from ..environments import IntegVectorEnv
+from ..environments import IntegEnv, IntegVectorEnv
 
 ENV_ID: Final = "IntegCartPoleSwingUp-v0"
 """Read by the registration, which does not import this module."""

@@ -11,10 +11,10 @@ from typing import Any, Final
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from ..environments import IntegEnv, make_setup
-from ..episode import Mixture, make_mixture
 from integ_gym.support import unknown_name
-from ..episode import Setup
+
+from ..environments import IntegEnv, make_setup
+from ..episode import Mixture, Setup, make_mixture
 
 _ID = re.compile(r'^ENV_ID: Final = "(\w+)(-v\d+)"$', re.MULTILINE)
 

@@ -1,7 +1,24 @@
-"""Engines: one module each, found by name."""
+"""Engines: what advances a plant through one control period, one module or folder each.
 
-from integ_gym.support import Registry
-from integ_gym.support import absent
+The native engine runs our integrators; the others are simulators that are told the same plant. An
+engine knows plants and maps, and no task.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import Registry, absent, lazy_door
+
+from ..integrators import INTEGRATORS
+
+if TYPE_CHECKING:
+    from ._stepping import CONSTRAINT_VIOLATION
+    from .interface import DIVERGENCE_SPEED, Engine, Motion, Segments
+    from .native import NativeEngine
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
+
 
 ENGINES = Registry(__name__, "engine", "advance")
 
@@ -9,3 +26,9 @@ ENGINES = Registry(__name__, "engine", "advance")
 def missing_modules(engine: str) -> list[str]:
     """Modules that an engine needs and that are not installed; its extra brings them."""
     return absent(getattr(ENGINES.load(engine), "modules", ()))
+
+
+def integrators_of(engine: str) -> tuple[str, ...]:
+    """The integrators of an engine, as it calls them; ours without the exact one."""
+    own = getattr(ENGINES.load(engine), "maps", None)
+    return tuple(own) if own else tuple(n for n in INTEGRATORS.names() if n != "reference")

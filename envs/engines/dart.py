@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ._stepping import Run, is_astray
-from ._rigid import moment
-from ._rigid import Array, RigidBodyEngine
 from integ_gym.support import load
-from ..mechanics import Link
+
 from ..arithmetic import Components
+from ..mechanics import Link
+from ._rigid import Array, RigidBodyEngine, moment
+from ._stepping import Run, is_astray
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 

@@ -7,13 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..mechanics import Stops
-from ._rigid import LEAST_INERTIA, MAPS, mjcf
-from ._warp import ROWS, constraint_solver, mass_matrix
-from ._rigid import Array
-from ._warp import WarpEngine, Worlds
 from integ_gym.support import load
+
 from ..arithmetic import Components
+from ..mechanics import Stops
+from ._rigid import LEAST_INERTIA, MAPS, Array, mjcf
+from ._warp import ROWS, WarpEngine, Worlds, constraint_solver, mass_matrix
 
 
 class MujocoWarpEngine(WarpEngine):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from ._stepping import SteppedEngine
-from ..integrators import INTEGRATORS
-from ..integrators import Step
-from ..arithmetic import Component, Components, Ops
-from ..mechanics import PlantSystem
 from integ_gym.support import package_version
+
+from ..arithmetic import Component, Components, Ops
+from ..integrators import INTEGRATORS, Step
+from ..mechanics import PlantSystem
+from ._stepping import SteppedEngine
 
 
 class NativeEngine(SteppedEngine):

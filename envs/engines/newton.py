@@ -8,15 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..mechanics import Stops
-from ._rigid import LEAST_INERTIA, MAPS
-from ._rigid import moment
-from ._warp import ROWS, constraint_solver, mass_matrix
-from ._rigid import Array
-from ._warp import ConstraintSolver, WarpEngine, Worlds
 from integ_gym.support import load
-from ..mechanics import Link
+
 from ..arithmetic import Components
+from ..mechanics import Link, Stops
+from ._rigid import LEAST_INERTIA, MAPS, Array, moment
+from ._warp import ROWS, ConstraintSolver, WarpEngine, Worlds, constraint_solver, mass_matrix
 
 FEATHERSTONE = "featherstone"
 

@@ -10,11 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ._stepping import Run
-from ._rigid import Array, RigidBodyEngine
-from ._stepping import load_undisturbed
-from ._rigid import urdf
 from ..arithmetic import Components
+from ._rigid import Array, RigidBodyEngine, urdf
+from ._stepping import Run, load_undisturbed
 
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""

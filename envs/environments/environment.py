@@ -13,21 +13,23 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from ..arithmetic import SCALAR, Components
-from ..plants import PLANTS
-from ..plants import split_state
-from ..episode import Setup, build_setup
-from ..episode import draw_start
 from ..episode import (
+    STATUS_NAMES,
     WARM_UP,
+    EnvState,
     ScalarStart,
     ScalarStep,
+    Setup,
+    build_setup,
+    draw_start,
     plain_start,
     plain_step,
+    quiet_status,
     traced_start,
     traced_step,
 )
+from ..plants import PLANTS, split_state
 from ..tasks import TASKS
-from ..episode import STATUS_NAMES, EnvState, quiet_status
 
 Observation = npt.NDArray[np.float32]
 

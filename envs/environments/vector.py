@@ -13,24 +13,34 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from ..arithmetic import ARRAY
-from .discretized_vector import DiscretizedVectorEnv
-from .environment import IntegEnv, checked_render_mode, make_setup, observation_space
-from ..episode import Array, as_lanes, blank, check_lanes, lane_seeds, of_lanes, put, take, varied
-from ..episode import make_mixture
-from ..arithmetic import Components
-from ..plants import join_state, split_state
-from ..episode import Setup
+from ..arithmetic import ARRAY, Components
 from ..episode import (
+    RESULTS,
+    Array,
+    EnvState,
+    LanesStep,
     LaneStarts,
+    Setup,
+    as_lanes,
+    blank,
+    check_lanes,
     check_options,
     checked_state,
     draw_start,
+    initial_state,
+    lane_seeds,
+    make_mixture,
     numbers_per_start,
+    of_lanes,
     possible,
+    put,
+    quiet_status,
+    take,
+    varied,
 )
-from ..episode import RESULTS, LanesStep
-from ..episode import EnvState, initial_state, quiet_status
+from ..plants import join_state, split_state
+from .discretized_vector import DiscretizedVectorEnv
+from .environment import IntegEnv, checked_render_mode, make_setup, observation_space
 from .vector_info import Info, LaneInfo, kept
 
 

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import BLANK
-from ..episode import Array, full
-from ..episode import STATUS_NAMES, EnvState
+from ..episode import BLANK, STATUS_NAMES, Array, EnvState, full
 
 Info = dict[str, Array]
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..engines import DIVERGENCE_SPEED, Motion, Segments
 from ..arithmetic import Component, Components, Ops
-from .settings import Setup
+from ..engines import DIVERGENCE_SPEED, Motion, Segments
 from ..tasks import Command
+from .settings import Setup
 from .timing import Timing
 
 OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
-STATUS_NAMES = ("ok", "not_converged", "diverged", "not_reported")
+STATUS_NAMES: tuple[str, ...] = ("ok", "not_converged", "diverged", "not_reported")
 """By code: what is not reported is the last, and the least of the codes; a larger one is worse."""
 
 AWAY = -1.0

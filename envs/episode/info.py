@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .settings import Setup
 from .control_period import AWAY, OK, EnvState, Outcome
+from .settings import Setup
 
 
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import Any
 
-from .discretization import DISCRETIZATION
 from integ_gym.support import positive, unknown_name
+
+from .discretization import DISCRETIZATION
 from .settings import Setup
 
 WEIGHT = "weight"

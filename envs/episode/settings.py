@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from ..engines import ENGINES
-from ..engines import DIVERGENCE_SPEED, Engine
-from ..arithmetic import Component
 from integ_gym.support import (
     check_values,
     nonnegative,
@@ -23,8 +20,11 @@ from integ_gym.support import (
     units,
     unknown_name,
 )
-from ..plants import Plant
+
+from ..arithmetic import Component
+from ..engines import DIVERGENCE_SPEED, ENGINES, Engine
 from ..mechanics import PlantSystem
+from ..plants import Plant
 from ..tasks import Task
 from .timing import Timing
 

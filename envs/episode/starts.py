@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import FLOAT32_MAX, Component, Components
 from integ_gym.support import unknown_name
+
+from ..arithmetic import FLOAT32_MAX, Component, Components
 from ..plants import state_names
-from .settings import Setup
 from .control_period import top_speed
+from .settings import Setup
 
 Array = npt.NDArray[Any]
 

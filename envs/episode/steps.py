@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import ARRAY
-from .info import reset_info, step_info
-from ..arithmetic import SCALAR, Component, Components, Ops
-from .settings import Setup
+from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops
 from ..arithmetic.tracing import ARRAYS, SCALARS, Dialect, Repeated, Unusual, compiled, repeated
 from .control_period import EnvState, initial_state, quiet_status, transition
+from .info import reset_info, step_info
+from .settings import Setup
 
 ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
 """(state, action) to (state, observation, reward, terminated, truncated, info, sampled).

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..arithmetic import Component, Components, Ops
 from ._theory import LinearTheory
 from .interface import Step, System, along
-from ..arithmetic import Component, Components, Ops
 
 
 class ExplicitEuler:

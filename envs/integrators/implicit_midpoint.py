@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..arithmetic import Component, Components, Ops
 from ._solving import CAP, TOLERANCE, solve_velocity
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System, along
-from ..arithmetic import Component, Components, Ops
 
 
 class ImplicitMidpoint:

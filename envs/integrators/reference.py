@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ._solving import trial_step
-from ._solving import time_of_kink
+from ..arithmetic import Component, Components, Ops
+from ._solving import time_of_kink, trial_step
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System
-from ..arithmetic import Component, Components, Ops
 
 _SMALLEST = 1e-13
 """Inner steps below this share of ``dt`` mean that the motion cannot be followed."""

@@ -1,10 +1,15 @@
-"""One-step maps that engines apply beside our own integrators: one module each, found by name."""
+"""One-step maps that engines apply beside our own integrators: one module each, found by name.
+
+They are written as integrators are, and are no choice for `integrator`: an engine's name for one of
+them belongs to the engine.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 from integ_gym.support import Registry
+
 from ..integrators import INTEGRATORS
 
 MAPS = Registry(__name__, "one-step map", "step")
@@ -23,3 +28,6 @@ def one_step_map(name: str) -> Any:
 def map_names() -> tuple[str, ...]:
     """Names of all maps that an engine is compared with, ours first; the exact solution is none."""
     return (*(n for n in INTEGRATORS.names() if n != "reference"), *MAPS.names())
+
+
+__all__ = ["MAPS", "map_names", "one_step_map"]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..integrators import ImplicitEuler
-from ..integrators import State, Step, System, along
 from ..arithmetic import Component, Components, Ops
+from ..integrators import ImplicitEuler, State, Step, System, along
 
 
 class ImplicitEulerHalfSteps:

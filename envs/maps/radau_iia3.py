@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..arithmetic import Component, Components, Ops
 from ..integrators import State, System
 from ._families import ImplicitRungeKutta, Tableau, along_row
-from ..arithmetic import Component, Components, Ops
 
 
 class RadauIIA3(ImplicitRungeKutta):

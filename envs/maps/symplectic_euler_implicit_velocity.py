@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ._families import LinearlyImplicit, velocity_slopes
 from ..arithmetic import Component, Components, Ops
 from ..mechanics import PlantSystem
+from ._families import LinearlyImplicit, velocity_slopes
 
 
 class SymplecticEulerImplicitVelocity(LinearlyImplicit):

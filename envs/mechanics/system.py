@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .contact import Stops
-from .friction import Friction
 from ..arithmetic import Component, Components, Ops
 from ..plants import Plant
+from .contact import Stops
+from .friction import Friction
 
 
 class PlantSystem:

@@ -1,44 +1,38 @@
 """Measurements of integrators and plants: what a discretization does, in numbers.
 
-Each takes an integrator by name or as ``"module:Class"``, a plant with numbers as parameters and a
-state in the order of ``env.unwrapped.state``.
+Order, symplecticity, reversibility, stability, energy and ledger, for built-in parts and for a user's
+own. Knows plants and one-step maps; judges nothing.
 """
 
-from .closed_loop import critical_step
-from .convergence import Convergence, convergence
-from .energy import EnergyGrowth, energies, energy_growth
-from .identification import Declared, Identity, classify, declared
-from .independent import IndependentMotion, independent_motion
-from .ledger import Ledger, ledger
-from .linear import LinearMap, linear_map, stability_limit
-from .phase_space import canonical_jacobian, symplecticity_defect, volume_defect
-from .probe import fastest_rate, probe_state
-from .reversibility import reversibility_defect
-from .stepping import advance
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Convergence",
-    "Declared",
-    "EnergyGrowth",
-    "Identity",
-    "IndependentMotion",
-    "Ledger",
-    "LinearMap",
-    "advance",
-    "canonical_jacobian",
-    "classify",
-    "convergence",
-    "critical_step",
-    "declared",
-    "energies",
-    "energy_growth",
-    "fastest_rate",
-    "independent_motion",
-    "ledger",
-    "linear_map",
-    "probe_state",
-    "reversibility_defect",
-    "stability_limit",
-    "symplecticity_defect",
-    "volume_defect",
-]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .convergence import ROUNDING, slope
+    from .energy import BOUNDED, energies, energy_growth
+    from .identification import (
+        DAMPING,
+        IDENTICAL,
+        ORDER_TOLERANCE,
+        REVERSIBLE,
+        SYMPLECTIC,
+        Case,
+        Declared,
+        Fingerprint,
+        Identity,
+        cases_of,
+        classify,
+        damping_parameters,
+        declared,
+        fingerprint,
+        largest_error,
+        mapped,
+        match,
+    )
+    from .independent import IndependentMotion, independent_motion
+    from .linear import linear_map, stability_limit
+    from .probe import fastest_mode, fastest_rate, linear_rates
+    from .stepping import Advance, OneStep, advance, advance_lanes, engine_of, jacobian, one_step
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

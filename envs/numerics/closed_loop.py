@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from .stepping import Array, advance_lanes, jacobian
 from ..plants import Plant
+from .stepping import Array, advance_lanes, jacobian
 
 _SCAN = 60
 _TOLERANCE = 1e-9

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .stepping import Advance, State, advance
 from ..plants import Plant
+from .stepping import Advance, State, advance
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from ..engines import NativeEngine
-from .stepping import Array, State
 from ..arithmetic import SCALAR
-from ..plants import Plant, split_state
+from ..engines import NativeEngine
 from ..mechanics import PlantSystem
+from ..plants import Plant, split_state
+from .stepping import Array, State
 
 Kind = Literal["bounded", "linear", "exponential"]
 

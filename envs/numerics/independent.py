@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from integ_gym.support import load
-from .stepping import Array, State
+
 from ..arithmetic import SCALAR
-from ..plants import Plant, join_state, split_state
 from ..mechanics import PlantSystem
+from ..plants import Plant, join_state, split_state
+from .stepping import Array, State
 
 TOLERANCE = 1e-13
 """Relative and absolute, of every inner step."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engines import NativeEngine
-from .stepping import Array, State
 from ..arithmetic import SCALAR
-from ..plants import Plant, join_state, split_state
+from ..engines import NativeEngine
 from ..mechanics import PlantSystem
+from ..plants import Plant, join_state, split_state
+from .stepping import Array, State
 
 
 @dataclass(frozen=True)

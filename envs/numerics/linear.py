@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .stepping import Array, advance_lanes
 from ..plants import Oscillator
+from .stepping import Array, advance_lanes
 
 LARGEST = 100.0
 """hω up to which stability is examined; a method stable so far counts as stable at any step."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arithmetic import ARRAY
-from .stepping import WIDTH, Array, State, advance_lanes, jacobian
 from ..plants import Plant, split_state
+from .stepping import WIDTH, Array, State, advance_lanes, jacobian
 
 
 def canonical_jacobian(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..arithmetic import ARRAY
-from .stepping import Array, State, jacobian
-from ..plants import Plant, join_state, split_state
 from ..mechanics import PlantSystem
+from ..plants import Plant, join_state, split_state
+from .stepping import Array, State, jacobian
 
 
 def probe_state(plant: Plant) -> Array:

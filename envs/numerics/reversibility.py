@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .stepping import Advance, Array, State, advance
 from ..plants import Plant
+from .stepping import Advance, Array, State, advance
 
 
 def reversibility_errors(

@@ -9,11 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import ARRAY
+from ..arithmetic import ARRAY, SCALAR, Component, Components
 from ..engines import ENGINES
-from ..arithmetic import SCALAR, Component, Components
-from ..plants import Plant, join_state, split_state
 from ..mechanics import PlantSystem
+from ..plants import Plant, join_state, split_state
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array

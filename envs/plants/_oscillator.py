@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
 from integ_gym.support import parameter, positive
+
+from ..arithmetic import Component, Components, Ops
 
 
 @dataclass(frozen=True)

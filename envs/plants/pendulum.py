@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from ..mechanics import Stops, stops_at
-from ..mechanics import Friction, friction_of
-from ..mechanics import Link, Mechanism
-from ..arithmetic import Component, Components, Ops
 from integ_gym.support import MASS_DISTRIBUTIONS, nonnegative, one_of, optional, parameter, positive
+
+from ..arithmetic import Component, Components, Ops
+from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Point, polar, tint
 from ..arithmetic import SCALAR
-from ..plants import state_names, state_units
 from ..episode import Setup
-from ..tasks import NEAR_PLUMB
-from ..tasks import NEAR_UPRIGHT, wrapped
+from ..plants import state_names, state_units
+from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrapped
+from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Point, polar, tint
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""

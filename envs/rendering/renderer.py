@@ -10,10 +10,11 @@ from weakref import WeakValueDictionary
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support import load
+
+from ..episode import Setup
 from .canvas import INK, MUTED, WHITE, Canvas
 from .plants import drawing, signed
-from integ_gym.support import load
-from ..episode import Setup
 
 _MAX_FPS = 60
 _LARGEST_LAG = 0.25

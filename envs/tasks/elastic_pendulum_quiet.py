@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any, ClassVar
 
-from ..arithmetic import Component, Components, Ops
 from integ_gym.support import parameter, positive
+
+from ..arithmetic import Component, Components, Ops
 from ._reset_options import number
 from ._saturation import saturated
 from .interface import Command

@@ -1,18 +1,16 @@
-"""Testbeds: tasks that can be made in any discretization, which panels and trainers know alone.
+"""Testbeds: tasks that can be made in any discretization, ours and other libraries'.
 
-integ-gym's own environments and Gymnasium's MuJoCo tasks; `testbed_of` finds the one of an
-environment id.
+What `train`, `panel` and `evaluate` know of a task. A testbed names its hand-made controller and
+never imports it.
 """
 
-from .finding import testbed_of
-from .interface import Applied, Success, Testbed
-from .making import make_checked, make_training_environments
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Applied",
-    "Success",
-    "Testbed",
-    "make_checked",
-    "make_training_environments",
-    "testbed_of",
-]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .finding import testbed_of
+    from .interface import Testbed
+    from .making import make_checked, make_training_environments
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

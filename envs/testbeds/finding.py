@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from integ_gym.support import Registry
+
 from ..catalogue import ENVIRONMENTS
 from .integ_environments import IntegTestbed
 from .interface import Testbed

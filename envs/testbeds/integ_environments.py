@@ -6,12 +6,11 @@ from typing import Any
 
 import gymnasium as gym
 
-from ..episode import Discretization
-from ..environments import DiscretizedVectorEnv
-from ..engines import ENGINES
 from ..catalogue import environment_class, environment_setup
+from ..engines import ENGINES
+from ..environments import DiscretizedVectorEnv
+from ..episode import Discretization, dividing_step
 from .interface import Applied, Success
-from ..episode import dividing_step
 
 TRUTH = "reference"
 """The integrator that solves a plant to rounding."""

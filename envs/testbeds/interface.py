@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..episode import Discretization
 from ..environments import DiscretizedVectorEnv
+from ..episode import Discretization
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from ..episode import DISCRETIZATION, Discretization, agrees
-from ..environments import DiscretizedVectorEnv
 from ..catalogue import ENVIRONMENTS
+from ..environments import DiscretizedVectorEnv
+from ..episode import DISCRETIZATION, Discretization, agrees
 from .finding import testbed_of
 from .interface import Applied, Testbed
 

@@ -9,14 +9,18 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from ..episode import Discretization
-from ..environments import DiscretizedVectorEnv
-from integ_gym.support import load
-from integ_gym.support import suggestion, unknown_name
-from ..environments.rediscretized import RediscretizedEnv, mujoco_integrators, rediscretize
-from ..environments.rediscretized import TaskSetup
-from ..environments.rediscretized import RediscretizedVectorEnv
+from integ_gym.support import load, suggestion, unknown_name
+
 from ..catalogue import ENVIRONMENTS
+from ..environments import DiscretizedVectorEnv
+from ..environments.rediscretized import (
+    RediscretizedEnv,
+    RediscretizedVectorEnv,
+    TaskSetup,
+    mujoco_integrators,
+    rediscretize,
+)
+from ..episode import Discretization
 from .interface import Applied, Success
 
 ENGINE = "mujoco"

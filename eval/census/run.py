@@ -8,15 +8,12 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs import missing_modules
-from integ_gym.envs import map_names, one_step_map
+from integ_gym.envs import integrators_of, map_names, missing_modules, one_step_map
 from integ_gym.support import installed_versions
-from .subjects import engine_subjects
-from .measuring import TRUTH
-from .measuring import Line, measure
+
+from .measuring import TRUTH, Line, measure
+from .subjects import COAST, Subject, engine_subjects
 from .subjects.published import PUBLISHED, installed
-from .subjects import COAST, Subject
-from integ_gym.commands.engines import integrators_of
 
 SCHEMA_VERSION = 1
 PACKAGES = ("integ-gym", "numpy", "gymnasium", "jax", "mujoco", "mujoco-mjx", "warp-lang")

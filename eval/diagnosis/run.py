@@ -15,7 +15,13 @@ import numpy as np
 from tqdm import tqdm
 
 from integ_gym.envs import INTEGRATORS
+from integ_gym.evidence import EvidenceStore
+from integ_gym.support import Progress, cannot_write, make_folder, replace_file
+
+from ..panel.running import package_versions
+from .bench import Bench, Subject, check_integrator, subjects
 from .figures import write_diagnosis_figures
+from .section import Diagnosis
 from .sections import (
     actuation,
     contact,
@@ -28,15 +34,6 @@ from .sections import (
     refinement,
     stiffness,
 )
-from .bench import Bench
-from .section import Diagnosis
-from .bench import Subject, subjects
-from .bench import check_integrator
-from integ_gym.support import cannot_write, make_folder
-from ..panel.running import package_versions
-from integ_gym.support import replace_file
-from integ_gym.evidence import EvidenceStore
-from integ_gym.support import Progress
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""

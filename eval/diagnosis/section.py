@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .bench import Bench, Commands
-from .lines import Expectation
-from .lines import Finding
-from .bench import Array, Rollout
-from .bench import Subject
+from .bench import Array, Bench, Commands, Rollout, Subject
+from .lines import Expectation, Finding
 
 TRUTH = "reference"
 """The integrator that the others are compared with."""

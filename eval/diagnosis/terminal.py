@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
-from .lines import ANY, VERDICTS
 from integ_gym.support import print_aligned, say
+
+from .lines import ANY, VERDICTS
 
 Line = Mapping[str, Any]
 """A finding as ``diagnose.json`` has it."""

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import numerics
-from integ_gym.envs import CartPole
-from integ_gym.envs import Pendulum
+from integ_gym.envs import INTEGRATORS, CartPole, Pendulum, numerics
+from integ_gym.support import compact, write_figure
+
 from .figures import draw_drift
-from integ_gym.support import write_figure
-from integ_gym.support import compact
 
 DT, STEPS = 0.05, 4000
 """Of the pendulum: 200 s."""

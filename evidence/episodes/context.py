@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, agrees
+
 from ..schema import PHASES
 from .labels import Home, Replays
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import state_names
-from ..schema import Field
-from ..schema import CONTACT_TRACE, record_fields
+
+from ..schema import CONTACT_TRACE, Field, record_fields
 
 Array = npt.NDArray[Any]
 

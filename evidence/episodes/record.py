@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ..schema import described, is_trace
-from ..schema import pyarrow
+from ..schema import described, is_trace, pyarrow
 
 Array = npt.NDArray[Any]
 

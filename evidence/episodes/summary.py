@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .episode_rows import EpisodeRows
 from ..schema import SUMMARY_FIELDS
+from .episode_rows import EpisodeRows
 from .layout import Layout
 
 Array = npt.NDArray[Any]

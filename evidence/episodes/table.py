@@ -10,13 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import Setup
-from ..schema import arrow_schema, arrow_type
-from ..schema import with_hashes
+
+from ..schema import (
+    SUMMARY_FIELDS,
+    Field,
+    arrow_schema,
+    arrow_type,
+    in_words,
+    pyarrow,
+    staleness,
+    with_hashes,
+)
 from .context import EpisodeContext
-from ..schema import in_words, staleness
 from .episode_log import EpisodeHead, EpisodeLog, Episodes
-from ..schema import pyarrow
-from ..schema import SUMMARY_FIELDS, Field
 from .labels import EpisodeFacts, Replays, failure_label
 from .layout import Layout
 

@@ -10,12 +10,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from integ_gym.envs import IntegEnv
-from integ_gym.envs import RediscretizedEnv
-from ..episodes import EpisodeContext
-from ..episodes import EpisodeHead
-from .recording import Recorder, now, recorded
+from integ_gym.envs import IntegEnv, RediscretizedEnv
+
+from ..episodes import EpisodeContext, EpisodeHead
 from ..store import EvidenceStore
+from .recording import Recorder, now, recorded
 
 _FEWEST_ROWS = 4096
 """So many rows of finished episodes are given to the log together, at least."""

@@ -14,13 +14,10 @@ import gymnasium.wrappers.vector
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Setup
-from integ_gym.envs import quiet_status
-from ..episodes import EpisodeContext
-from ..episodes import EpisodeLog
-from ..episodes import Layout
+from integ_gym.envs import Setup, quiet_status
+
+from ..episodes import EpisodeContext, EpisodeLog, Layout, ReplayLookups, SetupOfLane, record_table
 from ..store import EvidenceStore
-from ..episodes import ReplayLookups, SetupOfLane, record_table
 
 _CHANGING = (
     gym.ActionWrapper,

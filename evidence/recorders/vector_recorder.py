@@ -11,11 +11,11 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs import DiscretizedVectorEnv
-from ..episodes import EpisodeContext
-from ..episodes import EpisodeHead
+
+from ..episodes import EpisodeContext, EpisodeHead
+from ..store import EvidenceStore
 from .lane_buffer import LaneBuffer
 from .recording import Recorder, all_setups, now, recorded
-from ..store import EvidenceStore
 
 Array = npt.NDArray[Any]
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import Setup
+from integ_gym.envs import Setup, numerics
 
 
 def arguments(setup: Setup, lane: int) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import STATUS_NAMES
+
 from .description import (
     action_latency,
     arguments,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs import state_names, state_units
-from integ_gym.envs import STATUS_NAMES
+from integ_gym.envs import STATUS_NAMES, state_names, state_units
+
 from .fields import SUMMARY_FIELDS, Field
 
 _CODES = ", ".join(f"{code} {STATUS_NAMES[code]}" for code in range(-1, len(STATUS_NAMES) - 1))

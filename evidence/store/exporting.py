@@ -7,8 +7,8 @@ import json
 from collections.abc import Callable, Iterable
 from typing import Any, TextIO
 
-from ..schema import SUMMARY_FIELDS
 from ..episodes import EvidenceRecord
+from ..schema import SUMMARY_FIELDS
 
 EXPORT_FORMATS = ("csv", "jsonl")
 

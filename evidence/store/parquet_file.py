@@ -7,10 +7,15 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from ..schema import VERSION_KEY, is_trace
-from ..schema import EvidenceError
-from ..schema import parquet, pyarrow
-from ..schema import SCHEMA_VERSION, SUMMARY_FIELDS
+from ..schema import (
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    VERSION_KEY,
+    EvidenceError,
+    is_trace,
+    parquet,
+    pyarrow,
+)
 
 _GROUP_BYTES = 16 << 20
 """Memory of the rows of a group, about, where their number allows."""

@@ -6,9 +6,10 @@ import csv
 import json
 from typing import Any, TextIO
 
+from integ_gym.support import print_aligned
+
 from ..episodes import plain
 from .showing import number
-from integ_gym.support import print_aligned
 
 TABLE_FORMATS = ("table", "csv", "json")
 

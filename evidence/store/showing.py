@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..schema import SUMMARY_FIELDS
-from ..episodes import EvidenceRecord
 from integ_gym.support import beside
+
+from ..episodes import EvidenceRecord
+from ..schema import SUMMARY_FIELDS
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"

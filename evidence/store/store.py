@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support import remove_leftovers, write_once
-from ..schema import content_hashes
-from ..schema import BatchExistsError, EvidenceError
-from ..schema import duckdb
-from .parquet_file import check_schema, read, row_count, write
+
 from ..episodes import EvidenceRecord, records_of
+from ..schema import BatchExistsError, EvidenceError, content_hashes, duckdb
+from .parquet_file import check_schema, read, row_count, write
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
 

@@ -13,16 +13,20 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from integ_gym.envs import ENGINES
-from integ_gym.support import require
-from integ_gym.support import unknown_name
-from integ_gym.eval import render_census
-from integ_gym.eval import PUBLISHED
-from integ_gym.eval import take_census
-from integ_gym.eval import row
-from integ_gym.support import make_folder
-from integ_gym.support import replace_file
-from integ_gym.support import CommandParser
-from integ_gym.support import FITS, fits, print_aligned, print_groups, say, unbroken
+from integ_gym.eval import PUBLISHED, render_census, row, take_census
+from integ_gym.support import (
+    FITS,
+    CommandParser,
+    fits,
+    make_folder,
+    print_aligned,
+    print_groups,
+    replace_file,
+    require,
+    say,
+    unbroken,
+    unknown_name,
+)
 
 EXAMPLES = """\
 examples:

@@ -9,14 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from integ_gym.support import require
 from integ_gym.envs import ENVIRONMENTS
-from integ_gym.eval import Request, diagnose
-from integ_gym.eval import print_diagnosis
-from integ_gym.eval import drift_example
-from integ_gym.support import CommandParser, whole_number
-from integ_gym.support import FITS, print_aligned
-from integ_gym.support import cores
+from integ_gym.eval import Request, diagnose, drift_example, print_diagnosis
+from integ_gym.support import FITS, CommandParser, cores, print_aligned, require, whole_number
 
 EXAMPLES = """\
 examples:

@@ -10,13 +10,23 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any, TextIO
 
-from integ_gym.envs import ENGINES, missing_modules
-from integ_gym.envs import CONSTRAINT_VIOLATION
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import numerics
-from integ_gym.support import unknown_name
-from integ_gym.support import CommandParser
-from integ_gym.support import FITS, fits, print_aligned, print_groups, say, unbroken
+from integ_gym.envs import (
+    CONSTRAINT_VIOLATION,
+    ENGINES,
+    integrators_of,
+    missing_modules,
+    numerics,
+)
+from integ_gym.support import (
+    FITS,
+    CommandParser,
+    fits,
+    print_aligned,
+    print_groups,
+    say,
+    unbroken,
+    unknown_name,
+)
 
 EXAMPLES = """\
 examples:
@@ -68,12 +78,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line in _remedies(absent):
             say(line, sys.stdout)
     return 0
-
-
-def integrators_of(engine: str) -> tuple[str, ...]:
-    """The integrators of an engine, as it calls them; ours without the exact one."""
-    own = getattr(ENGINES.load(engine), "maps", None)
-    return tuple(own) if own else tuple(n for n in INTEGRATORS.names() if n != "reference")
 
 
 def _chosen(names: Sequence[str]) -> list[str]:

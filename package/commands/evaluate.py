@@ -8,13 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.support import require
 from integ_gym.envs import ENVIRONMENTS
-from integ_gym.eval import evaluate_existing
-from integ_gym.eval import Grid, plan
-from integ_gym.eval import read_existing
-from integ_gym.support import CommandParser, named_value, whole_number
-from integ_gym.support import say
+from integ_gym.eval import evaluate
+from integ_gym.support import CommandParser, named_value, say, whole_number
 
 EXAMPLES = """\
 examples:
@@ -78,7 +74,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
-    require("train", "report", "evidence")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
     if given.success_return is not None and given.env in ENVIRONMENTS:
@@ -89,16 +84,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = dict(given.env_arg)
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
-    existing = read_existing(given.policy, given.env, arguments, given.obs_stats, given.own_code)
-    spec = plan(existing, given.env, Grid(given.integrator, given.dt, given.episodes))
     command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
-    panel = evaluate_existing(
-        existing,
-        spec,
+    panel = evaluate(
+        given.policy,
+        given.env,
         given.out,
-        command,
+        integrators=given.integrator,
+        dts=given.dt,
+        episodes=given.episodes,
+        environment=arguments,
+        obs_stats=given.obs_stats,
+        own_code=given.own_code,
         progress=not given.no_progress,
         on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
+        command=command,
     )
     say(panel.question, sys.stdout)
     say(panel.answer, sys.stdout)

@@ -8,15 +8,21 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from integ_gym.evidence import exporting
-from integ_gym.evidence import printing
-from integ_gym.support import CommandParser
-from integ_gym.evidence import EvidenceError
-from integ_gym.evidence import SCHEMA_VERSION
-from integ_gym.evidence import EvidenceRecord
-from integ_gym.evidence import ASCII_BARS, BARS, show
-from integ_gym.evidence import EvidenceStore, open_run
-from integ_gym.support import FITS, width_of
+from integ_gym.evidence import (
+    ASCII_BARS,
+    BARS,
+    EXPORT_FORMATS,
+    SCHEMA_VERSION,
+    TABLE_FORMATS,
+    EvidenceError,
+    EvidenceRecord,
+    EvidenceStore,
+    export,
+    open_run,
+    print_table,
+    show,
+)
+from integ_gym.support import FITS, CommandParser, width_of
 
 _PROGRAM = "integ-gym evidence"
 
@@ -77,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(command)
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
-        "--format", choices=printing.FORMATS, default="table",
+        "--format", choices=TABLE_FORMATS, default="table",
         help="csv and json give every value in full, a table shortens numbers and long lists "
         "(default: table)",
     )  # fmt: skip
@@ -89,7 +95,7 @@ def parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("export", help="write all records without their traces")
     _add_run(command)
-    command.add_argument("--format", choices=exporting.FORMATS, default="csv")
+    command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
     command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
     command.set_defaults(run_command=_export)
     return made
@@ -112,7 +118,7 @@ def _show(arguments: argparse.Namespace) -> int:
 
 def _query(arguments: argparse.Namespace) -> int:
     table = _store(arguments).query(arguments.sql)
-    printing.print_table(table, sys.stdout, arguments.format)
+    print_table(table, sys.stdout, arguments.format)
     return 0
 
 
@@ -134,7 +140,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 def _export(arguments: argparse.Namespace) -> int:
     records = _store(arguments).records(trace=False)
     if arguments.output is None:
-        exporting.export(records, sys.stdout, arguments.format)
+        export(records, sys.stdout, arguments.format)
         return 0
     count = _export_to(arguments.output, records, arguments.format)
     print(f"{count} records written to {arguments.output}", file=sys.stderr)
@@ -148,7 +154,7 @@ def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> in
     part = output.with_name(f"{output.name}.part")
     try:
         with open(part, "w", encoding="utf-8", newline="") as file:
-            count = exporting.export(records, file, form)
+            count = export(records, file, form)
         os.replace(part, output)
     except OSError as error:
         raise EvidenceError(

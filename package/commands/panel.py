@@ -10,17 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.support import require
-from integ_gym.eval import complete_panel
-from integ_gym.eval import write_artefact
-from integ_gym.eval import Panel
-from integ_gym.eval import RunDirectory
-from integ_gym.eval import PanelSpec, built_in_spec, read_spec
-from integ_gym.eval import TRAINERS
-from integ_gym.eval import BUILT_IN
-from integ_gym.support import CommandParser, whole_number
-from integ_gym.support import beside, say, width_of
-from integ_gym.support import cores
+from integ_gym.eval import BUILT_IN, TRAINERS, PanelSpec, run_panel, specified
+from integ_gym.support import CommandParser, beside, say, whole_number, width_of
 
 EXAMPLES = """\
 examples:
@@ -75,10 +66,9 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     arguments = parser().parse_args(argv)
-    require("train", "report", "evidence")
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
-    spec = _spec(arguments.spec)
+    spec = specified(arguments.spec or BUILT_IN[0])
     if arguments.trainer:
         spec = replace(spec, trainer=arguments.trainer)
     if arguments.memory_gib is not None:
@@ -87,20 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     words += ["--trainer", arguments.trainer] if arguments.trainer else []
     words += ["--policies", str(arguments.policies)] if arguments.policies else []
     command = shlex.join([*words, "--out", str(arguments.out)])
-    written: list[Panel] = []
-
-    def report(directory: RunDirectory) -> None:
-        written.append(write_artefact(spec, directory, command, arguments.workers or cores()))
-
-    complete_panel(
+    panel = run_panel(
         spec,
         arguments.out,
         workers=arguments.workers,
         progress=not arguments.no_progress,
         policies=arguments.policies,
-        finish=report,
+        command=command,
     )
-    (panel,) = written
     say(panel.question, sys.stdout)
     say(panel.answer, sys.stdout)
     for verdict in panel.verdicts:
@@ -114,9 +98,3 @@ def _memory(gib: float) -> float:
     if not 0.0 < gib < math.inf:
         raise ValueError(f"--memory-gib must be a finite number above 0, got {gib}")
     return gib
-
-
-def _spec(given: str | None) -> PanelSpec:
-    if given is None or given in BUILT_IN:
-        return built_in_spec(given or BUILT_IN[0])
-    return read_spec(Path(given))

@@ -6,10 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval import write_figures
-from integ_gym.eval import FILE_NAME, read_panel
-from integ_gym.eval import write_report
-from integ_gym.eval import MANIFEST
+from integ_gym.eval import FILE_NAME, MANIFEST, read_panel, write_figures, write_report
 from integ_gym.support import CommandParser
 
 

@@ -9,13 +9,9 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import ENVIRONMENTS
-from integ_gym.envs import Settings
-from integ_gym.envs import PendulumSwingUp
+from integ_gym.envs import ENVIRONMENTS, PendulumSwingUp, Settings
 from integ_gym.support import CommandParser, named_value, sentence, whole_number
-from integ_gym.train import told
-from integ_gym.train import PPOConfig, make_training_envs, train_ppo
-from integ_gym.train import TrainingError
+from integ_gym.train import PPOConfig, TrainingError, make_training_envs, told, train_ppo
 
 _EXAMPLES = """\
 examples:

@@ -12,10 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from integ_gym.eval import MARKERS, Schemes, SchemeStyle
+
+from ..files import replace_file
 from ..packages import load
 from .colours import PALETTE
-from integ_gym.eval import MARKERS, Schemes, SchemeStyle
-from ..files import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

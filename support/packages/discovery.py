@@ -77,9 +77,9 @@ class Registry:
     def _only_class(self, module: ModuleType) -> type[Any]:
         found = [
             value
-            for value in vars(module).values()
+            for value in (getattr(module, name) for name in _public(module))
             if isinstance(value, type)
-            and value.__module__ == module.__name__
+            and f"{value.__module__}.".startswith(f"{module.__name__}.")
             and hasattr(value, self._method)
         ]
         if len(found) != 1:
@@ -104,6 +104,11 @@ class Registry:
                 f"`{self._method}`"
             )
         return loaded
+
+
+def _public(module: ModuleType) -> Iterable[str]:
+    """What a module holds; of a package, what its door offers."""
+    return getattr(module, "__all__", None) or tuple(vars(module))
 
 
 @cache

@@ -12,10 +12,11 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from ..packages import load
-from ..figures import PALETTE, channels
-from ..terminal import compact, fixed, seconds, step
 from integ_gym.eval import HUES
+
+from ..figures import PALETTE, channels
+from ..packages import load
+from ..terminal import compact, fixed, seconds, step
 
 SCRIPT: Final = """
 (function () {

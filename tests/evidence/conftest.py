@@ -8,8 +8,8 @@ import pytest
 
 import integ_gym  # noqa: F401
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.store.store import EvidenceStore
 
 
 def _play(env, seeds, actions=None):

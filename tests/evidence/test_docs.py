@@ -10,9 +10,9 @@ import pytest
 
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.tasks import TASKS
-from integ_gym.evidence.store.store import open_run
 from integ_gym.evidence.schema.fields import LABELS, SUMMARY_FIELDS
 from integ_gym.evidence.schema.trace_fields import trace_fields
+from integ_gym.evidence.store.store import open_run
 
 TEXT = (Path(__file__).parents[2] / "docs" / "evidence.md").read_text(encoding="utf-8")
 

@@ -1,69 +1,43 @@
-"""Imports run one way, and importing changes nothing outside the package."""
+"""Inside the environments imports run one way, and importing changes nothing outside the package."""
 
 from __future__ import annotations
 
-import ast
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from house import all_modules, origin
 
-import integ_gym
-
-ROOT = Path(integ_gym.__file__).parent.parent
-LAYERS = ("envs", "evidence", "train", "eval", "package")
-SOURCES = sorted(
-    path
-    for layer in LAYERS
-    for path in (ROOT / layer).rglob("*.py")
-    if "__pycache__" not in str(path)
-)
-
-
-def _imported(path: Path) -> set[str]:
-    modules = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            modules.add(node.module or "")
-    return modules
+MODULES = all_modules()
+ROOMS = {
+    "arithmetic": ("mechanics", "plants", "integrators", "maps", "engines", "tasks", "episode"),
+    "plants": ("integrators", "maps", "engines", "tasks", "episode"),
+    "integrators": ("plants", "maps", "engines", "tasks", "episode"),
+    "maps": ("plants", "engines", "tasks", "episode"),
+    "engines": ("tasks", "episode"),
+    "tasks": ("integrators", "maps", "engines", "episode"),
+    "episode": (),
+}
+"""Room of ``envs`` to the rooms that it does not know; none knows one with environments."""
+OUTSIDE = ("environments", "catalogue", "testbeds")
 
 
-def _layer(module: str) -> int | None:
+def _room(module: str) -> str:
     parts = module.split(".")
-    if parts[0] != "integ_gym":
-        return None
-    return (
-        LAYERS.index(parts[1]) if len(parts) > 1 and parts[1] in LAYERS else LAYERS.index("package")
-    )
+    return parts[2] if parts[:2] == ["integ_gym", "envs"] and len(parts) > 2 else ""
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_run_one_way(path):
-    own = LAYERS.index(path.relative_to(ROOT).parts[0])
-    for module in _imported(path):
-        layer = _layer(module)
-        assert layer is None or layer <= own, f"{path} imports {module}"
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "envs").rglob("*.py")), ids=lambda p: p.name)
-def test_layers_inside_envs(path):
+@pytest.mark.parametrize("room", ROOMS)
+def test_rooms_inside_envs(room):
     """A plant knows no integrator, an integrator no plant, an engine no task."""
-    folder = path.relative_to(ROOT / "envs").parts[0]
-    forbidden = {
-        "plants": ("integrators", "engines", "tasks", "environment"),
-        "integrators": ("plants", "engines", "tasks", "environment"),
-        "maps": ("plants", "engines", "tasks", "environment"),
-        "engines": ("tasks", "environment"),
-        "tasks": ("integrators", "engines", "environment"),
-    }.get(folder, ())
-    for module in _imported(path):
-        for name in forbidden:
-            assert not module.startswith(f"integ_gym.envs.{name}"), f"{path} imports {module}"
+    sources = [source for name, source in MODULES.items() if _room(name) == room]
+    assert sources
+    forbidden = {*ROOMS[room], *OUTSIDE}
+    for source in sources:
+        for one in source.imports():
+            target = _room(origin(MODULES, one.module, one.name))
+            assert target not in forbidden, f"{source.path}:{one.line} imports {one.name}"
 
 
 CORE_ONLY = """
@@ -95,8 +69,8 @@ import jax, stable_baselines3, torch
 values = {name: jax.config.values[name] for name in jax.config.values}
 environ = dict(os.environ)
 import gymnasium
-import integ_gym.envs.jax_ops
-import integ_gym.eval.panel
+import integ_gym.envs.arithmetic.jax_ops
+import integ_gym.eval.panel.running.panel
 from integ_gym.cli import main
 from integ_gym.train.ppo import PPOConfig, train_ppo
 out = Path(tempfile.mkdtemp())
@@ -116,6 +90,7 @@ SET_BY_TORCH = ["TORCHINDUCTOR_CACHE_DIR"]
 """Set by torch itself when its first optimizer is made."""
 
 
+@pytest.mark.slow
 def test_import_train_and_evaluate_leave_the_process_as_it_was():
     done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

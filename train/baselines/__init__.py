@@ -1,9 +1,13 @@
 """Controllers that nobody trained, for the same seat as a trained policy.
 
-`random` and `zero` say what no skill reaches; `handmade` says what the physics allows. Where a
-trained policy fails and `handmade` succeeds, learning has failed, not the actuator.
+Random, zero and hand-made ones, made by name for whichever task names them.
 """
 
-from .making import BASELINES, has_handmade, make_baseline, possible_baselines
+from typing import TYPE_CHECKING
 
-__all__ = ["BASELINES", "has_handmade", "make_baseline", "possible_baselines"]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .making import BASELINES, has_handmade, make_baseline, possible_baselines
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

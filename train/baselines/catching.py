@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import NativeEngine
-from integ_gym.envs import Plant, join_state, split_state
-from integ_gym.envs import PlantSystem
+from integ_gym.envs import ARRAY, NativeEngine, Plant, PlantSystem, join_state, split_state
 
 _CATCH_TIME = 4.0
 """How long the regulator may take, in simulation, to bring a state near upright, s."""

@@ -7,9 +7,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.envs import SCALAR, Plant, join_state, split_state
 from integ_gym.support import load
-from integ_gym.envs import SCALAR
-from integ_gym.envs import Plant, join_state, split_state
 
 Matrix: TypeAlias = NDArray[np.float64]
 

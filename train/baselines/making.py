@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support import unknown_name
 from integ_gym.envs import Setup
+from integ_gym.support import unknown_name
+
+from ..policy import Policy
 from .handmade import HANDMADE, controller_classes
 from .random_policy import RandomPolicy
 from .zero_policy import ZeroPolicy
-from ..policy import Policy
 
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""

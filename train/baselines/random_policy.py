@@ -8,9 +8,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..policy import ActionArray
 from .hashed_uniform import hashed_uniform
 from .interface import Baseline
-from ..policy import ActionArray
 
 
 class RandomPolicy(Baseline):

@@ -8,9 +8,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..policy import FloatArray
 from .interface import Baseline
 from .random_policy import bounds_of
-from ..policy import FloatArray
 
 
 class ZeroPolicy(Baseline):

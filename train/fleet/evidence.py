@@ -10,14 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import Setup
-from integ_gym.envs import quiet_status
+from integ_gym.envs import Setup, quiet_status
+from integ_gym.evidence import EpisodeHead, EpisodeLog, EvidenceStore, Layout, now, record_table
 from integ_gym.support import installed_versions
-from integ_gym.evidence import EpisodeHead, EpisodeLog
-from integ_gym.evidence import Layout
-from integ_gym.evidence import now
-from integ_gym.evidence import EvidenceStore
-from integ_gym.evidence import record_table
+
 from ..runs import TrainingEvidence
 
 Array = NDArray[Any]

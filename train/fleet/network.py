@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from integ_gym.envs import jax, jnp
+
 from ..sb3 import Stack
 
 Array = Any

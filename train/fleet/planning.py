@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import functional
-from integ_gym.envs import ENGINES
-from integ_gym.envs import jax
+from integ_gym.envs import ENGINES, functional, jax
 from integ_gym.evidence import Layout
+
+from ..ppo import PPOConfig
 from .evidence import ROWS_AT_ONCE
 from .types import Algorithm
 from .worker import Device, Workers
-from ..ppo import PPOConfig
 
 LONGEST = 60.0
 """What a chunk should take at most on one core, s."""

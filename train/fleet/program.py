@@ -14,19 +14,25 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from integ_gym.envs import FunctionalEnv
-from integ_gym.envs import Params
-from integ_gym.envs import reset_info, step_info
-from integ_gym.envs import jax, jnp
-from integ_gym.envs import Components
-from integ_gym.envs import join_state
-from integ_gym.envs import EnvState, Outcome
+from integ_gym.envs import (
+    Components,
+    EnvState,
+    FunctionalEnv,
+    Outcome,
+    Params,
+    jax,
+    jnp,
+    join_state,
+    reset_info,
+    step_info,
+)
 from integ_gym.evidence import Layout
+
+from ..sb3 import Stack
 from .network import log_prob_and_entropy, one_side, outputs
 from .random import draw, split
 from .types import Adam, Algorithm, Batch, Knobs, Learner, Trail
 from .update import advantages_of, learning_rate, permutations, update
-from ..sb3 import Stack
 
 Array = Any
 

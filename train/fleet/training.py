@@ -20,26 +20,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import functional
-from integ_gym.support import require
-from integ_gym.envs import FunctionalEnv
-from integ_gym.envs import jax
-from integ_gym.envs import Mixture
+from integ_gym.envs import FunctionalEnv, Mixture, functional, jax
 from integ_gym.evidence import Layout
-from ..policy_files import LAST_EPISODES, episode_summary, make_card
+from integ_gym.support import report_work, require
+
+from ..policy_files import LAST_EPISODES, TrainedPolicy, episode_summary, make_card, write_policy
+from ..ppo import PPOConfig, model_arguments
+from ..runs import (
+    OnTrained,
+    Run,
+    TrainingEvidence,
+    checked_runs,
+    first_lane_seed,
+    train_in_processes,
+    training_bar,
+    unheard,
+)
+from ..sb3 import initial_stack, state_dict, zip_of_weights
 from .evidence import EpisodeAssembler
 from .planning import Kind, kind_of, plan
 from .program import FleetProgram
 from .types import Algorithm, Knobs, Learner, Trail
 from .worker import default_cache_dir, fleet_workers, prepare_worker
-from ..sb3 import initial_stack, state_dict
-from ..ppo import PPOConfig, model_arguments
-from ..sb3 import zip_of_weights
-from ..runs import first_lane_seed
-from ..runs import OnTrained, Run, checked_runs, train_in_processes, training_bar, unheard
-from ..policy_files import TrainedPolicy, write_policy
-from ..runs import TrainingEvidence
-from integ_gym.support import report_work
 
 Array = NDArray[Any]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from integ_gym.envs import Components
-from integ_gym.envs import EnvState
+from integ_gym.envs import Components, EnvState
+
 from ..sb3 import Stack
 
 Array = Any

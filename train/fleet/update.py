@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 from integ_gym.envs import jax, jnp
+
+from ..sb3 import Stack
 from .network import log_prob_and_entropy, outputs
 from .random import draw
 from .types import Adam, Algorithm, Batch, Knobs
-from ..sb3 import Stack
 
 Array = Any
 

@@ -1,21 +1,20 @@
 """Policies as evaluation sees them: observations in, the deterministic action out.
 
-`Policy` is what every policy offers, a trained network as well as a hand-made controller.
-`MlpPolicy` is a trained feed-forward actor in NumPy alone, so that evaluating a policy needs
-neither torch nor stable-baselines3 (SB3), and a worker process starts in a fraction of the time.
+Knows networks as arrays; how they were trained or stored is not its business.
 """
 
-from .actions import BoxActions, DiscreteActions
-from .activations import ACTIVATIONS
-from .interface import Policy
-from .mlp_policy import MlpPolicy
-from .observation_statistics import ObservationStatistics
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ACTIVATIONS",
-    "BoxActions",
-    "DiscreteActions",
-    "MlpPolicy",
-    "ObservationStatistics",
-    "Policy",
-]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .actions import BoxActions, DiscreteActions
+    from .activations import ACTIVATIONS
+    from .arrays import ActionArray, FloatArray
+    from .feed_forward import Layer
+    from .interface import Policy
+    from .mlp_policy import MlpPolicy
+    from .observation_statistics import ObservationStatistics
+    from .stack import PolicyStack
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

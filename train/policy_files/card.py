@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs import Mixture
-from integ_gym.envs import Setup
+from integ_gym.envs import Mixture, Setup
 from integ_gym.support import installed_versions
+
 from ..runs import first_lane_seed
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.support import missing
-from ..policy import BoxActions, DiscreteActions
-from ..policy import MlpPolicy
+
+from ..policy import BoxActions, DiscreteActions, MlpPolicy
 from .error import PolicyFileError
 
 try:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from integ_gym.support import check_values, nonnegative, unknown_name
 from integ_gym.envs import ENVIRONMENTS
+from integ_gym.support import check_values, nonnegative, unknown_name
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import Mixture
+from integ_gym.envs import INTEGRATORS, Mixture
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig

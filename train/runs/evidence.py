@@ -25,8 +25,7 @@ class TrainingEvidence:
 
     def recorder(self, vector_env: Any) -> Any:
         """Training environments that record; ``commit(batch)`` writes what they have recorded."""
-        from integ_gym.evidence import EvidenceStore
-        from integ_gym.evidence import RecordVectorEvidence
+        from integ_gym.evidence import EvidenceStore, RecordVectorEvidence
 
         store = EvidenceStore(self.store)
         return RecordVectorEvidence(vector_env, store, self.context, commit_on_close=False)

@@ -10,10 +10,11 @@ from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from integ_gym.support import Progress, cores, report_work
+
 from ..policy_files import TrainedPolicy, check_folder
 from .error import TrainingError
 from .evidence import TrainingEvidence
-from integ_gym.support import Progress, cores, report_work
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig

@@ -1,22 +1,16 @@
 """Python source of functions over components: run once on symbols, written down, compiled.
 
-A function written for :class:`integ_gym.envs.arithmetic.ops.Ops` is called with symbols in place of floats or
-arrays. Every operation is noted, equal ones once; what remains is a function of floats, or of
-arrays, without calls, tuples and attribute look-ups in between, whose operations are those of the
-scalar, or of the array world.
+A function written for `Ops` is called with symbols in place of floats or arrays. What it does to them
+is a trace: operations and loops. The trace is written as one Python function without objects or calls
+of our own, which computes the same numbers to the last bit. Knows `Ops`, not what is traced.
 """
 
-from .compiling import Repeated, compiled, repeated
-from .dialects import ARRAYS, SCALARS, Dialect, Unusual
-from .symbols import NotTraceable
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ARRAYS",
-    "SCALARS",
-    "Dialect",
-    "NotTraceable",
-    "Repeated",
-    "Unusual",
-    "compiled",
-    "repeated",
-]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .compiling import Repeated, compiled, repeated
+    from .dialects import ARRAYS, SCALARS, Dialect, Unusual
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

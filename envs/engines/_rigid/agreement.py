@@ -7,8 +7,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ...mechanics import Mechanism
 from ...arithmetic import SCALAR, Components
+from ...mechanics import Mechanism
 from ...plants import Plant
 
 Array = npt.NDArray[np.float64]

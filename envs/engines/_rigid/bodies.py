@@ -11,14 +11,13 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from .agreement import TOLERANCE, check_agreement, check_dampers, check_weight
-from .._stepping import ForeignEngine, Run
+from ...arithmetic import Component, Components, Ops
 from ...integrators import State, Step, along
 from ...maps import one_step_map
-from ...mechanics import Mechanism
-from ...arithmetic import Component, Components, Ops
+from ...mechanics import Mechanism, PlantSystem
 from ...plants import Plant
-from ...mechanics import PlantSystem
+from .._stepping import ForeignEngine, Run
+from .agreement import TOLERANCE, check_agreement, check_dampers, check_weight
 
 Array = npt.NDArray[np.float64]
 

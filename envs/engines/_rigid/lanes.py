@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...arithmetic import Component, Components, Ops
 from .._stepping import ASTRAY
 from .bodies import Array, RigidBodyEngine
-from ...arithmetic import Component, Components, Ops
 
 
 class LanesEngine(RigidBodyEngine):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from ...mechanics import Stops
+from ...mechanics import Link, Mechanism, Stops
 from .moments import moment
-from ...mechanics import Link, Mechanism
 
-MAPS = {
+MAPS: dict[str, str] = {
     "Euler": "symplectic_euler_implicit_damping",
     "implicitfast": "symplectic_euler_implicit_damping",
     "implicit": "symplectic_euler_implicit_velocity",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ...mechanics import Stops
-from ...mechanics import Link, Mechanism
+from ...mechanics import Link, Mechanism, Stops
 
 GROUND = "ground"
 """Name of the root link, which has no mass."""

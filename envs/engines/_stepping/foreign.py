@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from math import hypot, nan
 from typing import Any, ClassVar
 
+from ...arithmetic import Component, Components, Ops
+from ...integrators import Step
+from ...mechanics import PlantSystem
+from ..interface import DIVERGENCE_SPEED, Motion, Segments
 from .mapped import MappedEngine
 from .stepped import within_bounds
-from ..interface import DIVERGENCE_SPEED, Motion, Segments
-from ...integrators import Step
-from ...arithmetic import Component, Components, Ops
-from ...mechanics import PlantSystem
 
 Run = Callable[..., tuple[Any, ...]]
 """(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .stepped import SteppedEngine
-from integ_gym.support import suggestion
+from integ_gym.support import package_version, suggestion
+
 from ...mechanics import PlantSystem
-from integ_gym.support import package_version
+from .stepped import SteppedEngine
 
 
 class MappedEngine(SteppedEngine):

@@ -6,11 +6,11 @@ import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
+from ...arithmetic import FLOAT32_MAX, Component, Components, Ops
+from ...integrators import Step
+from ...mechanics import PlantSystem
 from .. import ENGINES
 from ..interface import DIVERGENCE_SPEED, Motion, Segments
-from ...integrators import Step
-from ...arithmetic import FLOAT32_MAX, Component, Components, Ops
-from ...mechanics import PlantSystem
 
 CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"
 """Of engines whose joints are coordinates: there is no constraint that a step could violate."""

@@ -11,13 +11,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...mechanics import Stops
-from .._stepping import Run
-from .._rigid import LanesEngine
-from .._stepping import quiet
-from .._rigid import Array
 from integ_gym.support import load
+
 from ...arithmetic import Components
+from ...mechanics import Stops
+from .._rigid import Array, LanesEngine
+from .._stepping import Run, quiet
 
 FEWEST = 16
 """Worlds are made in this number or the next power of two above it, whatever lanes are moved."""

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from math import nan
 from typing import Any, ClassVar
 
-from . import steps
-from .._stepping import Run, guarded
-from .._stepping import MappedEngine
 from integ_gym.support import load
-from ...integrators import Step
+
 from ...arithmetic import Component, Components, Ops
+from ...integrators import Step
 from ...mechanics import PlantSystem
+from .._stepping import MappedEngine, Run, guarded
+from . import steps
 
 
 class CasadiEngine(MappedEngine):

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from integ_gym.support import load
+
 from ...arithmetic import SCALAR, Carry, Component, Components, repeat
 
 casadi = load("casadi", "casadi")

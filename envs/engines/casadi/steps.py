@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._stepping import Run
 from integ_gym.support import load
+
+from .._stepping import Run
 
 Array = npt.NDArray[np.float64]
 

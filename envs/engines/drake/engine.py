@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .model import multibody_plant
-from .implicit import ACCURACY, implicit_steps, rest_serves
-from .steps import discrete_steps, explicit_steps
-from .._stepping import Run
-from .._rigid import Array, RigidBodyEngine
 from ...arithmetic import Components
+from .._rigid import Array, RigidBodyEngine
+from .._stepping import Run
+from .implicit import ACCURACY, implicit_steps, rest_serves
+from .model import multibody_plant
+from .steps import discrete_steps, explicit_steps
 
 EXPLICIT = {
     "explicit_euler": "explicit_euler",

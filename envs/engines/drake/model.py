@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from ...mechanics import Stops
 from integ_gym.support import load
-from ...mechanics import Link, Mechanism
+
+from ...mechanics import Link, Mechanism, Stops
 
 
 def multibody_plant(

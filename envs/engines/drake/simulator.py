@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.support import load
+
 from ...arithmetic import Components
 
 SPAN = 64

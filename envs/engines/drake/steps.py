@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import nan
 from typing import Any
 
-from .simulator import SPAN, Clock, Log, force_setter, state_size
 from .._stepping import Run
+from .simulator import SPAN, Clock, Log, force_setter, state_size
 
 
 def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:

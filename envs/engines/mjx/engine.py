@@ -7,14 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._stepping import Run
-from .._rigid import LanesEngine
-from .._rigid import MAPS
-from .._stepping import quiet
-from .._rigid import Array
 from integ_gym.support import load
+
 from ...arithmetic import SCALAR, Component, Components, Ops
 from ...mechanics import PlantSystem
+from .._rigid import MAPS, Array, LanesEngine
+from .._stepping import Run, quiet
 
 
 class MjxEngine(LanesEngine):

@@ -13,11 +13,9 @@ import numpy as np
 from mujoco import mjx
 from mujoco.mjx._src import forward
 
-from ...mechanics import Stops
-from .._rigid import mjcf
-from .._rigid import LEAST_SHARE
-from ...mechanics import Link, Mechanism
 from ...arithmetic import Component
+from ...mechanics import Link, Mechanism, Stops
+from .._rigid import LEAST_SHARE, mjcf
 
 Array = Any
 

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._stepping import Run
-from .._rigid import LEAST_INERTIA, MAPS, mjcf
-from .quiet import silencer
-from .._rigid import Array, RigidBodyEngine
 from integ_gym.support import load
+
 from ...arithmetic import Components
+from .._rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mjcf
+from .._stepping import Run
+from .quiet import silencer
 
 
 class MujocoEngine(RigidBodyEngine):

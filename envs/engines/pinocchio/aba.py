@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support import load
-from ...mechanics import Mechanism
+
 from ...arithmetic import Components, Ops
+from ...mechanics import Mechanism
 
 Array = npt.NDArray[np.float64]
 Rows = tuple[Components, ...]

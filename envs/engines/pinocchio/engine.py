@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from copy import copy
 from typing import Any, ClassVar
 
-from .aba import Array, ArticulatedBodies
-from .._rigid import check_agreement
-from .._stepping import lacks_integrator, refuse_arrays
-from .._rigid import mechanism_of
-from ..native import NativeEngine
-from ...integrators import INTEGRATORS
-from ...arithmetic import Components
-from ...plants import Plant
-from ...mechanics import PlantSystem
 from integ_gym.support import package_version
+
+from ...arithmetic import Components
+from ...integrators import INTEGRATORS
+from ...mechanics import PlantSystem
+from ...plants import Plant
+from .._rigid import check_agreement, mechanism_of
+from .._stepping import lacks_integrator, refuse_arrays
+from ..native import NativeEngine
+from .aba import Array, ArticulatedBodies
 
 
 class PinocchioEngine(NativeEngine):

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import inf, sqrt
 from typing import Any, NamedTuple
 
-from ...mechanics import Stops
+from ...mechanics import Link, Mechanism, Stops
 from .._stepping import load_undisturbed
-from ...mechanics import Link, Mechanism
 
 SMALLEST_INERTIA = 1e-10
 """Of a point mass or a sliding body, per mass, m^2: PhysX takes none for an infinite one."""

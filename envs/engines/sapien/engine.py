@@ -8,12 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._rigid import PROBES, TOLERANCE
-from .articulation import Solver, World, articulated
-from .._stepping import Run
-from .._rigid import Array, HeldForce, RigidBodyEngine
-from ...mechanics import Mechanism
 from ...arithmetic import SCALAR, Components
+from ...mechanics import Mechanism
+from .._rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
+from .._stepping import Run
+from .articulation import Solver, World, articulated
 
 SOLVERS = {"tgs": Solver(True, 10), "pgs": Solver(False, 50)}
 """Temporal Gauss-Seidel as SAPIEN has it by default; projected Gauss-Seidel until it converges."""

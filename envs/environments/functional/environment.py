@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
+from ...arithmetic import Component, Components, JaxOps, jax, jnp
+from ...episode import EnvState, Outcome, Setup, initial_state, step_info, transition
+from ...plants import join_state, split_state
 from ..environment import observation_space
 from .checking import checked_setup
 from .params import Params, params_of
@@ -16,12 +19,6 @@ from .sensor_noise import renewed, standard_noise, with_noise
 from .state import FuncState, TimeStep
 from .structure import structure_of
 from .traced_setup import traced_setup
-from ...episode import step_info
-from ...arithmetic import JaxOps, jax, jnp
-from ...arithmetic import Component, Components
-from ...plants import join_state, split_state
-from ...episode import Setup
-from ...episode import EnvState, Outcome, initial_state, transition
 
 DTYPES = ("float32", "float64")
 

@@ -11,14 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...arithmetic import Component, Components, jax, jnp
+from ...catalogue import environment_mixture
+from ...episode import WEIGHT, EnvState, Outcome, Setup
 from .environment import FunctionalEnv
 from .params import Params
-from ...arithmetic import jax, jnp
-from ...episode import WEIGHT
-from ...arithmetic import Component, Components
-from ...catalogue import environment_mixture
-from ...episode import Setup
-from ...episode import EnvState, Outcome
 
 _DRAWN = ("dt", "substeps", "sensor")
 """Entries of :class:`Params` that the members of a group differ in."""

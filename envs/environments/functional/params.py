@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .starts import start_range
 from ...arithmetic import Component, Components
 from ...episode import Setup
+from .starts import start_range
 
 
 class Params(NamedTuple):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...arithmetic import jax, jnp
-from ...arithmetic import Component, Components
+from ...arithmetic import Component, Components, jax, jnp
+from ...episode import EnvState, Setup
 from ...plants import split_state
-from ...episode import Setup
-from ...episode import EnvState
 
 
 def standard_noise(setup: Setup, rng: Any, shape: tuple[int, ...], dtype: str) -> Components:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import repeat
 
 from ...arithmetic import Components
-from ...episode import Setup
-from ...episode import GivenNumbers
+from ...episode import GivenNumbers, Setup
 
 
 def start_range(setup: Setup) -> tuple[Components, Components]:

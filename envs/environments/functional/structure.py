@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ...plants import Plant
 from ...episode import Setup
+from ...plants import Plant
 
 OPTIONAL = ("stops", "dry_friction")
 """Parts of a plant that it may lack, which decides the program."""

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from ...episode import Setup, Timing
 from .params import Params
 from .structure import OPTIONAL, lacks
-from ...episode import Setup
-from ...episode import Timing
 
 
 def traced_setup(setup: Setup, params: Params) -> Setup:

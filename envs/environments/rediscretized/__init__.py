@@ -1,6 +1,16 @@
-"""Any Gymnasium MuJoCo task under another integrator and timestep."""
+"""Any Gymnasium MuJoCo task under another integrator and timestep.
 
-from .choice import mujoco_integrators
-from .environment import RediscretizedEnv, rediscretize
+Knows MuJoCo's models; what is not known of a stranger's task stays unknown.
+"""
 
-__all__ = ["RediscretizedEnv", "mujoco_integrators", "rediscretize"]
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .choice import mujoco_integrators
+    from .description import TaskSetup
+    from .environment import RediscretizedEnv, rediscretize
+    from .vector import RediscretizedVectorEnv
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -5,8 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from integ_gym.support import load
-from integ_gym.support import check_values, finite_number, parameter, positive, text, unknown_name
+from integ_gym.support import (
+    check_values,
+    finite_number,
+    load,
+    parameter,
+    positive,
+    text,
+    unknown_name,
+)
+
 from ...episode import check_divides
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from gymnasium import spaces
 
-from ...episode import Settings
-from ...episode import Timing
 from integ_gym.support import package_version
+
+from ...episode import Settings, Timing
 
 _FREE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _FREE_UNITS = ("m", "m", "m", "1", "1", "1", "1")

@@ -11,15 +11,14 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from ...engines.mujoco import silencer
 from integ_gym.support import load
+
+from ...engines.mujoco import silencer
+from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import in_state_order
 from .choice import Choice, integrator_numbers
 from .description import ModelEngine, TaskGoal, TaskSetup, observation_names, plant_of
 from .ledger import NOTHING, Ledger, is_lost
-from ...episode import Settings
-from ...episode import Timing
-from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 Array = npt.NDArray[Any]
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from ..discretized_vector import DiscretizedVectorEnv
 from ...episode import Mixture
+from ..discretized_vector import DiscretizedVectorEnv
 from .environment import RediscretizedEnv
 
 

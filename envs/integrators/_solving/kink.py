@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..interface import System
 from ...arithmetic import Component, Components, Ops
+from ..interface import System
 
 
 def time_of_kink(

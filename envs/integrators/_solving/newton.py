@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from .linear import solve_linear
-from ..interface import System, along
 from ...arithmetic import Component, Components, Ops
+from ..interface import System, along
+from .linear import solve_linear
 
 TOLERANCE = 1e-10
 """Scaled residual max |F_i| / (1 + |V_i|) above which a solution is `not_converged` (float64)."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from ...integrators._solving import solve_linear
-from ...integrators import Step, along
 from ...arithmetic import Component, Components, Ops
+from ...integrators import Step, along
+from ...integrators._solving import solve_linear
 from ...mechanics import PlantSystem
 
 

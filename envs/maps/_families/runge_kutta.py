@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
-from ...integrators._solving import CAP, TOLERANCE, differences, solve
-from ...integrators import Step, System
 from ...arithmetic import Component, Components, Ops
+from ...integrators import Step, System
+from ...integrators._solving import CAP, TOLERANCE, differences, solve
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]

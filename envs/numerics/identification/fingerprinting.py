@@ -12,14 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...maps import map_names
+from ...mechanics import PlantSystem
+from ...plants import PLANTS, Plant, join_state
 from ..convergence import ROUNDING, convergence
-from .matching import Case, Match, cases_of, match
 from ..phase_space import volume_defect
 from ..probe import fastest_rate, probe_state
 from ..stepping import SINGLE_WIDTH, WIDTH, advance_lanes, engine_of, jacobian, one_step
-from ...plants import PLANTS
-from ...plants import Plant, join_state
-from ...mechanics import PlantSystem
+from .matching import Case, Match, cases_of, match
 
 Array = npt.NDArray[np.float64]
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...integrators import INTEGRATORS
+from ...plants import Pendulum, Plant
 from ..convergence import convergence
 from ..linear import stability_limit
 from ..phase_space import symplecticity_defect
 from ..probe import fastest_rate, probe_state
 from ..reversibility import reversibility_errors
 from ..stepping import Advance, State, advance
-from ...plants import Plant
-from ...plants import Pendulum
 
 ORDER_TOLERANCE = 0.05
 """A measured order this far from the declared one contradicts it."""

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...maps import map_names, one_step_map
-from ..stepping import OneStep
 from ...arithmetic import SCALAR, Components
-from ...plants import Plant
+from ...maps import map_names, one_step_map
 from ...mechanics import PlantSystem
+from ...plants import Plant
+from ..stepping import OneStep
 
 Case = tuple[Components, Components, float]
 """(q, v, control): where a step begins."""

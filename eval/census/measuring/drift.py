@@ -8,11 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import SCALAR
-from integ_gym.envs import Plant, join_state
-from integ_gym.envs import PlantSystem
+from integ_gym.envs import SCALAR, Plant, PlantSystem, join_state, numerics
+
 from ..subjects import State
 
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs import map_names
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
+from integ_gym.envs import map_names, numerics
+
 from ..subjects import Sample, Statement
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
@@ -116,7 +115,8 @@ def _compared(
 
 def _truth_defect(samples: Sequence[Sample], period: float) -> float:
     return max(
-        numerics.match(one.step, one.plant, period, one.cases, (TRUTH,)).defect for one in samples[:1]
+        numerics.match(one.step, one.plant, period, one.cases, (TRUTH,)).defect
+        for one in samples[:1]
     )
 
 
@@ -142,7 +142,9 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
 def _screened(samples: Sequence[Sample], name: str, count: int, period: float) -> float:
     """Largest error of a map over a few control periods."""
     return max(
-        numerics.largest_error(numerics.mapped(name, sample.plant, period / count, count, case), end)
+        numerics.largest_error(
+            numerics.mapped(name, sample.plant, period / count, count, case), end
+        )
         for sample in samples
         for case, end in sample.transitions[:SCREENED]
     )

@@ -6,14 +6,12 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import SCALAR
-from integ_gym.envs import join_state
+from integ_gym.envs import SCALAR, join_state, numerics
+
+from ..subjects import Subject
 from .drift import Drift, energy_drift
 from .identify import Found, identify
 from .speed_limit import SpeedLimit, find_speed_limit
-from ..subjects import Subject
 
 SAME_TIME = 1e-5
 """Relative difference up to which two times are the same."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from integ_gym.envs import numerics
-from .identify import Found
+
 from ..subjects import Sample, Transition
+from .identify import Found
 
 CUT = 1e-4
 """Relative difference between a velocity and the map's that rounding cannot explain."""

@@ -8,9 +8,9 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
+from integ_gym.support import page_environment, page_parts, plural
+
 from . import words
-from integ_gym.support import plural
-from integ_gym.support import page_environment, page_parts
 
 Json = dict[str, Any]
 

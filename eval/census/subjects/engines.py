@@ -6,11 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import CartPole
-from integ_gym.envs import Pendulum
-from integ_gym.envs import PlantSystem
+from integ_gym.envs import CartPole, Pendulum, PlantSystem, numerics
+
 from .settable import Settable
 from .subject import Statement, Subject
 
@@ -29,7 +26,9 @@ def engine_subjects(engine: str, integrators: tuple[str, ...]) -> Iterator[Subje
         ModuleNotFoundError: if the engine is not installed.
     """
     for plant, dt, max_control in SETTINGS:
-        damped = replace(plant, **dict.fromkeys(numerics.damping_parameters(plant), numerics.DAMPING))
+        damped = replace(
+            plant, **dict.fromkeys(numerics.damping_parameters(plant), numerics.DAMPING)
+        )
         for integrator in integrators:
             method = f"{engine}/{integrator}"
             made = numerics.engine_of(method, PlantSystem(plant), dt)
@@ -42,7 +41,8 @@ def engine_subjects(engine: str, integrators: tuple[str, ...]) -> Iterator[Subje
                 stated=Statement(dt, map=getattr(made, "map", integrator), words=integrator),
                 max_control=max_control,
                 access=Settable(
-                    numerics.one_step(method, plant, dt), damped=(damped, numerics.one_step(method, damped, dt))
+                    numerics.one_step(method, plant, dt),
+                    damped=(damped, numerics.one_step(method, damped, dt)),
                 ),
                 width=made.width,
             )

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant
+from integ_gym.envs import Plant, numerics
+
 from .subject import Sample, State, Subject, Transition
 
 COUNT = 10

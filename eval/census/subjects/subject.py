@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import Components
-from integ_gym.envs import Plant
+from integ_gym.envs import Components, Plant, numerics
 
 COAST = 10.0
 """Duration of the free motion whose energy is followed, s."""

@@ -11,15 +11,13 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs import numerics
+from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordEvidence, RecordVectorEvidence
+from integ_gym.train import Policy
+
 from .counting import counted
 from .open_loop import open_loop_environment
 from .rollout import Array, Rollout, follow_lanes, follow_one
 from .subject import Subject
-from integ_gym.evidence import EpisodeContext
-from integ_gym.evidence import RecordEvidence
-from integ_gym.evidence import EvidenceStore
-from integ_gym.evidence import RecordVectorEvidence
-from integ_gym.train import Policy
 
 _MOST_DECISIONS = 64
 """A motion of more steps at a constant control is recorded at every so many of them."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from integ_gym.envs import NativeEngine
-from integ_gym.envs import IntegEnv
-from integ_gym.envs import PlantSystem
+from integ_gym.envs import IntegEnv, NativeEngine, PlantSystem
 
 
 class CountingSystem(PlantSystem):

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.envs import environment_setup
+from integ_gym.train import has_handmade, make_baseline
+
+from ...verdict import EQUIVALENCE_MARGIN
 from ..lines import Expectation, undeclared
 from ..section import Diagnosis
-from ...verdict import EQUIVALENCE_MARGIN
-from integ_gym.train import has_handmade, make_baseline
 
 TOLERANCE = EQUIVALENCE_MARGIN
 """Success rates this near are the same."""

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import SCALAR
-from integ_gym.envs import split_state
+from integ_gym.envs import SCALAR, split_state
+
 from .rollout import Array
 from .subject import Subject
 

@@ -7,14 +7,20 @@ from dataclasses import make_dataclass
 from functools import cache
 from typing import Any, ClassVar
 
-from integ_gym.envs import IntegEnv
-from integ_gym.envs import Component, Components, Ops
+from integ_gym.envs import (
+    PLANTS,
+    Command,
+    Component,
+    Components,
+    IntegEnv,
+    IntegVectorEnv,
+    Ops,
+    join_state,
+    saturated,
+    state_names,
+    state_units,
+)
 from integ_gym.support import parameter, positive
-from integ_gym.envs import PLANTS
-from integ_gym.envs import join_state, state_names, state_units
-from integ_gym.envs import saturated
-from integ_gym.envs import Command
-from integ_gym.envs import IntegVectorEnv
 
 
 class OpenLoop:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant, join_state
+from integ_gym.envs import ARRAY, Plant, join_state, numerics
 
 Array = npt.NDArray[np.float64]
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence import RecordEvidence
-from integ_gym.evidence import RecordVectorEvidence
+from integ_gym.evidence import RecordEvidence, RecordVectorEvidence
 from integ_gym.train import Policy
 
 Array = npt.NDArray[Any]

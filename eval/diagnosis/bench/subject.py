@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import numerics
-from integ_gym.envs import PLANTS
-from integ_gym.envs import Plant
-from integ_gym.envs import ENVIRONMENTS, environment_class, environment_setup
-from integ_gym.envs import whole_multiple
+from integ_gym.envs import (
+    ENVIRONMENTS,
+    PLANTS,
+    Plant,
+    environment_class,
+    environment_setup,
+    numerics,
+    whole_multiple,
+)
+
 from .rest import rest_state
 
 Array = npt.NDArray[np.float64]

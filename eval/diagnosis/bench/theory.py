@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import LinearTheory
+from integ_gym.envs import INTEGRATORS, LinearTheory
 
 
 def theory_of(integrator: str) -> LinearTheory | None:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
+from integ_gym.envs import INTEGRATORS, numerics
+
 from .subject import Subject
 
 _LANES = 2

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from .drawing import Curve, Grid, Panels, named, numbers
-from ..bench import theory_of
 from integ_gym.support import COOL, INK, PAPER, SOFT, WARM, Entry, axes_at
+
 from ...scheme_style import Schemes
+from ..bench import theory_of
+from .drawing import Curve, Grid, Panels, named, numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

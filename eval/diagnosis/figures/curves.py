@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
-from ..section import TRUTH
-from ..bench import theory_of
 from integ_gym.support import INK, SOFT, Entry, marker_style
+
 from ...scheme_style import Schemes
+from ..bench import theory_of
+from ..section import TRUTH
+from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

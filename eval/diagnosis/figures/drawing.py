@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..section import TRUTH
 from integ_gym.support import (
     INK,
     LINE,
@@ -25,7 +24,9 @@ from integ_gym.support import (
     plain,
     scheme_entries,
 )
+
 from ...scheme_style import Schemes, styles_of
+from ..section import TRUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from .drawing import Grid, Panels, named
-from integ_gym.support import line_style
-from integ_gym.support import compact, step
+from integ_gym.support import compact, line_style, step
+
 from ...scheme_style import styles_of
+from .drawing import Grid, Panels, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
-from ..section import TRUTH
-from integ_gym.support import plain
-from integ_gym.support import step
+from integ_gym.support import plain, step
+
 from ...scheme_style import Schemes
+from ..section import TRUTH
+from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import load
+from integ_gym.support import load, write_figure
+
+from ...scheme_style import Schemes
 from .contact import draw_contact
 from .curves import draw_convergence, draw_stability, draw_work
-from .motion import draw_energy, draw_phase
 from .drawing import Curve, plants_of, schemes_of
-from integ_gym.support import write_figure
-from ...scheme_style import Schemes
+from .motion import draw_energy, draw_phase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

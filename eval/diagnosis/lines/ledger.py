@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .order import order_line
 from ..bench import Array, Rollout
 from ..section import Diagnosis
+from .order import order_line
 
 SCIPY = 1e-11
 """Errors against SciPy's integral below this share of the energy are its own."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from .expectation import Expectation, below, undeclared
+
 from ..section import TRUTH, Diagnosis
+from .expectation import Expectation, below, undeclared
 
 TOLERANCE = 0.1
 """A measured order this far off is another one."""

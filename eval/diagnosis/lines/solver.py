@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from integ_gym.envs import INTEGRATORS
-from .expectation import Expectation, said
+
 from ..bench import Rollout
 from ..section import Diagnosis
+from .expectation import Expectation, said
 
 
 def solver_line(

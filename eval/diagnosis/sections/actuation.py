@@ -6,15 +6,11 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import environment_setup
-from integ_gym.envs import FLOAT32_ROUNDING
-from ..bench import Commands
-from ..lines import Expectation, near, said
-from ..lines import booked_line, ledger_line
-from ..bench import Array, Rollout
+from integ_gym.envs import FLOAT32_ROUNDING, environment_setup, numerics
+
+from ..bench import Array, Commands, Rollout, Subject
+from ..lines import Expectation, booked_line, ledger_line, near, said
 from ..section import Diagnosis
-from ..bench import Subject
 
 SECTION = "actuation"
 

@@ -6,14 +6,9 @@ import math
 
 import numpy as np
 
-from ..bench import Commands
-from ..lines import Expectation, near, said, undeclared
-from ..bench import PHASES, Impact, impact_of
-from ..lines import ledger_line
-from ..bench import Array, Rollout
+from ..bench import PHASES, Array, Commands, Impact, Rollout, impact_of, theory_of
+from ..lines import Expectation, ledger_line, near, said, solver_line, undeclared
 from ..section import NO_CONTROL, TRUTH, Diagnosis
-from ..lines import solver_line
-from ..bench import theory_of
 
 SECTION = "contact"
 

@@ -6,16 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant, split_state
-from integ_gym.envs import PlantSystem
-from ..lines import near, undeclared
-from ..lines import booked_line, ledger_line
-from ..bench import Array
+from integ_gym.envs import ARRAY, Plant, PlantSystem, numerics, split_state
+
+from ..bench import Array, theory_of
+from ..lines import booked_line, ledger_line, near, undeclared
 from ..section import Diagnosis
 from .stiffness import LARGEST, largest_stable, radii
-from ..bench import theory_of
 
 SECTION = "damping"
 

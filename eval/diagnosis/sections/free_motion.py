@@ -7,15 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import state_names, state_units
-from ..lines import Expectation, below, said, undeclared
-from ..lines import EXACT, order_line
-from ..bench import Array, Rollout
+from integ_gym.envs import numerics, state_names, state_units
+
+from ..bench import Array, Rollout, theory_of
+from ..lines import EXACT, Expectation, below, order_line, said, solver_line, undeclared
 from ..section import TRUTH, Diagnosis
-from ..lines import solver_line
-from ..bench import theory_of
 
 SECTION = "free motion"
 

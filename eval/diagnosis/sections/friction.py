@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import state_names, state_units
-from .damping import decay_rate, undriven
-from ..lines import Expectation, near, said
-from ..lines import booked_line, ledger_line
-from ..bench import Rollout
+
+from ..bench import RELEASE, Rollout, theory_of
+from ..lines import Expectation, booked_line, ledger_line, near, said
 from ..section import Diagnosis
-from ..bench import RELEASE
-from ..bench import theory_of
+from .damping import decay_rate, undriven
 
 SECTION = "friction"
 

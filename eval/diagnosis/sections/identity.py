@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import state_names, state_units
+from integ_gym.envs import numerics, state_names, state_units
+
+from ..bench import theory_of
 from ..lines import Expectation, above, below, near, said, undeclared
 from ..section import TRUTH, Diagnosis
-from ..bench import theory_of
 
 SECTION = "integrator"
 
@@ -30,7 +28,10 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
     plant = subject.varied(**subject.undamped)
     for integrator in diagnosis.integrators:
         advance = diagnosis.bench.advance(f"{SECTION}/{integrator}", subject)
-        found, claim = numerics.classify(integrator, plant, follow=advance), numerics.declared(integrator)
+        found, claim = (
+            numerics.classify(integrator, plant, follow=advance),
+            numerics.declared(integrator),
+        )
         _order(diagnosis, integrator, found, claim)
         _symplectic(diagnosis, integrator, found, claim)
         _reversible(diagnosis, integrator, found, claim)
@@ -66,7 +67,9 @@ def _stable_words(limit: float, frequency: float) -> str:
     return f"hω = {limit:.4g}, dt = {limit / frequency:.3g} s"
 
 
-def _order(diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared) -> None:
+def _order(
+    diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared
+) -> None:
     if found.order is None:
         exact = Expectation("0: rounding", f"below {said(numerics.ROUNDING)} of the state", True)
         expectation = exact if integrator == TRUTH else undeclared("no error to measure it by")
@@ -80,7 +83,9 @@ def _order(diagnosis: Diagnosis, integrator: str, found: numerics.Identity, clai
     )  # fmt: skip
 
 
-def _symplectic(diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared) -> None:
+def _symplectic(
+    diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared
+) -> None:
     defect = (found.symplecticity_defect,)
     if integrator == TRUTH:
         expectation = below(numerics.SYMPLECTIC, defect, why="the exact motion is symplectic")
@@ -98,7 +103,9 @@ def _symplectic(diagnosis: Diagnosis, integrator: str, found: numerics.Identity,
     )  # fmt: skip
 
 
-def _reversible(diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared) -> None:
+def _reversible(
+    diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared
+) -> None:
     plant = diagnosis.subject.plant
     worst = int(np.argmax(found.reversibility_errors))
     unit, error = state_units(plant)[worst], (found.reversibility_errors[worst],)

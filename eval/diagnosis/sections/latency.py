@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .actuation import actuator_limit
-from ..bench import Commands
+from ..bench import Array, Commands, success, success_line
 from ..lines import Expectation
-from ..bench import success, success_line
-from ..bench import Array
 from ..section import TRUTH, Diagnosis
+from .actuation import actuator_limit
 
 SECTION = "latency"
 

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant, join_state, split_state
-from integ_gym.envs import PlantSystem
-from ..lines import Expectation, below, near
-from ..lines import ANY
+from integ_gym.envs import ARRAY, Plant, PlantSystem, join_state, numerics, split_state
+
 from ..bench import Array
+from ..lines import ANY, Expectation, below, near
 from ..section import Diagnosis
 
 SECTION = "plant"

@@ -7,12 +7,11 @@ import math
 import numpy as np
 
 from integ_gym.envs import numerics
-from .actuation import actuator_limit
-from ..bench import success, success_line
-from ..lines import ledger_line
-from ..lines import order_line
-from ..bench import Array, Rollout
+
+from ..bench import Array, Rollout, success, success_line
+from ..lines import ledger_line, order_line
 from ..section import TRUTH, Diagnosis
+from .actuation import actuator_limit
 
 SECTION = "timestep refinement"
 
@@ -24,7 +23,9 @@ def diagnose_refinement(diagnosis: Diagnosis) -> None:
     """The same commands, and the same controller, at ever smaller steps."""
     subject = diagnosis.subject
     commands = _commands(diagnosis)
-    exact = numerics.independent_motion(subject.plant, subject.start, commands, subject.control_period)
+    exact = numerics.independent_motion(
+        subject.plant, subject.start, commands, subject.control_period
+    )
     truth = _driven(diagnosis, TRUTH, commands)
     states = truth[subject.control_period].state[:, 0]
     _draw(diagnosis, TRUTH, truth, exact.states)

@@ -6,15 +6,11 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant
-from ..lines import Expectation, near, said, undeclared
-from ..bench import Array, Rollout
+from integ_gym.envs import Plant, numerics
+
+from ..bench import Array, Rollout, theory_of
+from ..lines import Expectation, near, said, solver_line, undeclared
 from ..section import Diagnosis
-from ..lines import solver_line
-from ..bench import theory_of
 
 SECTION = "stiffness"
 

@@ -1,1 +1,15 @@
-"""Evaluation of a policy that exists already, over the built-in discretizations."""
+"""A policy that exists already: read, with what is known of its training, and planned around.
+
+An evaluation is a panel without training.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .evaluate import evaluate_existing
+    from .planning import Grid, plan
+    from .policy import read_existing
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

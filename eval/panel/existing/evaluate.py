@@ -6,25 +6,26 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from ..results import build_artefact
-from ..specification import Cell
-from ..running import Subject
-from ..running import evaluate_all, evaluation_seconds
-from .planning import main_home
-from .policy import Existing
-from ..results import Matrix, Row
-from ..running import baseline_of
-from ..results import evaluation_records, facts_of, make_layout, shares_of, write_outputs
+from integ_gym.evidence import EvidenceStore
+from integ_gym.support import cores, replace_file
+from integ_gym.train import POLICY_FILE, Policy
+
 from ..model import Panel
 from ..model import Policy as PanelPolicy
-from ..running import RunDirectory
-from ..specification import PanelSpec
-from ..running import working
-from integ_gym.support import replace_file
-from integ_gym.evidence import EvidenceStore
-from integ_gym.train import Policy
-from integ_gym.train import POLICY_FILE
-from integ_gym.support import cores
+from ..results import (
+    Matrix,
+    Row,
+    build_artefact,
+    evaluation_records,
+    facts_of,
+    make_layout,
+    shares_of,
+    write_outputs,
+)
+from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds, working
+from ..specification import Cell, PanelSpec
+from .planning import main_home
+from .policy import Existing
 
 SHORT = 10.0
 """Expected work that is not worth starting worker processes for, s."""

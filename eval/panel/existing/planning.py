@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from integ_gym.envs import Discretization
-from integ_gym.envs import testbed_of
-from ..specification import Home, environments_of
-from .policy import Existing
-from ..specification import PanelSpec
-from ..specification import standard_perturbations
+from integ_gym.envs import Discretization, testbed_of
 from integ_gym.train import possible_baselines
+
+from ..specification import Home, PanelSpec, environments_of, standard_perturbations
+from .policy import Existing
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, Discretization
-from integ_gym.envs import Mixture
-from integ_gym.envs import make_training_environments
+from integ_gym.envs import DISCRETIZATION, Discretization, Mixture, make_training_environments
+from integ_gym.train import (
+    BASELINES,
+    POLICY_FILE,
+    SIDECAR_FILE,
+    MlpPolicy,
+    has_sidecar,
+    read_observation_statistics,
+    read_sb3_zip,
+    read_trained,
+)
+
 from ..specification import DiscretizationMixture, Home
-from integ_gym.train import BASELINES
-from integ_gym.train import MlpPolicy
-from integ_gym.train import read_observation_statistics, read_sb3_zip
-from integ_gym.train import POLICY_FILE, SIDECAR_FILE, has_sidecar, read_trained
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},

@@ -1,47 +1,28 @@
-"""The typed model of ``panel.json``: written, read and published as JSON Schema from here alone."""
+"""The typed model of ``panel.json``: written, read and published as JSON Schema from here alone.
 
-from .conclusions import (
-    CellFinding,
-    EngineAgreement,
-    Failure,
-    Median,
-    PolicyComparison,
-    Remedy,
-    RemedyCell,
-    RemedyLoss,
-    TrainingCost,
-    Verdict,
-)
-from .files import FILE_NAME, read_panel, write_panel
-from .published import json_schema
-from .matrix import Cell, Entry, Policy, Row, RowKind
-from .panel import SCHEMA_VERSION, Cost, Group, Panel
-from .part import Estimate, build
+Knows what a finished panel says, not how it came about or how it is drawn.
+"""
 
-__all__ = [
-    "FILE_NAME",
-    "SCHEMA_VERSION",
-    "Cell",
-    "CellFinding",
-    "Cost",
-    "EngineAgreement",
-    "Entry",
-    "Estimate",
-    "Failure",
-    "Group",
-    "Median",
-    "Panel",
-    "Policy",
-    "PolicyComparison",
-    "Remedy",
-    "RemedyCell",
-    "RemedyLoss",
-    "Row",
-    "RowKind",
-    "TrainingCost",
-    "Verdict",
-    "build",
-    "json_schema",
-    "read_panel",
-    "write_panel",
-]
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .conclusions import (
+        CellFinding,
+        EngineAgreement,
+        Failure,
+        Median,
+        PolicyComparison,
+        Remedy,
+        RemedyCell,
+        RemedyLoss,
+        TrainingCost,
+        Verdict,
+    )
+    from .files import FILE_NAME, read_panel, write_panel
+    from .matrix import Cell, Entry, Policy, Row, RowKind
+    from .panel import Cost, Group, Panel
+    from .part import Estimate, build
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from .part import Estimate, Part
-from ...verdict import CellRole
-from ...verdict import CellStatus, Outcome
-from ...verdict import Quantity
+from ...verdict import CellRole, CellStatus, Outcome, Quantity
 from ...verdict import Verdict as Judged
+from .part import Estimate, Part
 
 
 class Verdict(Part, frozen=True, kw_only=True):

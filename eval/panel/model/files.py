@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import msgspec
 
-from .panel import SCHEMA_VERSION, Panel
 from ..running import write_json
+from .panel import SCHEMA_VERSION, Panel
 
 FILE_NAME: Final = "panel.json"
 """Name of the file in a panel's directory."""

@@ -7,10 +7,10 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
+from ...verdict import require_unique
 from .conclusions import EngineAgreement, Failure, PolicyComparison, Remedy, TrainingCost, Verdict
 from .matrix import Cell, Entry, Row
 from .part import Part
-from ...verdict import require_unique
 
 SCHEMA_VERSION: Final = 2
 """Version of ``panel.json`` that is written and read here."""

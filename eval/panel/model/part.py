@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from integ_gym.support import fixed
+
 from ...statistics import Interval
 
 

@@ -10,10 +10,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from integ_gym.envs import Discretization
-from ..specification import Cell
-from .engine_agreement import agreement_answer
-from .matrix import Matrix, Row
-from .layout import PanelLayout
+
+from ...statistics import rate_interval
+from ...verdict import LEARNED, Judgement, PolicyCell, compare_policies, judge_family
 from ..model import Cell as PanelCell
 from ..model import (
     Cost,
@@ -28,9 +27,11 @@ from ..model import (
     build,
 )
 from ..model import Row as PanelRow
+from ..specification import Cell
+from .engine_agreement import agreement_answer
+from .layout import PanelLayout
+from .matrix import Matrix, Row
 from .remedy import remedies
-from ...statistics import rate_interval
-from ...verdict import LEARNED, Judgement, PolicyCell, compare_policies, judge_family
 
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""

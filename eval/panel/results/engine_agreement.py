@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import NATIVE, Discretization
-from integ_gym.envs import ENGINES
-from integ_gym.envs import numerics
-from integ_gym.envs import Plant
-from ..specification import Cell
-from ..specification import map_of
-from .matrix import Matrix
-from .layout import PanelLayout
+from integ_gym.envs import ENGINES, NATIVE, Discretization, Plant, numerics
+
 from ..model import EngineAgreement
-from ..specification import PanelSpec
+from ..specification import Cell, PanelSpec, map_of
+from .layout import PanelLayout
+from .matrix import Matrix
 
 VARIANTS = {
     "symplectic_euler_implicit_damping": "symplectic_euler",
@@ -61,7 +57,9 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool)
 
 def _same_steps(first: str, second: str, plant: Plant, dt: float) -> bool:
     cases = numerics.cases_of(plant, controlled=True)
-    steps = [[numerics.mapped(name, plant, dt, 1, case) for case in cases] for name in (first, second)]
+    steps = [
+        [numerics.mapped(name, plant, dt, 1, case) for case in cases] for name in (first, second)
+    ]
     return max(map(numerics.largest_error, *steps)) < SAME
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ...verdict import Comparison
 from ..specification import Cell, Home
 from .matrix import Matrix, Row
-from ...verdict import Comparison
 
 
 @dataclass(frozen=True)

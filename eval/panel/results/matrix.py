@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..model import Entry, Estimate, Failure, RowKind
 from ...statistics import (
     Interval,
     iqm,
@@ -21,6 +20,7 @@ from ...statistics import (
     unpaired_difference,
 )
 from ...verdict import LEARNED, ReferenceClass, reference_class
+from ..model import Entry, Estimate, Failure, RowKind
 
 Array = npt.NDArray[Any]
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .artefact import Facts, build_artefact
-from ..specification import Home
-from .engine_agreement import agreements
-from ..running import Evaluated, evaluated
-from ...report.figures import write_figures
-from .matrix import COLUMNS, Matrix, Row
-from .layout import PanelLayout
-from ..model import Cost, Panel, Policy, write_panel
-from ...report.page import write_report
-from ..running import RunDirectory
-from ..specification import PanelSpec
-from .training_cost import training_costs
-from ..running import Unit, training_config, units_of
 from integ_gym.evidence import EvidenceStore
+
+from ...report.figures import write_figures
+from ...report.page import write_report
+from ..model import Cost, Panel, Policy, write_panel
+from ..running import Evaluated, RunDirectory, Unit, evaluated, training_config, units_of
+from ..specification import Home, PanelSpec
+from .artefact import Facts, build_artefact
+from .engine_agreement import agreements
+from .layout import PanelLayout
+from .matrix import COLUMNS, Matrix, Row
+from .training_cost import training_costs
 
 
 def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, workers: int) -> Panel:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from .matrix import Matrix
-from .layout import PanelLayout
-from ..model import Estimate, Remedy, RemedyCell, RemedyLoss
 from ...statistics import unpaired_difference
 from ...verdict import FAIL_MARGIN, UNSOLVED, loss_of
+from ..model import Estimate, Remedy, RemedyCell, RemedyLoss
+from .layout import PanelLayout
+from .matrix import Matrix
 
 
 def remedies(layout: PanelLayout, matrix: Matrix) -> tuple[Remedy, ...]:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..model import Median, TrainingCost
-from ...statistics import Interval, median_interval
 from integ_gym.evidence import EvidenceStore
+
+from ...statistics import Interval, median_interval
+from ..model import Median, TrainingCost
 
 WINDOW = 100
 """Finished training episodes over which success is averaged."""

@@ -11,14 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import Testbed, testbed_of
-from ..specification import Cell, Home, environments_of
+from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
+from integ_gym.train import Policy, PolicyStack
+
+from ..specification import Cell, Home, PanelSpec, environments_of
 from .replays import Successes
-from ..specification import PanelSpec
-from integ_gym.evidence import EpisodeContext
-from integ_gym.evidence import EvidenceStore
-from integ_gym.evidence import RecordVectorEvidence
-from integ_gym.train import Policy
-from integ_gym.train import PolicyStack
 
 Array = npt.NDArray[Any]
 

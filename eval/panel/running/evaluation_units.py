@@ -15,15 +15,14 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..specification import Cell
+from integ_gym.evidence import EvidenceStore, Layout
+from integ_gym.support import report_work
+
+from ..specification import Cell, PanelSpec
 from .evaluation import Conditions, Subject, conditions_of, evaluate
 from .expected_time import cell_seconds, cell_timing, cells_seconds
 from .run_directory import RunDirectory, key_of
-from ..specification import PanelSpec
 from .work import Work
-from integ_gym.evidence import Layout
-from integ_gym.evidence import EvidenceStore
-from integ_gym.support import report_work
 
 PREFIX = "evaluate-"
 

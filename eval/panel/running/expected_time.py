@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from integ_gym.envs import Discretization
-from integ_gym.envs import ENGINES
-from integ_gym.envs import Timing
-from ..specification import Cell
-from ..specification import PanelSpec
+from integ_gym.envs import ENGINES, Discretization, Timing
+
+from ..specification import Cell, PanelSpec
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""

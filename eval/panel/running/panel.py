@@ -6,18 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from integ_gym.support import cores
+from integ_gym.train import POLICY_FILE, Policy, make_baseline, read_trained
+
+from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
 from .evaluation_units import evaluate_all, evaluation_seconds
-from .training import check_training, train_units
 from .reuse import FinishedPolicies
 from .run_directory import RunDirectory
-from ..specification import PanelSpec, SpecError
+from .training import check_training, train_units
 from .units import Unit, units_of
 from .work import PanelError, working
-from integ_gym.train import make_baseline
-from integ_gym.train import Policy
-from integ_gym.train import POLICY_FILE, read_trained
-from integ_gym.support import cores
 
 
 def check_spec(spec: PanelSpec, workers: int | None = None) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Discretization
-from integ_gym.envs import Settings
-from ..specification import Cell, Home
+from integ_gym.envs import Discretization, Settings
 from integ_gym.evidence import Home as HomeReplay
 from integ_gym.evidence import Replays
+
+from ..specification import Cell, Home
 
 Flags = npt.NDArray[np.bool_]
 Key = tuple[Discretization, str | None]

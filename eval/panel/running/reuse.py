@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_json
 from ..specification import PanelSpec
+from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_json
 from .units import Unit, is_trained, training_config, training_key, units_of
 
 

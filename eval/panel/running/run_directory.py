@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import installed_versions
-from integ_gym.support import replace_file
+from integ_gym.support import installed_versions, replace_file
 
 MANIFEST = "run.json"
 LOCK = ".lock"

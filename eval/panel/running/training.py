@@ -7,14 +7,13 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.support import require
-from .run_directory import RunDirectory, package_versions
-from ..specification import PanelSpec
-from .units import Unit, is_trained, training_config, training_key, units_of
 from integ_gym.evidence import EpisodeContext
-from integ_gym.train import PPOConfig, train_ppo
-from integ_gym.train import TrainedPolicy
-from integ_gym.train import TrainingEvidence
+from integ_gym.support import require
+from integ_gym.train import PPOConfig, TrainedPolicy, TrainingEvidence, train_ppo
+
+from ..specification import PanelSpec
+from .run_directory import RunDirectory, package_versions
+from .units import Unit, is_trained, training_config, training_key, units_of
 
 
 def check_training(spec: PanelSpec, workers: int | None) -> None:
@@ -39,8 +38,7 @@ def check_training(spec: PanelSpec, workers: int | None) -> None:
             "the specification",
             name=error.name,
         ) from None
-    from integ_gym.train import plan
-    from integ_gym.train import fleet_workers
+    from integ_gym.train import fleet_workers, plan
 
     plan(configs, fleet_workers(workers), spec.memory_gib)
 

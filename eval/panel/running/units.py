@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from ..specification import Home, file_name, training_arguments
-from ..specification import engine_versions
+from integ_gym.train import POLICY_FILE, PPOConfig
+
+from ..specification import Home, PanelSpec, engine_versions, file_name, training_arguments
 from .run_directory import RunDirectory, key_of
-from ..specification import PanelSpec
-from integ_gym.train import PPOConfig
-from integ_gym.train import POLICY_FILE
 
 
 @dataclass(frozen=True)

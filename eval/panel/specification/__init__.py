@@ -1,7 +1,26 @@
-"""The panel's specification: read from TOML, checked, expanded into rows and cells."""
+"""The panel's specification: read from TOML, checked, expanded into rows and cells.
 
-from .panel_spec import PanelSpec
-from .reading import built_in_spec, parse_spec, read_spec
-from .values import SpecError
+Knows what is to be done and nothing of what came out.
+"""
 
-__all__ = ["PanelSpec", "SpecError", "built_in_spec", "parse_spec", "read_spec"]
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .cells import (
+        Cell,
+        DiscretizationMixture,
+        Home,
+        environments_of,
+        file_name,
+        training_arguments,
+    )
+    from .checks import TRAINERS
+    from .engine_cells import engine_versions, map_of
+    from .panel_spec import PanelSpec
+    from .perturbations import standard_perturbations
+    from .reading import BUILT_IN, built_in_spec, read_spec
+    from .values import SpecError
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias
 
-from integ_gym.envs import DISCRETIZATION, Discretization
-from integ_gym.envs import DiscretizedVectorEnv
-from integ_gym.envs import WEIGHT
-from integ_gym.envs import Testbed, make_checked
-from integ_gym.envs import dividing_step
+from integ_gym.envs import (
+    DISCRETIZATION,
+    WEIGHT,
+    Discretization,
+    DiscretizedVectorEnv,
+    Testbed,
+    dividing_step,
+    make_checked,
+)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, Discretization
+
 from .cells import environments_of, file_name
 from .panel_spec import PanelSpec
 from .values import SpecError, check_known, check_unique

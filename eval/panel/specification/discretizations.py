@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs import Discretization
-from integ_gym.envs import WEIGHT
+from integ_gym.envs import WEIGHT, Discretization
+
 from .cells import DiscretizationMixture, Home
 from .engine_cells import INSTALLED, on_installed
 from .values import SpecError, check_keys, check_unique, list_of, many, positive, text

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs import NATIVE, Discretization
-from integ_gym.envs import ENGINES, missing_modules
-from integ_gym.envs import map_names
-from integ_gym.support import unknown_name
-from integ_gym.support import package_version
+from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
+from integ_gym.support import package_version, unknown_name
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from integ_gym.envs import Discretization
-from integ_gym.envs import INTEGRATORS
-from integ_gym.envs import WEIGHT
-from integ_gym.envs import Testbed, testbed_of
+from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
 from integ_gym.support import package_version
+from integ_gym.train import BASELINES
+
 from .cells import Cell, Home, Perturbation, nominal_setup
 from .engine_cells import engine_versions
-from integ_gym.train import BASELINES
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""

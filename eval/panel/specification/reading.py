@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import testbed_of
+from integ_gym.train import possible_baselines
+
 from .cells import nominal_setup
-from .engine_cells import absent_engines
 from .checks import check_environment, check_parts
 from .discretizations import asks_for_installed, evaluated, trained
+from .engine_cells import absent_engines
 from .panel_spec import PanelSpec
 from .perturbations import perturbations_of
 from .values import SpecError, check_keys, flag, integer, list_of, pair_of, positive, table, text
-from integ_gym.train import possible_baselines
 
 BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""

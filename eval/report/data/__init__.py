@@ -1,1 +1,19 @@
-"""What the report and the figures both read out of ``panel.json``; nothing is computed or drawn."""
+"""What the page and the figures both read out of ``panel.json``; nothing is computed or drawn."""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .axes import RATE_AXIS, Axis, difference_axis
+    from .checks import check_forest
+    from .findings import findings_of
+    from .forest import Forest, Line, Mark, Tone
+    from .gaps import gap_forest, ordered_verdicts
+    from .ladders import LadderPlot, LadderPlots, Series, ladder_plots
+    from .matrices import Matrix, MatrixLine, Shade, energy_matrix, return_matrix, success_matrix
+    from .remedy import costs_of, mixtures_of, remedy_forest
+    from .trust import Trust, trust_of
+    from .words import CLASS_WORDS
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

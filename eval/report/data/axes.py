@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from integ_gym.support import fixed
+
 from ...panel.model import Estimate
 
 

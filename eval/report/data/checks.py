@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from integ_gym.support import NONE, fixed
+
 from ...panel.model import Cell, Entry, Panel, Row
 from .axes import RATE_AXIS
 from .forest import Block, Forest, Line, Mark

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from integ_gym.support import NONE, fixed, plural
+
 from ...panel.model import Entry, Panel, Row
+from ...verdict import PASS
 from .trust import Trust
 from .words import CLASS_WORDS
-from ...verdict import PASS
 
 _NAMED: Final = 5  # names in one sentence
 

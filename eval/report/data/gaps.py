@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from integ_gym.support import fixed
+
 from ...panel.model import Estimate, Panel, Verdict
+from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .axes import difference_axis
 from .forest import Block, Forest, Line, Mark, Tone
-from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 
 VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", "not_learned")
 """Order in which verdicts are shown."""

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from integ_gym.support import step
+
 from ...panel.model import Entry, Estimate, Panel, Row
-from .checks import close
 from ...scheme_style import Schemes, SchemeStyle, styles_of
+from .checks import close
 
 
 @dataclass(frozen=True)

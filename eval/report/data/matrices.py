@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from integ_gym.support import ENERGY_FLOOR, symlog
-from integ_gym.support import compact, fixed, plural
+from integ_gym.support import ENERGY_FLOOR, compact, fixed, plural, symlog
+
 from ...panel.model import Cell, Entry, Estimate, Group, Panel, Row
 from .words import CLASS_WORDS, KIND_WORDS
 

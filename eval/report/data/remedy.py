@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from integ_gym.support import NONE, fixed
+
 from ...panel.model import Entry, Estimate, Panel, Remedy, RemedyCell, Row, TrainingCost
 from .axes import RATE_AXIS
 from .forest import Block, Forest, Line, Mark

@@ -1,5 +1,10 @@
-"""Figures of a panel as files."""
+"""Figures of a panel, one module each."""
 
-from .write import write_figures
+from typing import TYPE_CHECKING
 
-__all__ = ["write_figures"]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .write import write_figures
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support import PALETTE
 from integ_gym.support import (
     INK,
     LINE,
+    PALETTE,
     PAPER,
     SOFT,
     axes_at,
@@ -17,9 +17,9 @@ from integ_gym.support import (
     inch_canvas,
     plain,
 )
-from ..data import Axis
-from ..data import Forest, Line, Mark
+
 from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
+from ..data import Axis, Forest, Line, Mark
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,8 +22,8 @@ from integ_gym.support import (
     plain,
     scheme_entries,
 )
-from ..data import RATE_AXIS
-from ..data import LadderPlot, LadderPlots, Series
+
+from ..data import RATE_AXIS, LadderPlot, LadderPlots, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

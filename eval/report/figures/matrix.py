@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support import PALETTE, ink_on, mixed, success_colour
 from integ_gym.support import (
     INK,
     LINE,
+    NONE,
+    PALETTE,
     PAPER,
     SOFT,
     SUNK,
     blank_figure,
     draw_heading,
     inch_canvas,
+    ink_on,
+    mixed,
     plain,
+    step,
+    success_colour,
 )
-from integ_gym.support import NONE, step
+
 from ...panel.model import Cell, Group
-from ..data import MatrixLine, Matrix, Shade
+from ..data import Matrix, MatrixLine, Shade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,17 +6,21 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final
 
-from integ_gym.support import load
-from integ_gym.support import FORMATS, write_figure
+from integ_gym.support import FORMATS, load, write_figure
+
+from ...panel.model import Panel
+from ..data import (
+    check_forest,
+    energy_matrix,
+    gap_forest,
+    ladder_plots,
+    remedy_forest,
+    return_matrix,
+    success_matrix,
+)
 from .forest import draw_forest
 from .ladders import draw_ladders
 from .matrix import draw_matrix
-from ...panel.model import Panel
-from ..data import check_forest
-from ..data import gap_forest
-from ..data import ladder_plots
-from ..data import energy_matrix, return_matrix, success_matrix
-from ..data import remedy_forest
 
 FIGURES: Final[dict[str, tuple[Any, Any]]] = {
     "success_matrix": (success_matrix, draw_matrix),

@@ -1,5 +1,10 @@
-"""The report of a panel: one HTML file that opens offline and needs nothing beside it."""
+"""The page: one HTML file that opens offline and needs nothing beside it, one module for each part."""
 
-from .page import render, write_report
+from typing import TYPE_CHECKING
 
-__all__ = ["render", "write_report"]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .page import write_report
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ... import verdict as rules
 from integ_gym.support import true_minus
+
+from ... import verdict as rules
 from ...panel.model import Verdict
 from ..data import Mark
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from integ_gym.support import fixed, true_minus
+
 from ...panel.model import CellFinding, PolicyComparison
-from ..data import difference_axis
-from ..data import Line, Mark, Tone
+from ..data import Line, Mark, Tone, difference_axis
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
 _TONES: dict[str, Tone] = {

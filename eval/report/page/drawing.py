@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from integ_gym.support import ink_on, success_colour
-from ..data import Axis
-from ..data import Series
-from ..data import Shade
+
 from ...scheme_style import MARKERS
+from ..data import Axis, Series, Shade
 
 LEFT, TOP, RIGHT, BOTTOM = 36.0, 12.0, 286.0, 176.0
 """Edges of a ladder's axes, in a frame of 300 by 212."""

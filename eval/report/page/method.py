@@ -6,8 +6,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from ... import verdict as rules
 from integ_gym.support import plural
+
+from ... import verdict as rules
 from ...panel.model import Panel
 
 

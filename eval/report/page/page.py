@@ -11,11 +11,24 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+from integ_gym.support import VIRIDIS, page_environment, page_parts, plural, replace_file
+
 from ... import verdict as rules
-from integ_gym.support import VIRIDIS
-from integ_gym.support import plural
-from integ_gym.support import page_environment, page_parts
 from ...panel.model import Panel
+from ..data import (
+    RATE_AXIS,
+    check_forest,
+    costs_of,
+    energy_matrix,
+    findings_of,
+    gap_forest,
+    ladder_plots,
+    mixtures_of,
+    ordered_verdicts,
+    return_matrix,
+    success_matrix,
+    trust_of,
+)
 from . import drawing
 from .cards import card_of
 from .comparisons import comparison_of
@@ -23,15 +36,6 @@ from .failures import LABEL_WORDS, failure_table, failures_of
 from .method import limits_of, settings_of
 from .records import records_of
 from .tiles import tiles_of
-from ..data import RATE_AXIS
-from ..data import check_forest
-from ..data import findings_of
-from ..data import gap_forest, ordered_verdicts
-from ..data import ladder_plots
-from ..data import energy_matrix, return_matrix, success_matrix
-from ..data import costs_of, mixtures_of
-from ..data import trust_of
-from integ_gym.support import replace_file
 
 FILE_NAME: Final = "report.html"
 """Name of the report in a panel's directory."""
@@ -85,7 +89,9 @@ def _template() -> Any:
         corners=drawing.corners,
         shading=drawing.shading,
     )
-    source = resources.files("integ_gym.eval.report.page").joinpath("report.html.j2").read_text("utf-8")
+    source = (
+        resources.files("integ_gym.eval.report.page").joinpath("report.html.j2").read_text("utf-8")
+    )
     return environment.from_string(source)
 
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from integ_gym.support import compact, fixed
+
 from ...panel.model import Entry, Estimate, Panel
+from ..data import CLASS_WORDS, RATE_AXIS
 from .drawing import percent
-from ..data import RATE_AXIS
-from ..data import CLASS_WORDS
 
 
 def records_of(panel: Panel) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from integ_gym.support import plural, seconds
+
 from ...panel.model import Panel
 from ..data import Trust
 

@@ -14,11 +14,11 @@ from motions import ALL, DRIVEN_PLANTS
 from pairing import covering
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.plants import PLANTS
 
 LANES = 7
 PLANTS_AND_FORCES = {

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from engine_cases import CASES, FOREIGN, needs
 
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.numerics.stepping import engine_of
+from integ_gym.envs.plants.pendulum import Pendulum
 
 POINT = Pendulum(gravity=9.81, mass_distribution="point")
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from checks import APPROXIMATE, POINT
 
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.identification.identity import declared
 from integ_gym.envs.numerics.phase_space import symplecticity_defect
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.mechanics.system import PlantSystem
 
 STIFF = ElasticPendulum(stiffness=1000.0)
 BOUNCE = sqrt(STIFF.stiffness / STIFF.mass)

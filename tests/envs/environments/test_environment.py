@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from motions import ALL
 
 import integ_gym
-from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
+from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
 STOCK_ADVICE = (

@@ -13,9 +13,9 @@ from motions import ALL
 
 import integ_gym
 from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.environments.environment import make_setup
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
+from integ_gym.envs.environments.environment import make_setup
 from integ_gym.envs.episode.control_period import initial_state, transition
 
 LANES = 5

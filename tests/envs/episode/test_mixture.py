@@ -12,8 +12,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from motions import ALL
 
-from integ_gym.envs.environments import functional
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_mixture
+from integ_gym.envs.environments import functional
 
 PERIOD = 0.04
 EVERYTHING = [

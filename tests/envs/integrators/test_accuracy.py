@@ -15,16 +15,16 @@ from motions import DRIVEN_PLANTS, STARTS
 from stated import stated
 
 import integ_gym
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.numerics.identification.identity import declared
-from integ_gym.envs.numerics.probe import fastest_rate
-from integ_gym.envs.numerics.ledger import ledger
-from integ_gym.envs.numerics.convergence import slope
 from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.numerics.convergence import slope
+from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.ledger import ledger
+from integ_gym.envs.numerics.probe import fastest_rate
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.mechanics.system import PlantSystem
 
 PERIOD = 0.05
 CONTROLS = np.random.default_rng(3).uniform(-2.0, 2.0, 200)

@@ -12,8 +12,8 @@ import pytest
 from checks import POINT, ROD, elliptic_pendulum
 from stated import stated
 
-from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.numerics.energy import energies
+from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.cart_pole import CartPole
 
 STEPS = (0.05, 0.02, 0.01)

@@ -29,10 +29,10 @@ from stated import stated
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving import newton as _newton
-from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
-from integ_gym.envs.numerics.reversibility import reversibility_defect
 from integ_gym.envs.numerics.phase_space import symplecticity_defect, volume_defect
+from integ_gym.envs.numerics.reversibility import reversibility_defect
+from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 

@@ -17,16 +17,16 @@ from scipy.optimize import brentq
 from test_vector import assert_same
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.mechanics.contact import Stops
-from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.episode.control_period import initial_state, transition
+from integ_gym.envs.mechanics.contact import Stops
+from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.identification.identity import declared
 from integ_gym.envs.numerics.ledger import ledger
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.episode.control_period import initial_state, transition
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),

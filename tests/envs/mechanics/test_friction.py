@@ -10,11 +10,11 @@ import pytest
 from motions import ALL
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.mechanics.system import PlantSystem
 
 IMPLICIT = ("implicit_euler", "implicit_midpoint", "stormer_verlet")
 

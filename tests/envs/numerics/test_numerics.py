@@ -9,18 +9,15 @@ import pytest
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.numerics.identification.identity import Declared, classify, declared
-from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.numerics.convergence import convergence
+from integ_gym.envs.numerics.convergence import convergence, slope
 from integ_gym.envs.numerics.energy import energies, energy_growth
-from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.identification.identity import Declared, classify, declared
 from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
-from integ_gym.envs.numerics.reversibility import reversibility_defect
 from integ_gym.envs.numerics.phase_space import volume_defect
-from integ_gym.envs.numerics.convergence import slope
-from integ_gym.envs.numerics.probe import fastest_mode, linear_rates
-from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.numerics.probe import fastest_mode, fastest_rate, linear_rates, probe_state
+from integ_gym.envs.numerics.reversibility import reversibility_defect
+from integ_gym.envs.numerics.stepping import advance, jacobian
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum

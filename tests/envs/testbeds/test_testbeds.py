@@ -12,9 +12,9 @@ from engine_cases import needs
 import integ_gym
 from integ_gym.envs import testbeds
 from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.testbeds.integ_environments import IntegTestbed
 from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked, make_training_environments
-from integ_gym.envs.testbeds.integ_environments import IntegTestbed
 
 TASK = "InvertedPendulum-v5"
 EVERY = (*integ_gym.ENVIRONMENTS, TASK)

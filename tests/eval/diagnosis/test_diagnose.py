@@ -21,18 +21,18 @@ from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.diagnosis import worked_example as drift_example
-from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis import run
+from integ_gym.eval.diagnosis import worked_example as drift_example
 from integ_gym.eval.diagnosis.bench.bench import Bench, Commands
 from integ_gym.eval.diagnosis.bench.impact import impact_of
 from integ_gym.eval.diagnosis.bench.rest import rest_state
-from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.bench.subject import subjects
-from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.diagnosis.bench.theory import theory_of
-from integ_gym.support.figures.style import FORMATS
+from integ_gym.eval.diagnosis.run import SECTIONS
+from integ_gym.eval.diagnosis.sections import plant as plant_section
+from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.figures.style import FORMATS
 
 BUILT_IN = "symplectic_euler"
 PLANTED = ("planted:Boaster", "planted:Silent")

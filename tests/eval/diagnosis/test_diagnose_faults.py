@@ -11,15 +11,15 @@ import pytest
 from examining import examine, lines, verdicts
 from plant_checks import damped
 
-from integ_gym.envs.mechanics.contact import Stops
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.episode.timing import Timing
+from integ_gym.envs.integrators.rk4 import RK4
+from integ_gym.envs.mechanics.contact import Stops
+from integ_gym.envs.plants import PLANTS
 from integ_gym.eval.diagnosis.bench import handmade, open_loop
+from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.sections import latency
 from integ_gym.eval.diagnosis.sections import plant as plant_section
-from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.train.baselines.making import make_baseline
 
 PLANT_FAULTS = [
@@ -145,7 +145,9 @@ def test_a_solver_that_does_not_solve(tmp_path):
 
 
 def test_an_oscillation_that_grows_where_one_step_says_it_does_not(tmp_path, monkeypatch):
-    monkeypatch.setattr("integ_gym.eval.diagnosis.sections.stiffness.stability_limit", lambda name: 2.5)
+    monkeypatch.setattr(
+        "integ_gym.eval.diagnosis.sections.stiffness.stability_limit", lambda name: 2.5
+    )
     findings = examine("stiffness", "pendulum", "symplectic_euler", store=tmp_path)
     assert verdicts(findings, "small oscillation, factor") == {False}
 

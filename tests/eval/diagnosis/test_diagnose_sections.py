@@ -11,18 +11,18 @@ from pairing import covering
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics import stepping
+from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.probe import fastest_mode
+from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants import PLANTS
 from integ_gym.eval.diagnosis.bench import bench
+from integ_gym.eval.diagnosis.bench.subject import subjects
+from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown
+from integ_gym.eval.diagnosis.lines.order import order_expected
 from integ_gym.eval.diagnosis.sections import refinement
 from integ_gym.eval.diagnosis.sections.contact import passive
-from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown
 from integ_gym.eval.diagnosis.sections.free_motion import trend
-from integ_gym.eval.diagnosis.lines.order import order_expected
-from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.evidence.store.store import EvidenceStore
 
 NAMES = INTEGRATORS.names()

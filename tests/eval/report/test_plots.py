@@ -14,14 +14,14 @@ from report_pages import every_panel, page_of, panel_of
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.eval.report import page as report
-from integ_gym.support.figures.colours import PALETTE, channels
-from integ_gym.eval.report.figures.write import FIGURES
 from integ_gym.eval.report.data.checks import check_forest
 from integ_gym.eval.report.data.gaps import gap_forest
 from integ_gym.eval.report.data.ladders import ladder_plots
 from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
 from integ_gym.eval.report.data.remedy import remedy_forest
+from integ_gym.eval.report.figures.write import FIGURES
 from integ_gym.eval.scheme_style import HUES, MARKERS, NATIVE, styles_of
+from integ_gym.support.figures.colours import PALETTE, channels
 
 VISION = {
     "common": np.eye(3),

@@ -16,9 +16,10 @@ import pytest
 import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
-from integ_gym.eval.report import figures, page as report
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.eval.report import figures
+from integ_gym.eval.report import page as report
 from integ_gym.eval.report.page import page as report_page
+from integ_gym.support.terminal.formatting import fixed
 
 SECTIONS = [
     "verdicts", "matrix", "conclude", "gaps", "remedy", "energy", "ladder", "checks", "failures",

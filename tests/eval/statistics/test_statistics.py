@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from rate_laws import Array, lattice
 from scipy import integrate, stats
 
+from integ_gym.eval.statistics.family import holm
+from integ_gym.eval.statistics.interval import Interval
 from integ_gym.eval.statistics.posterior import DRAWS, rate_posterior, unpaired_posterior
 from integ_gym.eval.statistics.rates import (
     Difference,
@@ -18,8 +20,6 @@ from integ_gym.eval.statistics.rates import (
     rate_interval,
     unpaired_difference,
 )
-from integ_gym.eval.statistics.interval import Interval
-from integ_gym.eval.statistics.family import holm
 from integ_gym.eval.statistics.returns import iqm, iqm_interval
 from integ_gym.eval.statistics.scalars import mean_interval, student_t_quantile
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from rate_laws import Array, Law, bimodal, chance, lattice, smooth
 
-from integ_gym.eval.statistics.rates import paired_difference, rate_interval, unpaired_difference
 from integ_gym.eval.statistics.posterior import paired_posterior, rate_posterior, unpaired_posterior
+from integ_gym.eval.statistics.rates import paired_difference, rate_interval, unpaired_difference
 
 REPEATS = 2000  # simulated panels: standard error 0.005 at 0.05
 SIMULATION_DRAWS = 8_000

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
-from integ_gym.evidence.schema.errors import BatchExistsError
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders import recorder as recorder_module
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.errors import BatchExistsError
 from integ_gym.evidence.schema.trace_fields import record_fields
+from integ_gym.evidence.store.store import EvidenceStore
 
 SETTINGS = {
     "plain": {},

@@ -10,11 +10,11 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.schema.fields import VOLATILE_NAMES
+from integ_gym.evidence.store.store import EvidenceStore
 
 LANES = 5
 STEPS = 120

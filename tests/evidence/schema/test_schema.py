@@ -10,17 +10,16 @@ import jsonschema
 import pytest
 
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.settings import Settings
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import state_names
-from integ_gym.envs.episode.settings import Settings
 from integ_gym.envs.tasks import TASKS
-from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.json import json_schema
 from integ_gym.evidence.schema.arrow import ENV_KEY, VERSION_KEY, arrow_schema, described
 from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_NAMES
-from integ_gym.evidence.schema.json import SCHEMA_PATH, schema_text
+from integ_gym.evidence.schema.json import SCHEMA_PATH, json_schema, schema_text
 from integ_gym.evidence.schema.trace_fields import record_fields
+from integ_gym.evidence.store.store import EvidenceStore
 
 PROMISED = """
     record_id schema_version run_id phase env_id arguments engine engine_version integrator dt

@@ -13,20 +13,20 @@ from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving.newton import CAP, TOLERANCE
+from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.convergence import convergence
 from integ_gym.envs.numerics.identification.identity import declared
-from integ_gym.envs.numerics.probe import fastest_rate, probe_state
 from integ_gym.envs.numerics.ledger import ledger
 from integ_gym.envs.numerics.linear import linear_map
-from integ_gym.envs.numerics.reversibility import reversibility_defect
 from integ_gym.envs.numerics.phase_space import symplecticity_defect, volume_defect
-from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.reversibility import reversibility_defect
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.mechanics.system import PlantSystem
 
 APPROXIMATE = tuple(name for name in ALL if name != "reference")
 NEWTON = ("implicit_euler", "implicit_midpoint", "stormer_verlet")

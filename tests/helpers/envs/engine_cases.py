@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from integ_gym.envs.engines import ENGINES, missing_modules
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.maps import MAPS
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.registration import environment_setup
+from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.maps import MAPS
 
 FOREIGN = tuple(name for name in ENGINES.names() if name != "native")
 IDS = ("IntegPendulum-v0", "IntegCartPole-v0")

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.numerics.probe import probe_state
 from integ_gym.envs.numerics.stepping import jacobian
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.support.parameters import MASS_DISTRIBUTIONS
 
 

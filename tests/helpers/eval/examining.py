@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from integ_gym.eval.diagnosis.bench.bench import Bench
+from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.lines.finding import Finding
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.section import Diagnosis
-from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.evidence.store.store import EvidenceStore
 
 

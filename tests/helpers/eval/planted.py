@@ -12,8 +12,8 @@ from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.integrators.implicit_midpoint import ImplicitMidpoint
 from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.support.parameters import nonnegative, parameter, positive
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.support.parameters import nonnegative, parameter, positive
 
 
 class Boaster(ExplicitEuler):

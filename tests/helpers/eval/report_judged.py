@@ -13,8 +13,8 @@ from report_rows import (
     mixture,
 )
 
-from integ_gym.eval.verdict.family import Comparison, judge_family
 from integ_gym.eval.verdict.comparison import PolicyCell, compare_policies
+from integ_gym.eval.verdict.family import Comparison, judge_family
 
 REASONS = {
     "evaluation_error": "the simulation diverged at 6.85 s",

@@ -20,30 +20,30 @@ from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
+from integ_gym.commands.train import main
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet import training as fleet
-from integ_gym.commands.train import main
-from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.network import ACTIVATIONS, log_prob_and_entropy, outputs
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
+from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet.update import permutations, update
-from integ_gym.train.sb3.initial_weights import Stack, initial_stack, orthogonal, state_dict
-from integ_gym.train.policy.activations import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy.actions import BoxActions
+from integ_gym.train.policy.activations import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.ppo import make_training_envs, model_arguments
+from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import (
     FORMAT,
     read_safetensors,
     safetensors_bytes,
 )
-from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import make_training_envs, model_arguments
 from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.sb3.initial_weights import Stack, initial_stack, orthogonal, state_dict
 from integ_gym.train.sb3.vec_env import Sb3VecEnv, ScaledRewards
 
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from small_ppo import trained
 
+from integ_gym.commands.train import main
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.commands.train import main
-from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.planning import plan
+from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.worker import Workers
-from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.runs.evidence import TrainingEvidence
 
 PERIOD, HORIZON, LANES = 0.05, 8, 8

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from integ_gym.train.policy.actions import BoxActions, DiscreteActions
+from integ_gym.train.policy.interface import Policy
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy.observation_statistics import ObservationStatistics
-from integ_gym.train.policy.interface import Policy
 
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 

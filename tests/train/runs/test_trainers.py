@@ -21,8 +21,8 @@ from integ_gym.envs.environments.rediscretized.environment import rediscretize
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet
-from integ_gym.train.ppo import train_ppo
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
+from integ_gym.train.ppo import train_ppo
 from integ_gym.train.runs.error import TrainingError
 from integ_gym.train.runs.evidence import TrainingEvidence
 

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trained
 
+from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 from integ_gym.train.ppo import PPOConfig, train_run
 from integ_gym.train.runs.seeds import first_lane_seed
-from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

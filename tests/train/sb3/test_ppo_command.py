@@ -13,8 +13,8 @@ from small_ppo import FLAGS, SMALL
 
 from integ_gym.commands import train as command
 from integ_gym.commands.train import main
-from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_trained
+from integ_gym.train.ppo import PPOConfig
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

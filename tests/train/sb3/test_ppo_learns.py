@@ -11,8 +11,8 @@ import pytest
 from small_ppo import trained
 
 from integ_gym.train.baselines.making import make_baseline
-from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import PPOConfig
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

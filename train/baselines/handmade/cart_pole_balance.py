@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import CartPole
-from integ_gym.envs import Setup
-from integ_gym.envs import CartPoleBalance
-from .interface import HandMade
+from integ_gym.envs import CartPole, CartPoleBalance, Setup
+
 from ..lqr import held, linearized, lqr_gain
+from .interface import HandMade
 
 
 class BangBangRegulator(HandMade[CartPole]):

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import CartPole
-from integ_gym.envs import Setup
-from integ_gym.envs import CartPoleSwingUp
+from integ_gym.envs import ARRAY, CartPole, CartPoleSwingUp, Setup
+
 from ..catching import caught
-from .interface import HandMade
 from ..lqr import held, linearized, lqr
+from .interface import HandMade
 
 _DIRECTIONS = 64
 """How many directions of the state space the regulator is tried in."""

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import ElasticPendulum
-from integ_gym.envs import Setup
-from integ_gym.envs import NEAR_PLUMB, ElasticPendulumQuiet
-from .interface import HandMade
+from integ_gym.envs import NEAR_PLUMB, ElasticPendulum, ElasticPendulumQuiet, Setup
+
 from ..lqr import held, linearized, lqr_gain
+from .interface import HandMade
 
 
 class SwingRegulator(HandMade[ElasticPendulum]):

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.envs import Setup
-from ..interface import Baseline
+
 from ...policy import ActionArray
+from ..interface import Baseline
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import ARRAY
-from integ_gym.envs import Pendulum
-from integ_gym.envs import Setup
-from integ_gym.envs import PendulumSwingUp, wrapped
+from integ_gym.envs import ARRAY, Pendulum, PendulumSwingUp, Setup, wrapped
+
 from ..catching import caught
-from .interface import HandMade
 from ..lqr import held, linearized, lqr_gain
+from .interface import HandMade
 
 
 class EnergyShaping(HandMade[Pendulum]):

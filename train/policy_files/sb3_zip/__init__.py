@@ -1,14 +1,15 @@
 """Read a policy that stable-baselines3 (SB3) saved, without executing anything stored in it.
 
-SB3's own `load` unpickles arbitrary objects from the member `data`, so opening a stranger's file
-runs a stranger's program. Here the weights come from `policy.pth` through torch's restricted
-reader (`weights_only=True`), and the architecture, the activation and the spaces from the readable
-half of the JSON in `data`; the pickled half is never decoded. What the readable half does not
-settle is refused, never guessed. SB3 itself is not needed.
+`read_sb3_zip` opens the zip, takes the weights with torch's restricted reader and the architecture
+from the readable half of its JSON.
 """
 
-from ..error import PolicyFileError
-from .observation_statistics import read_observation_statistics
-from .reading import read_sb3_zip
+from typing import TYPE_CHECKING
 
-__all__ = ["PolicyFileError", "read_observation_statistics", "read_sb3_zip"]
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .observation_statistics import read_observation_statistics
+    from .reading import read_sb3_zip
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

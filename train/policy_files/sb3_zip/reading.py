@@ -7,8 +7,7 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from ...policy import MlpPolicy
-from ...policy import ObservationStatistics
+from ...policy import MlpPolicy, ObservationStatistics
 from ..error import PolicyFileError
 from .architecture import activation_name, check_policy_class, hidden_sizes, policy_kwargs, squashed
 from .data import Json, parse_json, section

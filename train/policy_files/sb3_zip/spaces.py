@@ -7,8 +7,7 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...policy import BoxActions, DiscreteActions
-from ...policy import FloatArray
+from ...policy import BoxActions, DiscreteActions, FloatArray
 from ..error import PolicyFileError
 from .data import Json, printed_class
 

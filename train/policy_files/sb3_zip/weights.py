@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support import missing
+
 from ...policy import Layer
 from ..error import PolicyFileError
 from . import limits

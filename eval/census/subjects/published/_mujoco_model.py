@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import SCALAR, Components
-from integ_gym.envs import CartPole
-from integ_gym.envs import Plant
-from integ_gym.envs import Pendulum
+from integ_gym.envs import SCALAR, CartPole, Components, Pendulum, Plant, numerics
+
 from ..subject import Statement
 
 AGREEMENT = 1e-9

@@ -7,9 +7,10 @@ from importlib import import_module
 from typing import ClassVar
 
 from integ_gym.support import package_version
-from ._mujoco_model import control_step, max_control, plant_of, statement_of
+
 from ..settable import Settable
 from ..subject import Subject
+from ._mujoco_model import control_step, max_control, plant_of, statement_of
 
 SUBSTEPS = 1
 """Physics steps in one control period: the suite's environments leave it at dm_control's own."""

@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs import CartPole
-from integ_gym.envs import Pendulum
+from integ_gym.envs import CartPole, Pendulum
 from integ_gym.support import package_version
+
 from ..observed import Episode, Observed, Policy, nearest_turn
-from ._mujoco_model import max_control, plant_of, statement_of
 from ..subject import State, Statement, Subject
+from ._mujoco_model import max_control, plant_of, statement_of
 
 ENVIRONMENTS = 32
 """Episodes watched at once."""

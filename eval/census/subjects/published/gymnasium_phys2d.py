@@ -9,11 +9,8 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import Components
-from integ_gym.envs import CartPole
-from integ_gym.envs import join_state, split_state
-from integ_gym.envs import Pendulum
+from integ_gym.envs import CartPole, Components, Pendulum, join_state, numerics, split_state
+
 from ..settable import Settable, single_precision
 from ..subject import Statement, Subject
 

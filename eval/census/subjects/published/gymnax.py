@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, ClassVar
 
-from integ_gym.envs import numerics
-from integ_gym.envs import Components
-from integ_gym.envs import CartPole
-from integ_gym.envs import Pendulum
+from integ_gym.envs import CartPole, Components, Pendulum, numerics
 from integ_gym.support import package_version
+
 from ..settable import Settable, single_precision
 from ..subject import Statement, Subject
 

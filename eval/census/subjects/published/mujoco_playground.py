@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.envs import numerics
-from integ_gym.envs import Components
+from integ_gym.envs import Components, numerics
 from integ_gym.support import package_version
-from ._mujoco_model import max_control, plant_of, statement_of
+
 from ..settable import Settable, single_precision
 from ..subject import Subject
+from ._mujoco_model import max_control, plant_of, statement_of
 
 
 class MujocoPlayground:

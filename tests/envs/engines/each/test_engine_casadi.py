@@ -11,13 +11,13 @@ import pytest
 from engine_cases import needs, setup_of
 from own_plants import CentralSpring
 
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.casadi import steps as _casadi_steps
-from integ_gym.support.packages.extras import load
 from integ_gym.envs.maps import one_step_map
-from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.support.packages.extras import load
 
 INTEGRATORS = tuple(ENGINES.load("casadi").maps)
 COLLOCATIONS = tuple(name for name in INTEGRATORS if name.startswith("collocation"))

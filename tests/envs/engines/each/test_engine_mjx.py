@@ -11,9 +11,9 @@ import pytest
 from engine_cases import needs, one_step, setup_of, states
 from engine_checks import new_setup
 
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines._rigid.mjcf_text import mjcf
-from integ_gym.envs.arithmetic.ops import SCALAR
 
 ENGINE = ("mjx", "Euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}

@@ -11,9 +11,9 @@ from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_step, setup_of, sta
 from engine_checks import defect, new_setup, told_by_an_episode
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES, mujoco_warp
 from integ_gym.envs.engines.newton import FEATHERSTONE, NewtonEngine
-from integ_gym.envs.arithmetic.ops import SCALAR
 
 CASES = [
     (engine, integrator)

@@ -14,8 +14,7 @@ import pytest
 from report_pages import every_panel, panel_of, raw_of
 
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel, write_panel
-from integ_gym.eval.panel.model.published import json_schema
-from integ_gym.eval.panel.model.published import SCHEMA_PATH, schema_text
+from integ_gym.eval.panel.model.published import SCHEMA_PATH, json_schema, schema_text
 
 
 def _read(raw: Any, directory: Path) -> Any:

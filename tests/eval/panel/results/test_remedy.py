@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture
+from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.results.outputs import shares_of
-from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.remedy import remedies
-from integ_gym.eval.statistics.scalars import median_interval
-from integ_gym.eval.statistics.rates import paired_difference, unpaired_difference
 from integ_gym.eval.panel.results.training_cost import RATE, WINDOW, decisions_to_success
+from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture
+from integ_gym.eval.statistics.rates import paired_difference, unpaired_difference
+from integ_gym.eval.statistics.scalars import median_interval
 
 SEEDS, EPISODES = 6, 4
 A, B, C = (Discretization(name, 0.05, 0.05) for name in ("explicit_euler", "rk4", "implicit_euler"))

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from engine_cases import needs, setup_of
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines._rigid.bodies import HeldForce
+from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import along
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.panel.specification.cells import Cell
 from integ_gym.eval.panel.results.engine_agreement import EVALUATED_ONCE, agreements, twin_of
-from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.results.layout import PanelLayout
+from integ_gym.eval.panel.results.matrix import Matrix, Row
+from integ_gym.eval.panel.specification.cells import Cell
 from integ_gym.eval.panel.specification.reading import parse_spec
 
 FREE = Pendulum()

@@ -11,23 +11,23 @@ from engine_cases import needs
 
 from integ_gym.envs import testbeds
 from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.panel.running.evaluation_units import batches_of
+from integ_gym.eval.panel.running.replays import Successes
 from integ_gym.eval.panel.specification.cells import (
     Cell,
     DiscretizationMixture,
     Perturbation,
     nominal_setup,
 )
-from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
-from integ_gym.eval.panel.running.evaluation_units import batches_of
-from integ_gym.eval.panel.running.replays import Successes
 from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import built_in_spec
 from integ_gym.evidence.schema.fields import VOLATILE_NAMES
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.baselines.making import BASELINES, make_baseline
-from integ_gym.train.sb3.initial_weights import initial_stack
 from integ_gym.train.policy.actions import BoxActions, DiscreteActions
 from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.sb3.initial_weights import initial_stack
 
 CASES = {
     "IntegPendulum-v0": {"max_torque": 1.5, "start": "hanging", "duration": 2.5},

@@ -14,14 +14,14 @@ from engine_cases import needs
 from mixed_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.envs.catalogue.registration import environment_setup
-from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture, training_arguments
+from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
 from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.specification.values import SpecError
-from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.running.units import training_config, units_of
+from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture, training_arguments
+from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.baselines.making import make_baseline
 from integ_gym.train.policy_files.sidecar import read_sidecar

@@ -11,8 +11,8 @@ from engine_cases import needs
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store.store import EvidenceStore
 
 TOML = """

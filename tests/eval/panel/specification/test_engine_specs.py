@@ -12,18 +12,18 @@ from engines_panel import trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
-from integ_gym.support.packages import extras
 from integ_gym.envs.engines import ENGINES, missing_modules
+from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.running.units import training_config, training_key
 from integ_gym.eval.panel.specification import engine_cells
 from integ_gym.eval.panel.specification.engine_cells import (
     installed_engines,
     integrator_applying,
     map_of,
 )
-from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
-from integ_gym.eval.panel.running.units import training_config, training_key
+from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.support.packages import extras
 
 
 def test_the_built_in_panel_asks_the_quick_panels_policies():

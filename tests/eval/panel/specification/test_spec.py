@@ -12,9 +12,9 @@ from small_panel import small_data
 import integ_gym.eval
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.specification.values import SpecError
-from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec, read_spec
 from integ_gym.eval.panel.running.units import units_of
+from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec, read_spec
+from integ_gym.eval.panel.specification.values import SpecError
 
 SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))
 

@@ -1,0 +1,17 @@
+"""Gymnasium environments around an episode: single, vector, functional, and rediscretized.
+
+Knows how an episode is offered to whoever learns or evaluates; the ids are the catalogue's.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .discretized_vector import DiscretizedVectorEnv
+    from .environment import IntegEnv, make_setup
+    from .functional import FunctionalEnv, Params
+    from .rediscretized import RediscretizedEnv, rediscretize
+    from .vector import IntegVectorEnv
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,13 @@
+"""Pictures of an episode: in a window, or as arrays.
+
+Knows the geometry of plants, not how they move.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .renderer import Renderer
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,16 @@
+"""The panel: what is asked, how it is run, and what came out.
+
+Rooms in this order: specification, running, results; ``panel.json`` has its model here.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .calls import evaluate, run_panel, specified
+    from .model import FILE_NAME, read_panel
+    from .running import MANIFEST
+    from .specification import BUILT_IN, TRAINERS, PanelSpec
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

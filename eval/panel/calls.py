@@ -1,0 +1,118 @@
+"""A panel from its specification to its page, and the same for a policy: one call each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from integ_gym.support import cores, require
+
+from .existing import Grid, evaluate_existing, plan, read_existing
+from .model import Panel
+from .results import write_artefact
+from .running import RunDirectory, complete_panel
+from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec
+
+
+def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
+    """A specification as it is, by the name of a built-in one, or from a TOML file.
+
+    Raises:
+        SpecError: for a file that cannot be read or says what cannot be.
+    """
+    if isinstance(spec, PanelSpec):
+        return spec
+    return built_in_spec(str(spec)) if spec in BUILT_IN else read_spec(Path(spec))
+
+
+def run_panel(
+    spec: PanelSpec | str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    policies: str | os.PathLike[str] | None = None,
+    command: str = "integ_gym.run_panel",
+) -> Panel:
+    """Train and evaluate all that is not finished yet, and write the panel's directory.
+
+    Args:
+        spec: of the panel; see :func:`specified`.
+        out: its directory.
+        workers: processes; by default one per core.
+        progress: show a bar with the remaining time on stderr.
+        policies: directory of a finished panel whose policies are taken instead of training.
+        command: how to run this again, for the page.
+
+    Returns:
+        What ``panel.json`` holds.
+
+    Raises:
+        SpecError, RunDirectoryError: for what cannot be run, before anything is written.
+        PanelError, TrainingError: if a unit of work fails; what was finished stays.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("train", "report", "evidence")
+    given, written = specified(spec), []
+
+    def finish(directory: RunDirectory) -> None:
+        written.append(write_artefact(given, directory, command, workers or cores()))
+
+    taken = None if policies is None else Path(policies)
+    complete_panel(
+        given, Path(out), workers=workers, progress=progress, policies=taken, finish=finish
+    )
+    (panel,) = written
+    return panel
+
+
+def evaluate(
+    policy: str | os.PathLike[str],
+    env_id: str,
+    out: str | os.PathLike[str],
+    *,
+    integrators: Sequence[str] = (),
+    dts: Sequence[float] = (),
+    episodes: int = 50,
+    environment: Mapping[str, Any] | None = None,
+    obs_stats: str | os.PathLike[str] | None = None,
+    own_code: bool = False,
+    progress: bool = True,
+    on_doubt: Callable[[str], None] = lambda doubt: None,
+    command: str = "integ_gym.evaluate",
+) -> Panel:
+    """Judge a policy that exists already over many discretizations: a panel without training.
+
+    Args:
+        policy: the zip that stable-baselines3 wrote, with its side-car beside it where there is one.
+        env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
+        out: directory; one that holds another policy's evaluation is refused.
+        integrators: to judge on; by default all.
+        dts: integration steps, s; by default the coarsest, half and a quarter of it.
+        episodes: paired starts.
+        environment: constructor arguments, without the discretization.
+        obs_stats: JSON file of VecNormalize's statistics.
+        own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
+        progress: show a bar on stderr.
+        on_doubt: told each sentence that casts doubt on the result.
+        command: how to run this again, for the page.
+
+    Returns:
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
+
+    Raises:
+        PolicyFileError, ValueError: for a policy that cannot be read or does not fit, or a cell that
+            cannot be made.
+        RunDirectoryError: for a directory that holds something else.
+        PanelError: if an evaluation fails; what was finished stays.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("train", "report", "evidence")
+    statistics = None if obs_stats is None else Path(obs_stats)
+    existing = read_existing(Path(policy), env_id, environment or {}, statistics, own_code)
+    spec = plan(existing, env_id, Grid(integrators, dts, episodes))
+    return evaluate_existing(
+        existing, spec, Path(out), command, progress=progress, on_doubt=on_doubt
+    )

@@ -1,0 +1,18 @@
+"""A panel run: training and evaluation in units of work, resumable, each made visible at once.
+
+Knows the specification and the run's directory; results are reduced elsewhere.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .evaluation import Subject
+    from .evaluation_units import Evaluated, evaluate_all, evaluated, evaluation_seconds
+    from .panel import baseline_of, complete_panel
+    from .run_directory import MANIFEST, RunDirectory, package_versions, write_json
+    from .units import Unit, training_config, units_of
+    from .work import working
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

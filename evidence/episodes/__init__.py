@@ -1,0 +1,18 @@
+"""Episodes on their way to records: what is said about them, their rows, labels and summaries.
+
+Knows one episode or many at once; files are the store's.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .context import EpisodeContext
+    from .episode_log import EpisodeHead, EpisodeLog
+    from .labels import EpisodeFacts, Home, Replays, failure_label
+    from .layout import Layout
+    from .record import EvidenceRecord, plain, records_of
+    from .table import ReplayLookups, SetupOfLane, record_table
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

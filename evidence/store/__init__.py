@@ -1,0 +1,16 @@
+"""The store: Parquet files of records, each one batch, with what reads and prints them.
+
+Knows files and queries, not how records came about.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .exporting import EXPORT_FORMATS, export
+    from .printing import TABLE_FORMATS, print_table
+    from .showing import ASCII_BARS, BARS, show
+    from .store import EvidenceStore, Problem, open_run
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

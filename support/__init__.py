@@ -1,0 +1,92 @@
+"""What any program needs and this field does not own: optional packages, files, processes, terminals.
+
+Lowest of all floors: it knows nothing of plants, policies or panels, and imports nothing above it.
+"""
+
+from typing import TYPE_CHECKING
+
+from .doors import lazy_door
+
+if TYPE_CHECKING:
+    from .figures import (
+        COOL,
+        ENERGY_FLOOR,
+        FORMATS,
+        INK,
+        LINE,
+        PALETTE,
+        PAPER,
+        SOFT,
+        SUNK,
+        VIRIDIS,
+        WARM,
+        Entry,
+        axes_at,
+        bare,
+        blank_figure,
+        draw_heading,
+        draw_legend,
+        inch_canvas,
+        ink_on,
+        legend_lines,
+        line_style,
+        marker_style,
+        mixed,
+        plain,
+        scheme_entries,
+        success_colour,
+        symlog,
+        write_figure,
+    )
+    from .files import cannot_write, make_folder, remove_leftovers, replace_file, write_once
+    from .packages import (
+        Registry,
+        absent,
+        installed_versions,
+        load,
+        missing,
+        package_version,
+        require,
+    )
+    from .pages import page_environment, page_parts
+    from .parameters import (
+        MASS_DISTRIBUTIONS,
+        boolean,
+        check_values,
+        finite_number,
+        nonnegative,
+        one_of,
+        optional,
+        parameter,
+        positive,
+        suggestion,
+        text,
+        units,
+        unknown_name,
+    )
+    from .terminal import (
+        FITS,
+        NONE,
+        CommandParser,
+        beside,
+        compact,
+        end_quietly,
+        fits,
+        fixed,
+        named_value,
+        plural,
+        print_aligned,
+        print_groups,
+        report_errors,
+        say,
+        seconds,
+        sentence,
+        step,
+        true_minus,
+        unbroken,
+        whole_number,
+        width_of,
+    )
+    from .workers import Progress, cores, report_work
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

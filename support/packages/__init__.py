@@ -1,0 +1,15 @@
+"""Optional packages, versions of installed ones, and registries made of the modules in a folder.
+
+Knows how packages are found and named, not what they are for.
+"""
+
+from typing import TYPE_CHECKING
+
+from ..doors import lazy_door
+
+if TYPE_CHECKING:
+    from .discovery import Registry
+    from .extras import absent, load, missing, require
+    from .versions import installed_versions, package_version
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,16 @@
+"""What commands have in common: arguments, tables and text that fit, numbers, how a command ends.
+
+Knows terminals, not what is told in them.
+"""
+
+from typing import TYPE_CHECKING
+
+from ..doors import lazy_door
+
+if TYPE_CHECKING:
+    from .command_line import CommandParser, named_value, sentence, whole_number
+    from .ending import end_quietly, report_errors
+    from .formatting import NONE, compact, fixed, plural, seconds, step, true_minus
+    from .text_table import FITS, beside, fits, print_aligned, print_groups, say, unbroken, width_of
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

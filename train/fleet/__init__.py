@@ -1,0 +1,15 @@
+"""The fleet trainer: PPO of many policies at once, compiled with JAX, on all cores or GPUs.
+
+Knows the hyperparameters and files of the reference trainer, and the functional environments.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .planning import plan
+    from .training import train_fleet
+    from .worker import fleet_workers
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,23 @@
+"""The files of a policy: weights, side-car, and stable-baselines3's zip, read without pickle.
+
+Knows formats and doubts every file; executes nothing that a file holds.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
+    from .sb3_zip import read_observation_statistics, read_sb3_zip
+    from .sidecar import (
+        POLICY_FILE,
+        SIDECAR_FILE,
+        TrainedPolicy,
+        check_folder,
+        has_sidecar,
+        read_trained,
+        write_policy,
+    )
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,22 @@
+"""What both trainers have in common: checked values, seeds, runs side by side, evidence, errors."""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .checks import ENV_ARGUMENTS, check_config, check_names, fraction, layer_sizes, whole
+    from .error import TrainingError, explained
+    from .evidence import TrainingEvidence
+    from .seeds import first_lane_seed
+    from .side_by_side import (
+        OnTrained,
+        Run,
+        checked_runs,
+        train_each,
+        train_in_processes,
+        training_bar,
+        unheard,
+    )
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
