@@ -1,4 +1,4 @@
-"""What any program needs and this field does not own: optional packages, files, processes, terminals.
+"""What any program needs: optional packages, parameters, files, processes, terminals, pages.
 
 Lowest of all floors: it knows nothing of plants, policies or panels, and imports nothing above it.
 """

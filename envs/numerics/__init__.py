@@ -1,7 +1,7 @@
 """Measurements of integrators and plants: what a discretization does, in numbers.
 
-Order, symplecticity, reversibility, stability, energy and ledger, for built-in parts and for a user's
-own. Knows plants and one-step maps; judges nothing.
+Order, symplecticity, reversibility, stability, energy and ledger, for built-in parts and for a
+user's own. Knows plants and one-step maps; judges nothing.
 """
 
 from typing import TYPE_CHECKING

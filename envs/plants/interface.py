@@ -16,14 +16,14 @@ class Plant(Protocol):
 
     - ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)``; without it implicit integrators take finite
       differences;
-    - ``stops``, a :class:`integ_gym.envs.mechanics.contact.Stops` or None, on the coordinate whose index the
-      class attribute ``stopped`` is;
+    - ``stops``, a :class:`integ_gym.envs.mechanics.contact.Stops` or None, on the coordinate whose
+      index the class attribute ``stopped`` is;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.friction.Friction` or None;
-    - ``mechanism``, a :class:`integ_gym.envs.mechanics.mechanism.Mechanism`: without it, engines that move
-      rigid bodies refuse the plant.
+    - ``mechanism``, a :class:`integ_gym.envs.mechanics.mechanism.Mechanism`: without it, engines
+      that move rigid bodies refuse the plant.
 
-    Stops and friction are forces that :class:`integ_gym.envs.mechanics.system.PlantSystem` adds to the
-    control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
+    Stops and friction are forces that :class:`integ_gym.envs.mechanics.system.PlantSystem` adds to
+    the control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 
     name: ClassVar[str]

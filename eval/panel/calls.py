@@ -86,7 +86,7 @@ def evaluate(
     """Judge a policy that exists already over many discretizations: a panel without training.
 
     Args:
-        policy: the zip that stable-baselines3 wrote, with its side-car beside it where there is one.
+        policy: the zip that stable-baselines3 wrote, and beside it the side-car if there is one.
         env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
         out: directory; one that holds another policy's evaluation is refused.
         integrators: to judge on; by default all.
@@ -103,8 +103,8 @@ def evaluate(
         What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
-        PolicyFileError, ValueError: for a policy that cannot be read or does not fit, or a cell that
-            cannot be made.
+        PolicyFileError, ValueError: for a policy that cannot be read or does not fit, or a cell
+            that cannot be made.
         RunDirectoryError: for a directory that holds something else.
         PanelError: if an evaluation fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.

@@ -1,4 +1,4 @@
-"""Inside the environments imports run one way, and importing changes nothing outside the package."""
+"""Imports inside ``envs`` run one way, and importing changes nothing outside the package."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Python source of functions over components: run once on symbols, written down, compiled.
 
-A function written for `Ops` is called with symbols in place of floats or arrays. What it does to them
-is a trace: operations and loops. The trace is written as one Python function without objects or calls
-of our own, which computes the same numbers to the last bit. Knows `Ops`, not what is traced.
+A function written for `Ops` is called with symbols in place of floats or arrays. What it does to
+them is a trace: operations and loops. The trace is written as one Python function without objects
+or calls of our own, which computes the same numbers to the last bit. Knows `Ops`, not what is
+traced.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """The environments as pure functions of JAX arrays: for ``jit``, ``vmap`` and ``scan``.
 
-Follows the interface of :class:`gymnasium.experimental.functional.FuncEnv`. Its physics, rewards and
-ledger are those of the other environments, run on JAX arrays.
+Follows the interface of :class:`gymnasium.experimental.functional.FuncEnv`. Its physics, rewards
+and ledger are those of the other environments, run on JAX arrays.
 """
 
 from typing import TYPE_CHECKING

@@ -22,7 +22,8 @@ def make(
         env_id: a registered id.
         dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
         mixture: as for ``gym.make_vec``; see
-            :class:`integ_gym.envs.environments.functional.mixture.FunctionalMixture` for what is drawn when.
+            :class:`integ_gym.envs.environments.functional.mixture.FunctionalMixture` for what is
+            drawn when.
         arguments: those of ``gym.make``, but for ``render_mode``.
 
     Raises:

@@ -55,7 +55,7 @@ class PanelSpec:
 
     @property
     def nominal(self) -> Any:
-        """The setup of the undisturbed task; see :func:`~integ_gym.eval.panel.specification.cells.nominal_setup`."""
+        """The setup of the undisturbed task; see `nominal_setup`."""
         return nominal_setup(self.testbed, self.control_period)
 
     @property

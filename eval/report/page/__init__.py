@@ -1,4 +1,4 @@
-"""The page: one HTML file that opens offline and needs nothing beside it, one module for each part."""
+"""The page: one HTML file that opens offline, one module for each part."""
 
 from typing import TYPE_CHECKING
 
