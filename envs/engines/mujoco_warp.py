@@ -18,8 +18,9 @@ from ._warp import ROWS, WarpEngine, Worlds, constraint_solver, mass_matrix
 class MujocoWarpEngine(WarpEngine):
     """`mujoco_warp.step`, in float32, on the CPU; all lanes of a vector environment at once.
 
-    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.engine.MujocoEngine`. With
-    its own stops it reports as MuJoCo does; a step without a constraint takes its solver one iteration.
+    Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.engine.MujocoEngine`.
+    With its own stops it reports as MuJoCo does; a step without a constraint takes its solver one
+    iteration.
     """
 
     name: ClassVar[str] = "mujoco_warp"

@@ -1,8 +1,8 @@
 """The EvidenceRecord, version 1: every field that is not part of the trace.
 
 This table and :mod:`integ_gym.evidence.schema.trace_fields` are the definition of a record: what a
-column is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the content
-hash, the documentation and ``integ-gym evidence show`` all derive from them.
+column is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the
+content hash, the documentation and ``integ-gym evidence show`` all derive from them.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ class CasadiEngine(MappedEngine):
     within the integrator's stages. Every plant will do whose equations are made of the operations
     of :class:`integ_gym.envs.arithmetic.ops.Ops` but `while_loop` and `foreign`. `rk` and
     `collocation` take one finite element per step. `cvodes` and `idas` choose inner steps of their
-    own, to a local error of 1e-12: at steps of interest tens to hundreds of them, so that they agree with the
-    reference to about 1e-10 per step.
+    own, to a local error of 1e-12: at steps of interest tens to hundreds of them, so that they
+    agree with the reference to about 1e-10 per step.
 
     Raises:
         TypeError: for equations that CasADi cannot be told.
