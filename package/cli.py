@@ -11,25 +11,16 @@ from collections.abc import Sequence
 from integ_gym.support import CommandParser, end_quietly, package_version, report_errors
 
 COMMANDS = {
-    "panel": ("integ_gym.commands.panel", "train and evaluate a whole panel (the main job)"),
-    "train": ("integ_gym.commands.train", "train one policy with PPO"),
-    "evaluate": ("integ_gym.commands.evaluate", "evaluate an existing policy"),
-    "diagnose": (
-        "integ_gym.commands.diagnose",
-        "check integrators against theory",
-    ),
-    "engines": (
-        "integ_gym.commands.engines",
-        "tell what every engine really does",
-    ),
-    "census": (
-        "integ_gym.commands.census",
-        "tell what every pendulum and cart-pole of the name really does",
-    ),
-    "report": ("integ_gym.commands.report", "write a panel's page and figures again"),
-    "evidence": ("integ_gym.commands.evidence", "show, query, verify and export records"),
+    "panel": "train and evaluate a whole panel (the main job)",
+    "train": "train one policy with PPO",
+    "evaluate": "evaluate an existing policy",
+    "diagnose": "check integrators against theory",
+    "engines": "tell what every engine really does",
+    "census": "tell what every pendulum and cart-pole of the name really does",
+    "report": "write a panel's page and figures again",
+    "evidence": "show, query, verify and export records",
 }
-"""Command to the module whose ``main(argv)`` runs it, and what it is for."""
+"""Command, which the module of its name in ``commands`` runs, to what it is for."""
 
 EXAMPLES = """\
 examples:
@@ -64,13 +55,12 @@ def _main(arguments: list[str]) -> int:
         "--version", action="version", version=f"integ-gym {package_version('integ-gym')}"
     )
     chosen = parser.parse_args(arguments[:1] or ["--help"])
-    module, _ = COMMANDS[chosen.command]
-    return report_errors(chosen.command, lambda: _run(module, arguments[1:]))
+    return report_errors(chosen.command, lambda: _run(chosen.command, arguments[1:]))
 
 
-def _run(module: str, arguments: Sequence[str]) -> int:
+def _run(name: str, arguments: Sequence[str]) -> int:
     try:
-        command = importlib.import_module(module)
+        command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f'{error.name} is not installed; run: pip install "integ-gym[all]"', name=error.name
@@ -79,7 +69,7 @@ def _run(module: str, arguments: Sequence[str]) -> int:
 
 
 def _commands() -> str:
-    lines = [f"  {name:<10} {purpose}" for name, (_, purpose) in COMMANDS.items()]
+    lines = [f"  {name:<10} {purpose}" for name, purpose in COMMANDS.items()]
     return "\n".join(["commands (each has its own --help):", *lines, "", ""])
 
 

@@ -69,6 +69,12 @@ def test_the_command_tells_the_integrator_what_it_is(directory):
     assert (directory / "runs" / "ralston" / "diagnose.json").exists()
 
 
+def test_parts_of_ones_own_need_the_users_door_alone():
+    imported = re.findall(r"^(?:from|import) (integ_gym\S*)", "\n".join(_blocks("python")), re.M)
+    assert imported
+    assert set(imported) == {"integ_gym"}
+
+
 def test_the_page_names_folders_that_exist():
     for path in re.findall(r"`((?:envs|train|eval)/[\w/]+\.py)`", PAGE):
         example = Path(path).name in ("slider.py", "ralston.py", "settle.py")
