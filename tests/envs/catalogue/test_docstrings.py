@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import Field, fields
-from pathlib import Path
 from typing import Any
 
 import pytest
+from house import FLOORS, ROOT
 
 import integ_gym
 from integ_gym.envs.catalogue.registration import environment_class, environment_setup
 
-ROOT = Path(__file__).parent.parent.parent
 TEXTS = [
     path
-    for folder in ("support", "envs", "evidence", "train", "eval", "package", "docs")
+    for folder in (*FLOORS, "docs")
     for ending in ("py", "md")
     for path in (ROOT / folder).rglob(f"*.{ending}")
 ]

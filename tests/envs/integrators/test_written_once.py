@@ -8,21 +8,15 @@ from pathlib import Path
 
 import pytest
 from gymnasium.envs.classic_control import cartpole, pendulum
+from house import FLOORS, ROOT
 from written_once import equations_of_motion, integration_steps
 
-import integ_gym
-
-ROOT = Path(integ_gym.__file__).resolve().parent.parent
-SOURCES = sorted(
-    path
-    for folder in ("envs", "evidence", "train", "eval", "package")
-    for path in (ROOT / folder).rglob("*.py")
-)
+SOURCES = sorted(path for folder in FLOORS for path in (ROOT / folder).rglob("*.py"))
 PLANTS = ROOT / "envs" / "plants"
 INTEGRATORS = ROOT / "envs" / "integrators"
 MAPS = ROOT / "envs" / "maps"
-PURE = sorted((*PLANTS.glob("*.py"), *INTEGRATORS.glob("*.py"), *MAPS.glob("*.py")))
-FORCES = [ROOT / "envs" / name for name in ("contact.py", "friction.py", "system.py")]
+PURE = sorted(path for folder in (PLANTS, INTEGRATORS, MAPS) for path in folder.rglob("*.py"))
+FORCES = [ROOT / "envs" / "mechanics" / f"{name}.py" for name in ("contact", "friction", "system")]
 
 
 def _id(path: Path) -> str:
@@ -34,26 +28,28 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _shared_parts(path: Path) -> list[Path]:
-    """Files of the same folder, named with an underscore, that a module imports from."""
-    imported = [n.module for n in ast.walk(_tree(path)) if isinstance(n, ast.ImportFrom)]
-    names = [module.rpartition(".")[2] for module in imported if module]
-    return [p for name in names if name[0] == "_" and (p := path.with_name(f"{name}.py")).exists()]
+    """Files of the room within, named with an underscore, that a module imports from."""
+    imported = {n.module for n in ast.walk(_tree(path)) if isinstance(n, ast.ImportFrom)}
+    rooms = [room for room in path.parent.glob("_*") if room.name in imported]
+    return [part for room in rooms for part in room.glob("*.py")]
+
+
+def _within(path: Path, *folders: Path) -> bool:
+    return any(folder in path.parents for folder in folders)
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=_id)
 def test_the_physics_is_written_once(path):
-    if path.parent not in (PLANTS, INTEGRATORS):
+    if not _within(path, PLANTS, INTEGRATORS):
         assert equations_of_motion(_tree(path)) == []
-    if path.parent not in (INTEGRATORS, MAPS):
+    if not _within(path, INTEGRATORS, MAPS):
         assert integration_steps(_tree(path)) == []
 
 
 def test_the_sources_are_those_of_the_project():
-    assert {_id(path).split("/")[0] for path in SOURCES} == {
-        "envs", "evidence", "train", "eval", "package",
-    }  # fmt: skip
-    tests = Path(__file__).resolve().parents[3]
-    assert tests == ROOT
+    assert {_id(path).split("/")[0] for path in SOURCES} == set(FLOORS)
+    assert len(PURE) > 30
+    assert all(path.exists() for path in FORCES)
 
 
 @pytest.mark.parametrize("module", [cartpole, pendulum], ids=lambda m: m.__name__)

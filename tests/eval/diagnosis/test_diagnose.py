@@ -8,11 +8,11 @@ import math
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from house import ROOT
 from planted import Falling, Hill, Slider
 
 from integ_gym.cli import main
@@ -373,7 +373,7 @@ def test_drift_example(tmp_path, capsys, monkeypatch):
 def test_a_plant_that_cannot_be_diagnosed_is_refused_in_one_line(
     plant, fragment, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "envs")
+    monkeypatch.syspath_prepend(ROOT / "tests" / "helpers" / "envs")
     assert main(["diagnose", "--plant", plant, "--out", str(tmp_path / "o")]) == 2
     error = capsys.readouterr().err
     assert fragment in error

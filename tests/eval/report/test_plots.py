@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from house import ROOT
 from matplotlib.text import Text
 from report_pages import every_panel, page_of, panel_of
 
@@ -178,8 +178,7 @@ def test_colours_are_written_once(name: str) -> None:
     for colour, (light, dark) in PALETTE.items():
         if colour not in ("warm", "cool"):
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
-    folder = Path(report.__file__).parents[1]
-    sources = [*folder.glob("report*/*.py"), *folder.glob("figures/*.py"), folder / "page.css"]
+    sources = [*(ROOT / "eval" / "report").rglob("*.py"), ROOT / "support" / "pages" / "page.css"]
     assert len(sources) > 15
     for source in sources:
         found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))

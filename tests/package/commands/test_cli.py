@@ -38,7 +38,7 @@ def _examples(text: str) -> list[list[str]]:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_examples_of_every_help_are_understood(command):
-    made = importlib.import_module(COMMANDS[command][0]).parser()
+    made = importlib.import_module(f"integ_gym.commands.{command}").parser()
     examples = _examples(made.epilog)
     assert examples
     for words in examples:
@@ -176,7 +176,7 @@ NEEDED = {"evaluate": ["policy.zip", "--env", "IntegPendulum-v0"]}
     ("command", "flag"), [(command, flag) for command, flags in WHOLE.items() for flag in flags]
 )
 def test_whole_numbers_may_have_an_exponent(command, flag, capsys):
-    made = importlib.import_module(COMMANDS[command][0]).parser()
+    made = importlib.import_module(f"integ_gym.commands.{command}").parser()
     given = [*NEEDED.get(command, []), "--out", "unused", flag]
     name = flag.strip("-").replace("-", "_")
     for word, meant in (("1e5", 100_000), ("2.5e3", 2500), ("40", 40)):
