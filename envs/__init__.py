@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from . import numerics
     from .arithmetic import ARRAY, SCALAR, Component, Components, Ops, jax, jnp
     from .catalogue import ENVIRONMENTS, environment_class, environment_setup, register_environments
     from .engines import (
@@ -74,6 +75,13 @@ if TYPE_CHECKING:
         saturated,
         wrapped,
     )
-    from .testbeds import Testbed, make_checked, make_training_environments, testbed_of
+    from .testbeds import (
+        Applied,
+        Success,
+        Testbed,
+        make_checked,
+        make_training_environments,
+        testbed_of,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -22,6 +22,5 @@ if TYPE_CHECKING:
         specified,
     )
     from .report import write_figures, write_report
-    from .scheme_style import HUES, MARKERS, Schemes, SchemeStyle
 else:
     __getattr__, __dir__ = lazy_door(__name__)

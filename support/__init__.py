@@ -10,10 +10,13 @@ from .doors import lazy_door
 if TYPE_CHECKING:
     from .figures import (
         COOL,
+        DASHES,
         ENERGY_FLOOR,
         FORMATS,
+        HUES,
         INK,
         LINE,
+        MARKERS,
         PALETTE,
         PAPER,
         SOFT,
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
         VIRIDIS,
         WARM,
         Entry,
+        SeriesStyle,
+        SeriesStyles,
         axes_at,
         bare,
         blank_figure,

@@ -41,10 +41,10 @@ def lazy_door(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
             return public()
         if name not in origins():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        home = import_module(origins()[name], package)
-        if not hasattr(home, name):  # a module within, which Python knows once it is imported
-            import_module(f"{home.__name__}.{name}")
-        value = getattr(home, name)
+        home = origins()[name]
+        if home == ".":
+            return import_module(f".{name}", package)
+        value = getattr(import_module(home, package), name)
         setattr(sys.modules[package], name, value)
         return value
 
@@ -64,8 +64,10 @@ def _is_guard(test: ast.expr) -> bool:
 
 
 def _defined(node: ast.stmt) -> list[str]:
-    """Names that a statement of a module defines."""
+    """Names that a statement of a door defines, or takes from a module beside it at once."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         return [node.name]
+    if isinstance(node, ast.ImportFrom) and node.level == 1:
+        return [alias.name for alias in node.names]
     targets = node.targets if isinstance(node, ast.Assign) else []
     return [target.id for target in targets if isinstance(target, ast.Name)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from . import functional
     from .discretized_vector import DiscretizedVectorEnv
     from .environment import IntegEnv, make_setup
     from .functional import FunctionalEnv, Params

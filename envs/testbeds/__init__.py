@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .finding import testbed_of
-    from .interface import Testbed
+    from .interface import Applied, Success, Testbed
     from .making import make_checked, make_training_environments
 else:
     __getattr__, __dir__ = lazy_door(__name__)

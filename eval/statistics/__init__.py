@@ -10,8 +10,9 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .family import holm
     from .interval import Interval, RatesLike
+    from .posterior import paired_posterior, rate_posterior, unpaired_posterior
     from .rates import Difference, mean_rate, paired_difference, rate_interval, unpaired_difference
     from .returns import iqm, iqm_interval
-    from .scalars import mean_interval, median_interval
+    from .scalars import mean_interval, median_interval, student_t_quantile
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -8,10 +8,19 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .comparison import CellRole, CellStatus, Outcome, PolicyCell, compare_policies
+    from .comparison import (
+        CellFinding,
+        CellRole,
+        CellStatus,
+        Outcome,
+        PolicyCell,
+        PolicyComparison,
+        compare_policies,
+    )
     from .family import Comparison, Judgement, Quantity, Verdict, judge_family, loss_of
     from .reference import ReferenceClass, reference_class
     from .rules import (
+        ALPHA,
         EQUIVALENCE_MARGIN,
         FAIL_MARGIN,
         LEARNED,

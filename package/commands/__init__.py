@@ -2,3 +2,12 @@
 
 Knows arguments and terminals; the work is done behind the other floors' doors.
 """
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from . import census, diagnose, engines, evaluate, evidence, panel, report, train
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         success_colour,
         symlog,
     )
+    from .series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
     from .style import (
         COOL,
         FORMATS,

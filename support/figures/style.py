@@ -12,11 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from integ_gym.eval import MARKERS, Schemes, SchemeStyle
-
 from ..files import replace_file
 from ..packages import load
 from .colours import PALETTE
+from .series import MARKERS, SeriesStyle, SeriesStyles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,22 +124,22 @@ class Entry(NamedTuple):
     marker: Mapping[str, Any] | None = None
 
 
-def line_style(style: SchemeStyle, width: float = 1.6) -> dict[str, Any]:
-    """Properties of an integrator's line, as Matplotlib takes them."""
+def line_style(style: SeriesStyle, width: float = 1.6) -> dict[str, Any]:
+    """Properties of a series' line, as Matplotlib takes them."""
     dashes = (0, style.dashes) if style.dashes else "-"
     return {"color": style.colour, "linewidth": width, "linestyle": dashes}
 
 
-def marker_style(style: SchemeStyle) -> dict[str, Any]:
-    """Properties of an integrator's marker, as Matplotlib takes them."""
+def marker_style(style: SeriesStyle) -> dict[str, Any]:
+    """Properties of a series' marker, as Matplotlib takes them."""
     corners = MARKERS[style.marker]
     reach = max(abs(place) for corner in corners for place in corner)
     edge = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
     return {"marker": corners, "markersize": 6.2 * reach, **edge}
 
 
-def scheme_entries(schemes: Schemes) -> list[Entry]:
-    """One entry for each integrator."""
+def scheme_entries(schemes: SeriesStyles) -> list[Entry]:
+    """One entry for each series."""
     return [
         Entry(name, line_style(style), {"color": style.colour, **marker_style(style)})
         for name, style in schemes.items()

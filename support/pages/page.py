@@ -12,9 +12,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from integ_gym.eval import HUES
-
-from ..figures import PALETTE, channels
+from ..figures import HUES, PALETTE, channels
 from ..packages import load
 from ..terminal import compact, fixed, seconds, step
 
@@ -65,7 +63,7 @@ def page_environment() -> Any:
 def page_parts() -> dict[str, Any]:
     """`style`, `script` and `script_hash`, as templates name them."""
     markup = load("markupsafe", "report").Markup
-    sheet = resources.files("integ_gym.eval").joinpath("page.css").read_text("utf-8")
+    sheet = resources.files(__package__).joinpath("page.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
     return {
         "style": markup(f"{_colours()}\n{sheet}"),

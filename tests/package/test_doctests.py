@@ -11,11 +11,18 @@ import pytest
 import integ_gym.envs
 import integ_gym.eval
 import integ_gym.evidence
+import integ_gym.support
 import integ_gym.train
 
 MODULES = sorted(
     module.name
-    for package in (integ_gym.envs, integ_gym.evidence, integ_gym.train, integ_gym.eval)
+    for package in (
+        integ_gym.support,
+        integ_gym.envs,
+        integ_gym.evidence,
+        integ_gym.train,
+        integ_gym.eval,
+    )
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
 )
 
@@ -28,5 +35,5 @@ def test_examples(name):
 
 def test_environments_have_examples():
     for name in ("pendulum", "cart_pole"):
-        module = importlib.import_module(f"integ_gym.envs.{name}")
+        module = importlib.import_module(f"integ_gym.envs.catalogue.{name}")
         assert doctest.testmod(module).attempted > 0

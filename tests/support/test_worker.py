@@ -12,7 +12,7 @@ SCRIPT = """
 import signal
 import time
 from multiprocessing import active_children
-from integ_gym.train.worker import Progress
+from integ_gym.support import Progress
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -12,5 +12,8 @@ if TYPE_CHECKING:
     from .environment import FunctionalEnv
     from .making import make
     from .params import Params
+    from .starts import start_range
+    from .state import FuncState, TimeStep
+    from .structure import Structure
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...maps import map_names
 from ...mechanics import PlantSystem
 from ...plants import PLANTS, Plant, join_state
-from ..convergence import ROUNDING, convergence
+from ..order import ROUNDING, convergence
 from ..phase_space import volume_defect
 from ..probe import fastest_rate, probe_state
 from ..stepping import SINGLE_WIDTH, WIDTH, advance_lanes, engine_of, jacobian, one_step

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from ...integrators import INTEGRATORS
 from ...plants import Pendulum, Plant
-from ..convergence import convergence
 from ..linear import stability_limit
+from ..order import convergence
 from ..phase_space import symplecticity_defect
 from ..probe import fastest_rate, probe_state
 from ..reversibility import reversibility_errors

@@ -54,7 +54,7 @@ def render_census(document: Json) -> str:
 @cache
 def _template() -> Any:
     environment = page_environment()
-    folder = resources.files("integ_gym.eval.census")
+    folder = resources.files(__package__)
     return environment.from_string(folder.joinpath("census.html.j2").read_text("utf-8"))
 
 

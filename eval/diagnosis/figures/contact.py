@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from integ_gym.support import COOL, INK, PAPER, SOFT, WARM, Entry, axes_at
+from integ_gym.support import COOL, INK, PAPER, SOFT, WARM, Entry, SeriesStyles, axes_at
 
-from ...scheme_style import Schemes
 from ..bench import theory_of
 from .drawing import Curve, Grid, Panels, named, numbers
 
@@ -54,7 +53,7 @@ _LEGEND: Final = (
 )
 
 
-def draw_contact(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_contact(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Rebound, penetration and ledger of one plant's impact, for every integrator."""
     names = [name for name in schemes if any(c["integrator"] == name for c in curves)]
     found = {c["integrator"]: c for c in curves}

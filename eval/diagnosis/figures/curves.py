@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from integ_gym.support import INK, SOFT, Entry, marker_style
+from integ_gym.support import INK, SOFT, Entry, SeriesStyles, marker_style
 
-from ...scheme_style import Schemes
 from ..bench import theory_of
 from ..section import TRUTH
 from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
@@ -24,7 +23,7 @@ _SMALLEST: Final = 1e-16
 _WIDEST: Final = 6.3  # hω
 
 
-def draw_convergence(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_convergence(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Error against step."""
     return _curves(
         curves, schemes, "steps", "Convergence",
@@ -34,7 +33,7 @@ def draw_convergence(curves: Sequence[Curve], schemes: Schemes) -> Figure:
     )  # fmt: skip
 
 
-def draw_work(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_work(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Error against cost."""
     star = {"color": INK, "marker": "*", "markersize": 9}
     legend = [*entries(schemes)[:-1], Entry(TRUTH, {"color": INK, "linewidth": 0.0}, star)]
@@ -48,7 +47,7 @@ def draw_work(curves: Sequence[Curve], schemes: Schemes) -> Figure:
 
 def _curves(
     curves: Sequence[Curve],
-    schemes: Schemes,
+    schemes: SeriesStyles,
     across: str,
     title: str,
     about: str,
@@ -75,7 +74,7 @@ def _curves(
     return figure
 
 
-def _curve(axes: Axes, curve: Curve, across: str, schemes: Schemes) -> None:
+def _curve(axes: Axes, curve: Curve, across: str, schemes: SeriesStyles) -> None:
     name, errors = curve["integrator"], np.maximum(numbers(curve["errors"]), _SMALLEST)
     if name != TRUTH:
         style = {**curve_style(name, schemes), **marker_style(schemes[name])}
@@ -107,7 +106,7 @@ def _orders(axes: Axes, curves: Sequence[Curve]) -> None:
     axes.set_ylim(max(0.3 * low, 0.1 * _SMALLEST), high)
 
 
-def draw_stability(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_stability(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Growth per step of small oscillations against hω."""
     plants = plants_of(curves)
     grid = Grid(
@@ -126,7 +125,7 @@ def draw_stability(curves: Sequence[Curve], schemes: Schemes) -> Figure:
     return figure
 
 
-def _growth(axes: Axes, curve: Curve, schemes: Schemes) -> None:
+def _growth(axes: Axes, curve: Curve, schemes: SeriesStyles) -> None:
     name = curve["integrator"]
     style = curve_style(name, schemes)
     axes.plot(numbers(curve["h_omega"]), numbers(curve["radius"]), **style)

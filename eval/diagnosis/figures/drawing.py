@@ -13,6 +13,7 @@ from integ_gym.support import (
     LINE,
     SOFT,
     Entry,
+    SeriesStyles,
     axes_at,
     bare,
     blank_figure,
@@ -25,7 +26,7 @@ from integ_gym.support import (
     scheme_entries,
 )
 
-from ...scheme_style import Schemes, styles_of
+from ...scheme_style import styles_of
 from ..section import TRUTH
 
 if TYPE_CHECKING:
@@ -45,12 +46,12 @@ _HEADING: Final = 0.8
 _LINE: Final = 0.2
 
 
-def schemes_of(names: Iterable[str]) -> Schemes:
+def schemes_of(names: Iterable[str]) -> SeriesStyles:
     """Styles of all integrators but the truth, which is drawn by itself."""
     return styles_of(name for name in names if name != TRUTH)
 
 
-def curve_style(name: str, schemes: Schemes) -> dict[str, Any]:
+def curve_style(name: str, schemes: SeriesStyles) -> dict[str, Any]:
     """The line of an integrator; later ones are thinner, so that none hides another."""
     if name == TRUTH:
         return {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
@@ -58,7 +59,7 @@ def curve_style(name: str, schemes: Schemes) -> dict[str, Any]:
     return line_style(schemes[name], 1.2 + 0.3 * max(0, later))
 
 
-def entries(schemes: Schemes, truth: Mapping[str, Any] | None = None) -> list[Entry]:
+def entries(schemes: SeriesStyles, truth: Mapping[str, Any] | None = None) -> list[Entry]:
     """A legend of integrators, and of the truth in the style in which it is drawn."""
     style = curve_style(TRUTH, {}) if truth is None else truth
     return [*scheme_entries(schemes), Entry(TRUTH, style)]

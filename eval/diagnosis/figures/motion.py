@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from integ_gym.support import plain, step
+from integ_gym.support import SeriesStyles, plain, step
 
-from ...scheme_style import Schemes
 from ..section import TRUTH
 from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
 
@@ -22,7 +21,7 @@ _SMALLEST: Final = 1e-16
 _LINEAR: Final = 3.0  # energies within this factor of the start's are drawn on a linear axis
 
 
-def draw_energy(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_energy(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Energy over time, and how far it is off."""
     plants = plants_of(curves)
     grid = Grid(
@@ -40,7 +39,7 @@ def draw_energy(curves: Sequence[Curve], schemes: Schemes) -> Figure:
     return figure
 
 
-def _energies(axes: Axes, curves: Sequence[Curve], schemes: Schemes) -> None:
+def _energies(axes: Axes, curves: Sequence[Curve], schemes: SeriesStyles) -> None:
     ratios = [1.0 + numbers(c["change"]) for c in curves]
     low = min(float(np.nanmin(r)) for r in ratios)
     high = max(float(np.nanmax(r)) for r in ratios)
@@ -61,7 +60,7 @@ def _over_time(axes: Axes, curves: Sequence[Curve]) -> None:
     axes.minorticks_off()
 
 
-def _errors(axes: Axes, curves: Sequence[Curve], schemes: Schemes) -> None:
+def _errors(axes: Axes, curves: Sequence[Curve], schemes: SeriesStyles) -> None:
     for curve in curves:
         time, error = numbers(curve["time"]), np.abs(numbers(curve["change"]))
         window = int(curve["window"])
@@ -74,7 +73,7 @@ def _errors(axes: Axes, curves: Sequence[Curve], schemes: Schemes) -> None:
     _over_time(axes, curves)
 
 
-def draw_phase(curves: Sequence[Curve], schemes: Schemes) -> Figure:
+def draw_phase(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Phase portraits, one for each plant and integrator, over the truth."""
     plants, names = plants_of(curves), list(schemes) or [TRUTH]
     grid = Grid(
@@ -99,7 +98,7 @@ def draw_phase(curves: Sequence[Curve], schemes: Schemes) -> Figure:
     return figure
 
 
-def _portrait(axes: Axes, curve: Curve, truth: Curve, schemes: Schemes) -> None:
+def _portrait(axes: Axes, curve: Curve, truth: Curve, schemes: SeriesStyles) -> None:
     position, velocity = numbers(truth["position"]), numbers(truth["velocity"])
     axes.plot(position, velocity, **_BAND)
     if curve is not truth:

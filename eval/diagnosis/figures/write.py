@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import load, write_figure
+from integ_gym.support import SeriesStyles, load, write_figure
 
-from ...scheme_style import Schemes
 from .contact import draw_contact
 from .curves import draw_convergence, draw_stability, draw_work
 from .drawing import Curve, plants_of, schemes_of
@@ -47,7 +46,7 @@ def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[
     return written
 
 
-FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], Schemes], Figure]]]] = {
+FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], SeriesStyles], Figure]]]] = {
     "energy": ("free_motion", draw_energy),
     "phase_portraits": ("free_motion", draw_phase),
     "stability": ("stiffness", draw_stability),

@@ -34,7 +34,7 @@ _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
     """A panel that comes with the package."""
-    content = (resources.files("integ_gym.eval") / f"{name}.toml").read_text(encoding="utf-8")
+    content = (resources.files(__package__) / f"{name}.toml").read_text(encoding="utf-8")
     return parse_spec(tomllib.loads(content), source=f"built-in panel {name!r}")
 
 

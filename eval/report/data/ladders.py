@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from integ_gym.support import step
+from integ_gym.support import SeriesStyle, SeriesStyles, step
 
 from ...panel.model import Entry, Estimate, Panel, Row
-from ...scheme_style import Schemes, SchemeStyle, styles_of
+from ...scheme_style import styles_of
 from .checks import close
 
 
@@ -62,7 +62,7 @@ class Series:
     """One scheme's line; ``aside``: widths of a line by which it is moved, to stay visible."""
 
     name: str
-    style: SchemeStyle
+    style: SeriesStyle
     aside: float
     points: tuple[Point, ...]
 
@@ -94,7 +94,7 @@ class LadderPlots:
         follows: whether the control period follows the step in some.
     """
 
-    schemes: Schemes
+    schemes: SeriesStyles
     rows: tuple[tuple[str, tuple[LadderPlot, ...]], ...]
     follows: bool
 
@@ -109,7 +109,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     return LadderPlots(schemes, rows, any(ladder.following for ladder in ladders))
 
 
-def _plots(ladder: Ladder, schemes: Schemes) -> tuple[LadderPlot, ...]:
+def _plots(ladder: Ladder, schemes: SeriesStyles) -> tuple[LadderPlot, ...]:
     truth = None if ladder.truth is None else ladder.truth.success
     period = "" if ladder.control_period is None else f" at {step(ladder.control_period)} s"
     plots = []
@@ -120,7 +120,7 @@ def _plots(ladder: Ladder, schemes: Schemes) -> tuple[LadderPlot, ...]:
     return tuple(plots)
 
 
-def _plot(about: str, rungs: Rungs, schemes: Schemes, truth: Estimate | None) -> LadderPlot:
+def _plot(about: str, rungs: Rungs, schemes: SeriesStyles, truth: Estimate | None) -> LadderPlot:
     steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
     span = math.log(steps[0] / steps[-1])
     places = {dt: math.log(steps[0] / dt) / span for dt in steps}

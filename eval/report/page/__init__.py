@@ -5,6 +5,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .page import write_report
+    from .page import render, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

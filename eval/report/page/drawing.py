@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from integ_gym.support import ink_on, success_colour
+from integ_gym.support import MARKERS, ink_on, success_colour
 
-from ...scheme_style import MARKERS
 from ..data import Axis, Series, Shade
 
 LEFT, TOP, RIGHT, BOTTOM = 36.0, 12.0, 286.0, 176.0

@@ -89,9 +89,7 @@ def _template() -> Any:
         corners=drawing.corners,
         shading=drawing.shading,
     )
-    source = (
-        resources.files("integ_gym.eval.report.page").joinpath("report.html.j2").read_text("utf-8")
-    )
+    source = resources.files(__package__).joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(source)
 
 

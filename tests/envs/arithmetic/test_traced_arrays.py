@@ -7,7 +7,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from test_traced_steps import VARIANTS
+from variants import VARIANTS
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.arithmetic.tracing.compiling import compiled, repeated

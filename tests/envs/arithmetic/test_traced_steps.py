@@ -7,6 +7,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from variants import VARIANTS
 
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.arithmetic.tracing.compiling import compiled
@@ -17,16 +18,6 @@ from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_st
 from integ_gym.envs.episode.steps import WARM_UP, plain_step, traced_step
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
-
-VARIANTS = {
-    "plain": {},
-    "sub-steps": {"dt": 0.005, "control_period": 0.02},
-    "late and slow": {
-        "dt": 0.005, "control_period": 0.02, "action_latency": 0.01, "sensor_period": 0.03,
-        "fallback": "zero",
-    },
-    "limited": {"dt": 0.02, "max_speed": 2.0, "damping": 0.1},
-}  # fmt: skip
 
 
 def _start(setup, seed):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from motions import ALL
+from sameness import assert_same
 
 import integ_gym
 from integ_gym.envs.arithmetic.array_ops import ARRAY
@@ -45,20 +46,6 @@ def _pair(case: str, mode: AutoresetMode):
         [lambda: gym.make(env_id, **arguments) for _ in range(LANES)], autoreset_mode=mode
     )
     return ours, sync
-
-
-def assert_same(ours, sync, path="info"):
-    assert type(ours) is type(sync) or np.isscalar(ours), path
-    if isinstance(sync, dict):
-        assert ours.keys() == sync.keys(), path
-        for key in sync:
-            assert_same(ours[key], sync[key], f"{path}[{key}]")
-    elif isinstance(sync, np.ndarray) and sync.dtype == object:
-        for a, b in zip(ours, sync, strict=True):
-            np.testing.assert_equal(a, b, err_msg=path)
-    else:
-        assert ours.dtype == sync.dtype, path
-        np.testing.assert_allclose(ours, sync, rtol=1e-12, atol=1e-12, err_msg=path)
 
 
 def _states(env):

@@ -12,9 +12,9 @@ from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from motions import ALL
+from sameness import assert_same
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from test_vector import assert_same
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
@@ -23,8 +23,8 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.episode.control_period import initial_state, transition
 from integ_gym.envs.mechanics.contact import Stops
 from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.numerics.energy_balance import ledger
 from integ_gym.envs.numerics.identification.identity import declared
-from integ_gym.envs.numerics.ledger import ledger
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 

@@ -145,9 +145,7 @@ def test_a_solver_that_does_not_solve(tmp_path):
 
 
 def test_an_oscillation_that_grows_where_one_step_says_it_does_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "integ_gym.eval.diagnosis.sections.stiffness.stability_limit", lambda name: 2.5
-    )
+    monkeypatch.setattr("integ_gym.envs.numerics.stability_limit", lambda name: 2.5)
     findings = examine("stiffness", "pendulum", "symplectic_euler", store=tmp_path)
     assert verdicts(findings, "small oscillation, factor") == {False}
 
@@ -266,7 +264,7 @@ def test_success_that_differs_from_the_truth(tmp_path, monkeypatch):
     played = {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}
     for module in ("refinement", "latency"):
         monkeypatch.setattr(
-            f"integ_gym.eval.diagnosis.{module}.success",
+            f"integ_gym.eval.diagnosis.sections.{module}.success",
             lambda diagnosis, env_id, integrator, *rest: played[integrator],
         )
     for section in ("timestep refinement", "latency"):

@@ -82,7 +82,7 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
     monkeypatch.setattr(NativeEngine, "advance", counting)
     for module in ("phase_space", "linear"):
         monkeypatch.setattr(f"integ_gym.envs.numerics.{module}.advance_lanes", probing)
-    monkeypatch.setattr("integ_gym.eval.diagnosis.sections.stiffness.advance_lanes", probing)
+    monkeypatch.setattr("integ_gym.envs.numerics.advance_lanes", probing)
     examine(section, "pendulum", "implicit_midpoint", store=tmp_path)
     recorded = EvidenceStore(tmp_path).query("SELECT sum(length * substeps) AS n FROM records")
     assert sum(steps) - sum(probes) == recorded.to_pylist()[0]["n"] > 1000

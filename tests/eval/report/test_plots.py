@@ -20,8 +20,9 @@ from integ_gym.eval.report.data.ladders import ladder_plots
 from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
 from integ_gym.eval.report.data.remedy import remedy_forest
 from integ_gym.eval.report.figures.write import FIGURES
-from integ_gym.eval.scheme_style import HUES, MARKERS, NATIVE, styles_of
+from integ_gym.eval.scheme_style import NATIVE, styles_of
 from integ_gym.support.figures.colours import PALETTE, channels
+from integ_gym.support.figures.series import HUES, MARKERS
 
 VISION = {
     "common": np.eye(3),

@@ -17,10 +17,10 @@ from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving.newton import CAP, TOLERANCE
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.convergence import convergence
+from integ_gym.envs.numerics.energy_balance import ledger
 from integ_gym.envs.numerics.identification.identity import declared
-from integ_gym.envs.numerics.ledger import ledger
 from integ_gym.envs.numerics.linear import linear_map
+from integ_gym.envs.numerics.order import convergence
 from integ_gym.envs.numerics.phase_space import symplecticity_defect, volume_defect
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
 from integ_gym.envs.numerics.reversibility import reversibility_defect

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from pathlib import Path
 
 import gymnasium as gym
 import pytest
+from house import ROOT
 from small_panel import small_data
 
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
@@ -16,7 +16,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.train.baselines.making import has_handmade, make_baseline, possible_baselines
 
-PAGE = Path(__file__).parent.parent.parent / "docs" / "adding.md"
+PAGE = ROOT / "docs" / "adding.md"
 BLOCKS = re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)
 PLANTS = {
     "no gravity": lambda source: source,

@@ -1,0 +1,13 @@
+"""Arguments that take a step through its every part."""
+
+from __future__ import annotations
+
+VARIANTS = {
+    "plain": {},
+    "sub-steps": {"dt": 0.005, "control_period": 0.02},
+    "late and slow": {
+        "dt": 0.005, "control_period": 0.02, "action_latency": 0.01, "sensor_period": 0.03,
+        "fallback": "zero",
+    },
+    "limited": {"dt": 0.02, "max_speed": 2.0, "damping": 0.1},
+}  # fmt: skip
