@@ -13,6 +13,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from integ_gym.envs import (
         ENVIRONMENTS,
+        Applied,
         Command,
         Discretization,
         Engine,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
         IntegVectorEnv,
         Plant,
         Step,
+        Success,
         Task,
         Testbed,
         along,
@@ -36,8 +38,43 @@ if TYPE_CHECKING:
         RecordVectorEvidence,
     )
     from integ_gym.support import nonnegative, parameter, positive
-    from integ_gym.train import Policy, PPOConfig, train_fleet, train_ppo
+    from integ_gym.train import Policy, PPOConfig, TrainingEvidence, train_fleet, train_ppo
 else:
     __getattr__, __dir__ = lazy_door(__name__)
 
 register_environments()
+
+__all__ = [
+    "ENVIRONMENTS",
+    "Applied",
+    "Command",
+    "Discretization",
+    "Engine",
+    "EpisodeContext",
+    "EvidenceStore",
+    "IntegEnv",
+    "IntegVectorEnv",
+    "Integrator",
+    "PPOConfig",
+    "Plant",
+    "Policy",
+    "RecordEvidence",
+    "RecordVectorEvidence",
+    "Step",
+    "Success",
+    "Task",
+    "Testbed",
+    "TrainingEvidence",
+    "along",
+    "evaluate",
+    "functional",
+    "nonnegative",
+    "numerics",
+    "parameter",
+    "positive",
+    "read_panel",
+    "rediscretize",
+    "run_panel",
+    "train_fleet",
+    "train_ppo",
+]

@@ -43,7 +43,14 @@ if TYPE_CHECKING:
         symlog,
         write_figure,
     )
-    from .files import cannot_write, make_folder, remove_leftovers, replace_file, write_once
+    from .files import (
+        cannot_write,
+        make_folder,
+        remove_leftovers,
+        replace_file,
+        write_json,
+        write_once,
+    )
     from .packages import (
         Registry,
         absent,
@@ -55,7 +62,6 @@ if TYPE_CHECKING:
     )
     from .pages import page_environment, page_parts
     from .parameters import (
-        MASS_DISTRIBUTIONS,
         boolean,
         check_values,
         finite_number,

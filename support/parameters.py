@@ -10,8 +10,6 @@ from typing import Any
 Check = Callable[[Any], str | None]
 """Says what is wrong with a value in a few words, or None."""
 
-MASS_DISTRIBUTIONS = ("uniform", "point")
-
 LARGEST = 1e30
 """No parameter is larger in size: products of a few stay finite."""
 

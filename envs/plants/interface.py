@@ -6,6 +6,9 @@ from typing import Any, ClassVar, Protocol
 
 from ..arithmetic import Component, Components, Ops
 
+MASS_DISTRIBUTIONS = ("uniform", "point")
+"""Of a link: a uniform rod, or a point mass at its end."""
+
 
 class Plant(Protocol):
     """A continuous-time mechanical system with one control.

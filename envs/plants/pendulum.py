@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.support import MASS_DISTRIBUTIONS, nonnegative, one_of, optional, parameter, positive
+from integ_gym.support import nonnegative, one_of, optional, parameter, positive
 
 from ..arithmetic import Component, Components, Ops
 from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
+from .interface import MASS_DISTRIBUTIONS
 
 
 @dataclass(frozen=True)

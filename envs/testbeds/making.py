@@ -34,7 +34,7 @@ def make_checked(
     environments = testbed.make(discretization, lanes, **arguments)
     try:
         _check(discretization, testbed.applied(environments))
-    except ValueError:
+    except BaseException:
         environments.close()
         raise
     return environments
@@ -73,7 +73,7 @@ def make_training_environments(
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )
     common = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
-    stated = {name: x for name, x in arguments.items() if name in DISCRETIZATION}
+    stated = {n: x for n, x in arguments.items() if n in DISCRETIZATION and x is not None}
     testbed = testbed_of(env_id, common)
     asked = Discretization(**{**testbed.home.arguments(), **stated})
     return make_checked(testbed, asked, lanes, autoreset_mode=mode)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 _SUFFIX = ".tmp"
 
@@ -49,6 +51,12 @@ def replace_file(path: Path, content: bytes) -> Path:
         temporary.unlink(missing_ok=True)
     _synchronise(path.parent)
     return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON in one step: the file is there whole or not at all."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    replace_file(path, f"{text}\n".encode())
 
 
 def remove_leftovers(directory: Path) -> None:

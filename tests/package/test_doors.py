@@ -68,6 +68,12 @@ def test_a_folder_reads_as_a_table_of_contents(door):
     assert len(entries) <= MOST_ENTRIES, sorted(entries)
 
 
+def test_the_users_door_offers_what_type_checkers_are_told():
+    (block,) = (n for n in MODULES["integ_gym"].tree.body if isinstance(n, ast.If))
+    told = {alias.name for node in block.body for alias in node.names}
+    assert told == set(integ_gym.__all__)
+
+
 def test_a_name_that_is_not_offered_is_refused():
     with pytest.raises(AttributeError, match="module 'integ_gym' has no attribute 'no_such'"):
         integ_gym.no_such  # noqa: B018

@@ -19,7 +19,6 @@ _FREE_RATE_UNITS = ("m/s", "m/s", "m/s", "rad/s", "rad/s", "rad/s")
 _BALL = ("qw", "qx", "qy", "qz")
 _BALL_RATES = ("wx", "wy", "wz")
 _UNITS = {"slide": "m", "hinge": "rad"}
-_FORCES = {"slide": "N", "hinge": "N m"}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import msgspec
 
-from ..running import write_json
+from integ_gym.support import write_json
+
 from .panel import SCHEMA_VERSION, Panel
 
 FILE_NAME: Final = "panel.json"

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .evaluation import Subject
     from .evaluation_units import Evaluated, evaluate_all, evaluated, evaluation_seconds
     from .panel import baseline_of, complete_panel
-    from .run_directory import MANIFEST, RunDirectory, package_versions, write_json
+    from .run_directory import MANIFEST, RunDirectory, package_versions
     from .units import Unit, training_config, units_of
     from .work import working
 else:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import installed_versions, replace_file
+from integ_gym.support import installed_versions, replace_file, write_json
 
 MANIFEST = "run.json"
 LOCK = ".lock"
@@ -250,9 +250,3 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise RunDirectoryError(f"{path} does not hold a JSON object")
     return content
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write JSON in one step: the file is there whole or not at all."""
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    replace_file(path, f"{text}\n".encode())

@@ -15,7 +15,7 @@ from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.numerics.probe import probe_state
 from integ_gym.envs.numerics.stepping import jacobian
-from integ_gym.support.parameters import MASS_DISTRIBUTIONS
+from integ_gym.envs.plants.interface import MASS_DISTRIBUTIONS
 
 
 def _pendulum(p, q, v):
