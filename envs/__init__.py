@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         step_info,
         whole_multiple,
     )
-    from .integrators import INTEGRATORS, Integrator, LinearTheory, Step, along
+    from .integrators import INTEGRATORS, TRUTH, Integrator, LinearTheory, Step, along
     from .maps import map_names, one_step_map
     from .mechanics import PlantSystem
     from .plants import (

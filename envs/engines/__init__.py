@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from integ_gym.support import Registry, absent, lazy_door
 
-from ..integrators import INTEGRATORS
+from ..integrators import TRUTH
 
 if TYPE_CHECKING:
     from ._stepping import CONSTRAINT_VIOLATION
@@ -30,5 +30,4 @@ def missing_modules(engine: str) -> list[str]:
 
 def integrators_of(engine: str) -> tuple[str, ...]:
     """The integrators of an engine, as it calls them; ours without the exact one."""
-    own = getattr(ENGINES.load(engine), "maps", None)
-    return tuple(own) if own else tuple(n for n in INTEGRATORS.names() if n != "reference")
+    return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)

@@ -18,3 +18,6 @@ else:
 
 
 INTEGRATORS = Registry(__name__, "integrator", "step")
+
+TRUTH = "reference"
+"""The integrator that solves a plant to rounding."""

@@ -7,13 +7,11 @@ from typing import Any
 import gymnasium as gym
 
 from ..catalogue import environment_class, environment_setup
-from ..engines import ENGINES
+from ..engines import integrators_of
 from ..environments import DiscretizedVectorEnv
 from ..episode import Discretization, dividing_step
+from ..integrators import TRUTH
 from .interface import Applied, Success
-
-TRUTH = "reference"
-"""The integrator that solves a plant to rounding."""
 
 REFINEMENTS = (1, 2, 4)
 """Parts of the coarsest step that are evaluated where no steps are given."""
@@ -51,7 +49,7 @@ class IntegTestbed:
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """The engine's own names."""
-        return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)
+        return integrators_of(engine)
 
     def steps(self, home: Discretization) -> tuple[float, ...]:
         """The control period, half and a quarter of it, or of a part that divides all delays."""

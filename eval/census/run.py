@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs import integrators_of, map_names, missing_modules, one_step_map
+from integ_gym.envs import TRUTH, integrators_of, map_names, missing_modules, one_step_map
 from integ_gym.support import installed_versions
 
-from .measuring import TRUTH, Line, measure
+from .measuring import Line, measure
 from .subjects import COAST, Subject, engine_subjects
 from .subjects.published import PUBLISHED, installed
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
+
 from .bench import Array, Bench, Commands, Rollout, Subject
 from .lines import Expectation, Finding
-
-TRUTH = "reference"
-"""The integrator that the others are compared with."""
 
 NO_CONTROL = np.zeros(1)
 

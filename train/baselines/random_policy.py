@@ -54,8 +54,8 @@ class RandomPolicy(Baseline):
             uniform = hashed_uniform(observations, self.seed, 1)[:, 0]
             return (uniform * self.count).astype(np.int64)
         uniform = hashed_uniform(observations, self.seed, len(self.low))
-        middle, half = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
-        return (middle + (2.0 * uniform - 1.0) * half).astype(np.float32)
+        middle, reach = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
+        return (middle + (2.0 * uniform - 1.0) * reach).astype(np.float32)
 
     def _limits(self) -> dict[str, Any]:
         """The bounds, as one number where one says them."""

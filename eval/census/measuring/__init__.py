@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .identify import TRUTH
     from .line import Line, measure
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs import map_names, numerics
+from integ_gym.envs import TRUTH, map_names, numerics
 
 from ..subjects import Sample, Statement
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
 """Integration steps in one control period that are tried, beside the stated number."""
-
-TRUTH = "reference"
 
 SCREENED = 3
 """Control periods of each sample by which unlikely candidates are sorted out."""

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
 from integ_gym.support import INK, SOFT, Entry, SeriesStyles, marker_style
 
 from ..bench import theory_of
-from ..section import TRUTH
 from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:

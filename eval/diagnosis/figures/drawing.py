@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
 from integ_gym.support import (
     INK,
     LINE,
@@ -27,7 +28,6 @@ from integ_gym.support import (
 )
 
 from ...scheme_style import styles_of
-from ..section import TRUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
 from integ_gym.support import SeriesStyles, plain, step
 
-from ..section import TRUTH
 from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.envs import numerics
+from integ_gym.envs import TRUTH, numerics
 
-from ..section import TRUTH, Diagnosis
+from ..section import Diagnosis
 from .expectation import Expectation, below, undeclared
 
 TOLERANCE = 0.1

@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
+
 from ..bench import PHASES, Array, Commands, Impact, Rollout, impact_of, theory_of
 from ..lines import Expectation, ledger_line, near, said, solver_line, undeclared
-from ..section import NO_CONTROL, TRUTH, Diagnosis
+from ..section import NO_CONTROL, Diagnosis
 
 SECTION = "contact"
 

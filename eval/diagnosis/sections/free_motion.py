@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from integ_gym.envs import numerics, state_names, state_units
+from integ_gym.envs import TRUTH, numerics, state_names, state_units
 
 from ..bench import Array, Rollout, theory_of
 from ..lines import EXACT, Expectation, below, order_line, said, solver_line, undeclared
-from ..section import TRUTH, Diagnosis
+from ..section import Diagnosis
 
 SECTION = "free motion"
 

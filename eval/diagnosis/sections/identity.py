@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import numerics, state_names, state_units
+from integ_gym.envs import TRUTH, numerics, state_names, state_units
 
 from ..bench import theory_of
 from ..lines import Expectation, above, below, near, said, undeclared
-from ..section import TRUTH, Diagnosis
+from ..section import Diagnosis
 
 SECTION = "integrator"
 

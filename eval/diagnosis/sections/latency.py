@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from integ_gym.envs import TRUTH
+
 from ..bench import Array, Commands, success, success_line
 from ..lines import Expectation
-from ..section import TRUTH, Diagnosis
+from ..section import Diagnosis
 from .actuation import actuator_limit
 
 SECTION = "latency"

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import numerics
+from integ_gym.envs import TRUTH, numerics
 
 from ..bench import Array, Rollout, success, success_line
 from ..lines import ledger_line, order_line
-from ..section import TRUTH, Diagnosis
+from ..section import Diagnosis
 from .actuation import actuator_limit
 
 SECTION = "timestep refinement"
