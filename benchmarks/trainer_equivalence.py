@@ -41,7 +41,7 @@ from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig, train_ppo
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.evidence import TrainingEvidence
 
 _QUICK = built_in_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

@@ -20,7 +20,7 @@ from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.update import permutations
 from integ_gym.train.ppo import PPOConfig, train_run
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.evidence import TrainingEvidence
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
 """For the measured peak: so many square matrices, and products of each."""

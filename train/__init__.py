@@ -23,6 +23,6 @@ if TYPE_CHECKING:
         told,
     )
     from .ppo import PPOConfig, make_training_envs, train_ppo
-    from .runs import TrainingError, TrainingEvidence
+    from .running import TrainingError, TrainingEvidence
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -36,7 +36,7 @@ from integ_gym.support import (
 )
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files import TrainedPolicy, make_card, mixture_of, write_policy
-from integ_gym.train.runs import (
+from integ_gym.train.running import (
     ENV_ARGUMENTS,
     OnTrained,
     TrainingEvidence,

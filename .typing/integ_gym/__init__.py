@@ -1,1 +1,80 @@
-../../package/__init__.py
+"""integ-gym: Gymnasium environments in which the discretization is a constructor argument.
+
+Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
+``IntegCartPoleSwingUp-v0`` and ``IntegElasticPendulum-v0``. What a script, a notebook or a part of
+one's own needs is here, each name imported when it is first asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.envs import register_environments
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from integ_gym.envs import (
+        ENVIRONMENTS,
+        Applied,
+        Command,
+        Discretization,
+        Engine,
+        IntegEnv,
+        Integrator,
+        IntegVectorEnv,
+        Plant,
+        Step,
+        Success,
+        Task,
+        Testbed,
+        along,
+        functional,
+        numerics,
+        rediscretize,
+    )
+    from integ_gym.eval import evaluate, read_panel, run_panel
+    from integ_gym.evidence import (
+        EpisodeContext,
+        EvidenceStore,
+        RecordEvidence,
+        RecordVectorEvidence,
+    )
+    from integ_gym.support import nonnegative, parameter, positive
+    from integ_gym.train import Policy, PPOConfig, TrainingEvidence, train_fleet, train_ppo
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
+
+register_environments()
+
+__all__ = [
+    "ENVIRONMENTS",
+    "Applied",
+    "Command",
+    "Discretization",
+    "Engine",
+    "EpisodeContext",
+    "EvidenceStore",
+    "IntegEnv",
+    "IntegVectorEnv",
+    "Integrator",
+    "PPOConfig",
+    "Plant",
+    "Policy",
+    "RecordEvidence",
+    "RecordVectorEvidence",
+    "Step",
+    "Success",
+    "Task",
+    "Testbed",
+    "TrainingEvidence",
+    "along",
+    "evaluate",
+    "functional",
+    "nonnegative",
+    "numerics",
+    "parameter",
+    "positive",
+    "read_panel",
+    "rediscretize",
+    "run_panel",
+    "train_fleet",
+    "train_ppo",
+]

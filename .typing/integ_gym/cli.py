@@ -1,1 +1,77 @@
-../../package/cli.py
+"""The ``integ-gym`` command."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from integ_gym.support import CommandParser, end_quietly, package_version, report_errors
+
+COMMANDS = {
+    "panel": "train and evaluate a whole panel (the main job)",
+    "train": "train one policy with PPO",
+    "evaluate": "evaluate an existing policy",
+    "diagnose": "check integrators against theory",
+    "engines": "tell what every engine really does",
+    "census": "tell what every pendulum and cart-pole of the name really does",
+    "report": "write a panel's page and figures again",
+    "evidence": "show, query, verify and export records",
+}
+"""Command, which the module of its name in ``commands`` runs, to what it is for."""
+
+EXAMPLES = """\
+examples:
+  integ-gym panel --out runs/panel
+  integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
+  integ-gym diagnose --out runs/diagnose
+  integ-gym engines
+  integ-gym census --out runs/census
+  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
+                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return end_quietly(lambda: _main(arguments))
+
+
+def _main(arguments: list[str]) -> int:
+    if os.getcwd() not in sys.path:  # for integrators of the user's own, "module:Class"
+        sys.path.append(os.getcwd())
+    parser = CommandParser(
+        prog="integ-gym",
+        description="Gymnasium environments in which the discretization is a constructor argument.",
+        epilog=_commands() + EXAMPLES,
+    )
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="see below")
+    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
+    parser.add_argument(
+        "--version", action="version", version=f"integ-gym {package_version('integ-gym')}"
+    )
+    chosen = parser.parse_args(arguments[:1] or ["--help"])
+    return report_errors(chosen.command, lambda: _run(chosen.command, arguments[1:]))
+
+
+def _run(name: str, arguments: Sequence[str]) -> int:
+    try:
+        command = importlib.import_module(f"integ_gym.commands.{name}")
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f'{error.name} is not installed; run: pip install "integ-gym[all]"', name=error.name
+        ) from error
+    return int(command.main(arguments))
+
+
+def _commands() -> str:
+    lines = [f"  {name:<10} {purpose}" for name, purpose in COMMANDS.items()]
+    return "\n".join(["commands (each has its own --help):", *lines, "", ""])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -14,7 +14,7 @@ from integ_gym.envs import Setup, quiet_status
 from integ_gym.evidence import EpisodeHead, EpisodeLog, EvidenceStore, Layout, now, record_table
 from integ_gym.support import installed_versions
 
-from ..runs import TrainingEvidence
+from ..running import TrainingEvidence
 
 Array = NDArray[Any]
 

@@ -26,7 +26,7 @@ from integ_gym.support import report_work, require
 
 from ..policy_files import LAST_EPISODES, TrainedPolicy, episode_summary, make_card, write_policy
 from ..ppo import PPOConfig, model_arguments
-from ..runs import (
+from ..running import (
     OnTrained,
     Run,
     TrainingEvidence,

@@ -13,7 +13,7 @@ from gymnasium.vector import VectorEnv
 from integ_gym.envs import Mixture, Setup
 from integ_gym.support import installed_versions
 
-from ..runs import first_lane_seed
+from ..running import first_lane_seed
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig

@@ -11,7 +11,7 @@ from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.support.workers import peak_memory
 from integ_gym.train.fleet.training import train_chunk
 from integ_gym.train.ppo import PPOConfig
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.evidence import TrainingEvidence
 
 SMALL = {"n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 2, "net_arch": (16, 8)}
 

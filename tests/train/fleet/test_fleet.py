@@ -42,7 +42,7 @@ from integ_gym.train.policy_files.safetensors_file import (
 )
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.evidence import TrainingEvidence
 from integ_gym.train.sb3.initial_weights import Stack, initial_stack, orthogonal, state_dict
 from integ_gym.train.sb3.vec_env import Sb3VecEnv, ScaledRewards
 

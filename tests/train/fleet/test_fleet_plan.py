@@ -18,7 +18,7 @@ from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.planning import LONGEST, PROGRAM_BYTES, default_gib, kind_of, plan
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.fleet.worker import Workers, fleet_workers, prepare_worker
-from integ_gym.train.runs.error import TrainingError
+from integ_gym.train.running.error import TrainingError
 
 ONE, TWO = Workers(1, "cpu"), Workers(2, "cpu")
 

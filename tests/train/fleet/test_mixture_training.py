@@ -19,7 +19,7 @@ from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outco
 from integ_gym.train.fleet.worker import Workers
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.evidence import TrainingEvidence
 
 PERIOD, HORIZON, LANES = 0.05, 8, 8
 MIXTURE = [

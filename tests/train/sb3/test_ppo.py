@@ -20,7 +20,7 @@ from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trai
 
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 from integ_gym.train.ppo import PPOConfig, train_run
-from integ_gym.train.runs.seeds import first_lane_seed
+from integ_gym.train.running.seeds import first_lane_seed
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

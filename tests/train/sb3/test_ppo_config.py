@@ -12,7 +12,7 @@ import pytest
 from small_ppo import SMALL
 
 from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
-from integ_gym.train.runs.seeds import first_lane_seed
+from integ_gym.train.running.seeds import first_lane_seed
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 from integ_gym.train.ppo import train_ppo
-from integ_gym.train.runs.error import TrainingError
-from integ_gym.train.runs.evidence import TrainingEvidence
+from integ_gym.train.running.error import TrainingError
+from integ_gym.train.running.evidence import TrainingEvidence
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
