@@ -30,4 +30,5 @@ def missing_modules(engine: str) -> list[str]:
 
 def integrators_of(engine: str) -> tuple[str, ...]:
     """The integrators of an engine, as it calls them; ours without the exact one."""
-    return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)
+    own = ENGINES.load(engine)
+    return tuple(name for name in own.maps if name != TRUTH or own.name != "native")

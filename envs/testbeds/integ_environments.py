@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 from ..catalogue import environment_class, environment_setup
-from ..engines import integrators_of
+from ..engines import ENGINES
 from ..environments import DiscretizedVectorEnv
 from ..episode import Discretization, dividing_step
 from ..integrators import TRUTH
@@ -49,7 +49,7 @@ class IntegTestbed:
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """The engine's own names."""
-        return integrators_of(engine)
+        return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)
 
     def steps(self, home: Discretization) -> tuple[float, ...]:
         """The control period, half and a quarter of it, or of a part that divides all delays."""
