@@ -27,6 +27,7 @@ def pytest_configure() -> None:
     JAX compiles as in the processes of the fleet trainer, in less time for code that is as fast.
     """
     os.environ.pop("COLUMNS", None)
+    os.unsetenv("COLUMNS")  # as readline sets it, which `os.environ` does not see
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
