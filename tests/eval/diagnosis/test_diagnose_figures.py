@@ -65,8 +65,7 @@ def test_figures(integrators, plants, curves):
 
 def _check(figure) -> None:
     """Every plot shows something, and no text is cut off or overlaps another."""
-    FigureCanvasAgg(figure)
-    figure.draw_without_rendering()
+    FigureCanvasAgg(figure).draw()
     assert figure.get_size_inches()[0] >= NARROWEST - 1e-9
     texts = []
     for axes in figure.axes:

@@ -43,9 +43,6 @@ map = [
 dt = 0.05
 """
 
-INSTALLED = TOML[TOML.index('engine = "installed"') :]
-"""The part that asks for every engine."""
-
 
 def trained_units(spec: PanelSpec) -> list[Unit]:
     """Training runs of a panel."""

@@ -84,15 +84,11 @@ def test_the_page_says_on_which_engines_policies_do_the_same(alike):
 
 @pytest.mark.slow
 def test_policies_of_a_finished_panel_are_used_again(alike, tmp_path, capsys):
-    """With their training evidence and nothing trained; the results are the same.
-
-    On one engine of those that the finished panel has.
-    """
-    needs("mujoco")
-    one = 'engine = "mujoco"\nintegrator = "Euler"\ndt = 0.05\n'
-    toml = engines_panel.TOML.replace('name = "alike"', 'name = "again"')
+    """With their training evidence and nothing trained; the results are the same."""
     spec = tmp_path / "again.toml"
-    spec.write_text(toml.replace(engines_panel.INSTALLED, one), encoding="utf-8")
+    spec.write_text(
+        engines_panel.TOML.replace('name = "alike"', 'name = "again"'), encoding="utf-8"
+    )
     out = tmp_path / "out"
     command = ["panel", str(spec), "--out", str(out), "--no-progress", "--policies", str(alike)]
     assert main(command) == 0
@@ -102,12 +98,9 @@ def test_policies_of_a_finished_panel_are_used_again(alike, tmp_path, capsys):
     assert all((out / name).read_bytes() == (alike / name).read_bytes() for name in kept)
     assert EvidenceStore(out / "evidence").verify() == []
     assert "--policies" in _panel(out)["command"]
-    rates, before = (
-        {(e["row"], e["cell"]): e["success_by_seed"] for e in _panel(folder)["matrix"]}
-        for folder in (out, alike)
-    )
-    assert {cell for _, cell in rates} >= {"symplectic_euler dt=0.05", "mujoco Euler dt=0.05"}
-    assert rates == {key: before[key] for key in rates}
+    assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == [
+        e["success_by_seed"] for e in _panel(alike)["matrix"]
+    ]
     times = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*")}
     assert main(command) == 0
     assert times == {p: p.stat().st_mtime_ns for p in times}
