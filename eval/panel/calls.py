@@ -9,10 +9,10 @@ from typing import Any
 
 from integ_gym.support import cores, require
 
-from .existing import Grid, evaluate_existing, plan, read_existing
+from .existing import evaluate_existing, plan, read_existing
 from .model import Panel
 from .results import write_artefact
-from .running import RunDirectory, complete_panel
+from .running import completed
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec
 
 
@@ -55,17 +55,11 @@ def run_panel(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("train", "report", "evidence")
-    given, written = specified(spec), []
-
-    def finish(directory: RunDirectory) -> None:
-        written.append(write_artefact(given, directory, command, workers or cores()))
-
-    taken = None if policies is None else Path(policies)
-    complete_panel(
-        given, Path(out), workers=workers, progress=progress, policies=taken, finish=finish
-    )
-    (panel,) = written
-    return panel
+    given, taken = specified(spec), None if policies is None else Path(policies)
+    with completed(
+        given, Path(out), workers=workers, progress=progress, policies=taken
+    ) as directory:
+        return write_artefact(given, directory, command, workers or cores())
 
 
 def evaluate(
@@ -112,7 +106,7 @@ def evaluate(
     require("train", "report", "evidence")
     statistics = None if obs_stats is None else Path(obs_stats)
     existing = read_existing(Path(policy), env_id, environment or {}, statistics, own_code)
-    spec = plan(existing, env_id, Grid(integrators, dts, episodes))
+    spec = plan(existing, env_id, integrators, dts, episodes)
     return evaluate_existing(
         existing, spec, Path(out), command, progress=progress, on_doubt=on_doubt
     )

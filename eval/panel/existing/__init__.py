@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .evaluate import evaluate_existing
-    from .planning import Grid, plan
+    from .planning import plan
     from .policy import read_existing
 else:
     __getattr__, __dir__ = lazy_door(__name__)

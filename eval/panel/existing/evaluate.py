@@ -12,17 +12,8 @@ from integ_gym.train import POLICY_FILE, Policy
 
 from ..model import Panel
 from ..model import Policy as PanelPolicy
-from ..results import (
-    Matrix,
-    Row,
-    build_artefact,
-    evaluation_records,
-    facts_of,
-    make_layout,
-    shares_of,
-    write_outputs,
-)
-from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds, working
+from ..results import Matrix, Row, cost_of, reduced, write_outputs
+from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds
 from ..specification import Cell, PanelSpec
 from .planning import main_home
 from .policy import Existing
@@ -57,43 +48,37 @@ def evaluate_existing(
         RunDirectoryError: for a directory that holds something else.
         PanelError: if an evaluation fails; what was finished stays.
     """
-    row = existing.policy.policy_id
+    row, home = existing.policy.policy_id, existing.home
     content = {**spec.to_json(), "policy": existing.policy.content_hash}
     directory = RunDirectory(out, content, spec.engine_versions())
     subjects = [
-        Subject(existing.policy, spec.cells_of(existing.home), existing.home),
+        Subject(existing.policy, spec.cells_of(home), home),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
     ]
-    seconds = evaluation_seconds(spec, subjects)
-    workers = 0 if seconds < SHORT else cores()
+    workers = 0 if evaluation_seconds(spec, subjects) < SHORT else cores()
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
-        with working("evaluate", seconds, workers, progress) as work:
-            evaluate_all(spec, directory, subjects, work, max(1, workers))
-        rows = (
-            Row(row, "given", (row,), shares_of(existing.home)),
-            *(Row(name, "baseline", (name,)) for name in spec.baselines),
-        )
-        layout = make_layout(spec, rows, {row: existing.home})
-        matrix = Matrix(rows, evaluation_records(directory), spec.episodes)
-        facts = facts_of(
+        evaluate_all(spec, directory, subjects, "evaluate", workers, progress)
+        baselines = (Row(name, "baseline", (name,)) for name in spec.baselines)
+        layout, matrix = reduced(spec, directory, (Row(row, "given", (row,), home), *baselines))
+        panel = write_outputs(
             spec,
             directory,
-            command,
-            max(1, workers),
-            {subject.policy.policy_id: _told(existing, subject.policy) for subject in subjects},
+            layout,
+            matrix,
+            [_told(existing, subject.policy) for subject in subjects],
+            command=command,
+            cost=cost_of(directory, (), max(1, workers)),
             spec={**spec.to_json(), "home": existing.origin},
             remark="" if spec.reference else _returns(existing, spec, matrix),
-            warnings=[
+            warnings=(
                 *_no_better(existing, matrix),
                 *_cannot_fail(spec, EvidenceStore(directory.evidence)),
-            ],
+            ),
         )
-        for doubt in facts.warnings:
-            on_doubt(doubt)
-        panel = build_artefact(layout, matrix, facts)
-        write_outputs(panel, directory)
+    for doubt in panel.warnings:
+        on_doubt(doubt)
     return panel
 
 

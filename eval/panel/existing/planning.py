@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from integ_gym.envs import Discretization, testbed_of
 from integ_gym.train import possible_baselines
@@ -12,39 +12,35 @@ from ..specification import Home, PanelSpec, environments_of, standard_perturbat
 from .policy import Existing
 
 
-@dataclass(frozen=True)
-class Grid:
-    """The discretizations to evaluate on; the truth, where there is one, always comes with them.
-
-    Attributes:
-        integrators: names; by default all that the testbed offers but the truth.
-        dts: steps, s; by default the testbed's.
-        episodes: paired starts.
-        episode_seed: seed of episode 0.
-    """
-
-    integrators: Sequence[str] = ()
-    dts: Sequence[float] = ()
-    episodes: int = 50
-    episode_seed: int = 1000
-
-
-def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
+def plan(
+    existing: Existing,
+    env_id: str,
+    integrators: Sequence[str] = (),
+    dts: Sequence[float] = (),
+    episodes: int = 50,
+) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
     A baseline that cannot be made for the environment, such as a hand-made controller without
-    gravity, is left out.
+    gravity, is left out. The truth, where there is one, is always evaluated on.
+
+    Args:
+        existing: the policy.
+        env_id: environment.
+        integrators: names; by default all that the testbed offers but the truth.
+        dts: steps, s; by default the testbed's.
+        episodes: paired starts.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
     testbed = testbed_of(env_id, existing.environment)
     home, name = main_home(existing.home), existing.policy.policy_id
-    engine = home.engine if grid.integrators else testbed.home.engine
+    engine = home.engine if integrators else testbed.home.engine
     columns = [
         Discretization(integrator, dt, home.control_period, engine)
-        for integrator in grid.integrators or testbed.integrators(engine)
-        for dt in grid.dts or testbed.steps(home)
+        for integrator in integrators or testbed.integrators(engine)
+        for dt in dts or testbed.steps(home)
     ]
     spec = PanelSpec(
         name=f"evaluate {name}",
@@ -55,8 +51,7 @@ def plan(existing: Existing, env_id: str, grid: Grid) -> PanelSpec:
         seeds=(),
         environment=existing.environment,
         ladder=False,
-        episodes=grid.episodes,
-        episode_seed=grid.episode_seed,
+        episodes=episodes,
         question=f"Does {name} survive another integrator or timestep?",
     )
     for cell in spec.columns():

@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .artefact import build_artefact
     from .matrix import Matrix, Row
-    from .outputs import (
-        evaluation_records,
-        facts_of,
-        make_layout,
-        shares_of,
-        write_artefact,
-        write_outputs,
-    )
+    from .outputs import cost_of, reduced, write_artefact, write_outputs
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -15,14 +14,12 @@ from ...statistics import rate_interval
 from ...verdict import LEARNED, Judgement, PolicyCell, compare_policies, judge_family
 from ..model import Cell as PanelCell
 from ..model import (
-    Cost,
     EngineAgreement,
     Estimate,
     Failure,
     Panel,
     Policy,
     PolicyComparison,
-    TrainingCost,
     Verdict,
     build,
 )
@@ -37,41 +34,30 @@ FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Facts:
-    """What a panel says beside its outcome; see :class:`Panel` for what is not told here.
-
-    Attributes:
-        policies: by id.
-        files: evidence file that holds the records of a policy, by id, beside ``panel.json``.
-        training_steps: decisions that each policy was trained for; None where none was.
-        remark: a sentence that is added to the answer.
-    """
-
-    name: str
-    question: str
-    spec: dict[str, Any]
-    protocol_gaps: Sequence[str]
-    command: str
-    directory: str
-    versions: dict[str, str]
-    cost: Cost
-    policies: Mapping[str, Policy]
-    files: Mapping[str, str]
-    training_steps: int | None = None
-    training_costs: dict[str, TrainingCost] = field(default_factory=dict)
-    engine_agreement: tuple[EngineAgreement, ...] = ()
-    warnings: Sequence[str] = ()
-    remark: str = ""
-
-
-def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
+def build_artefact(
+    layout: PanelLayout,
+    matrix: Matrix,
+    policies: Mapping[str, Policy],
+    files: Mapping[str, str],
+    *,
+    directory: str,
+    training_steps: int | None = None,
+    engine_agreement: tuple[EngineAgreement, ...] = (),
+    remark: str = "",
+    **told: Any,
+) -> Panel:
     """Everything that a panel found.
 
     Args:
         layout: rows and cells.
         matrix: outcomes.
-        facts: what else there is to say.
+        policies: by id.
+        files: evidence file that holds the records of a policy, by id, beside ``panel.json``.
+        directory: see :class:`Panel`.
+        training_steps: decisions that each policy was trained for; None where none was.
+        engine_agreement: see :class:`Panel`.
+        remark: a sentence that is added to the answer.
+        told: attributes of :class:`Panel` that the outcome does not tell.
     """
     judgements = _judge(layout, matrix)
     failures = [
@@ -81,21 +67,14 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
         for cell in layout.cells_of[row.name]
         for failure in matrix.failures(row.name, cell)
     ]
-    answer = _answer(layout, matrix, judgements, facts.engine_agreement)
+    answer = _answer(layout, matrix, judgements, engine_agreement)
     return Panel(
-        name=facts.name,
-        question=facts.question,
-        answer=f"{answer} {facts.remark}".rstrip(),
-        warnings=tuple(facts.warnings),
-        spec=facts.spec,
-        protocol_gaps=tuple(facts.protocol_gaps),
-        command=facts.command,
-        directory=facts.directory,
+        **told,
+        answer=f"{answer} {remark}".rstrip(),
+        directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
         platform=platform.platform(),
-        versions=facts.versions,
-        cost=facts.cost,
-        rows=tuple(_row(row, layout, matrix, facts) for row in layout.rows),
+        rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell) for cell in layout.cells.values()),
         matrix=tuple(
             matrix.entry(
@@ -103,8 +82,8 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
                 cell,
                 layout.native(cell),
                 layout.reference_of(cell),
-                tuple(dict.fromkeys(facts.files[policy] for policy in row.policies)),
-                _query(facts.directory, row, cell),
+                tuple(dict.fromkeys(files[policy] for policy in row.policies)),
+                _query(directory, row, cell),
             )
             for row in layout.rows
             for cell in layout.cells_of[row.name]
@@ -115,8 +94,7 @@ def build_artefact(layout: PanelLayout, matrix: Matrix, facts: Facts) -> Panel:
         ),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         remedies=remedies(layout, matrix),
-        training_costs=facts.training_costs,
-        engine_agreement=facts.engine_agreement,
+        engine_agreement=engine_agreement,
         failures=_spread(failures),
         failures_total=len(failures),
     )
@@ -132,8 +110,8 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
 
     The finest step of both rows' own integrators decides, and so does the reference.
     """
-    homes = [d for name in (a, b) for d in layout.homes[name].shares]
-    own = {(d.engine, d.integrator) for d in homes}
+    homes = [home for row in (a, b) if (home := matrix.rows[row].trained_on)]
+    own = {(d.engine, d.integrator) for home in homes for d in home.shares}
     cells = []
     for name in layout.cells_of[a]:
         cell = layout.cells[name]
@@ -147,23 +125,24 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
     return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells)))
 
 
-def _row(row: Row, layout: PanelLayout, matrix: Matrix, facts: Facts) -> PanelRow:
-    trained = layout.homes.get(row.name)
-    home = trained if isinstance(trained, Discretization) else None
+def _row(
+    row: Row, matrix: Matrix, policies: Mapping[str, Policy], training_steps: int | None
+) -> PanelRow:
+    home = row.trained_on if isinstance(row.trained_on, Discretization) else None
     rates = matrix.home_rates(row.name)
     return PanelRow(
         name=row.name,
         kind=row.kind,
         home=row.home,
-        shares=dict(row.shares),
+        shares=row.shares,
         integrator=home.integrator if home else None,
         dt=home.dt if home else None,
-        control_period=trained.control_period if trained else None,
+        control_period=row.trained_on.control_period if row.trained_on else None,
         seeds=len(row.policies),
-        policies=tuple(facts.policies[policy] for policy in row.policies),
+        policies=tuple(policies[policy] for policy in row.policies),
         home_success=None if rates is None else Estimate.of(rate_interval(rates)),
         learned=matrix.learned(row.name),
-        training_steps=facts.training_steps if row.kind == "trained" else None,
+        training_steps=training_steps if row.kind == "trained" else None,
     )
 
 

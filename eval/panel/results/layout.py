@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ...verdict import Comparison
-from ..specification import Cell, Home
+from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
 
 
@@ -16,7 +16,6 @@ class PanelLayout:
 
     Attributes:
         rows: all rows.
-        homes: training discretization or mixture by row name.
         cells: all cells by name.
         cells_of: names of the cells that a row was evaluated in.
         reference: name of the reference cell; None where the plant has no reference.
@@ -25,19 +24,32 @@ class PanelLayout:
     """
 
     rows: tuple[Row, ...]
-    homes: Mapping[str, Home]
     cells: Mapping[str, Cell]
     cells_of: Mapping[str, tuple[str, ...]]
     reference: str | None
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
 
+    @classmethod
+    def of(cls, spec: PanelSpec, rows: tuple[Row, ...]) -> PanelLayout:
+        """Rows of a panel with the cells that each is evaluated in."""
+        own = {row.name: spec.cells_of(row.trained_on) for row in rows}
+        every = [*spec.columns(), *(cell for cells in own.values() for cell in cells)]
+        return cls(
+            rows=rows,
+            cells={cell.name: cell for cell in every},
+            cells_of={row: tuple(cell.name for cell in cells) for row, cells in own.items()},
+            reference=next((c.name for c in every if c.kind == "reference"), None),
+            family=spec.family,
+            compare=spec.compare,
+        )
+
     def native(self, cell: str) -> str | None:
         """The row that was trained in a cell alone, if there is one."""
         if self.cells[cell].perturbation is not None:
             return None
         wanted = self.cells[cell].discretization
-        return next((row for row, home in self.homes.items() if home == wanted), None)
+        return next((row.name for row in self.rows if row.trained_on == wanted), None)
 
     def reference_of(self, cell: str) -> str | None:
         """The reference cell, where it has the same plant and control period."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ...statistics import (
 )
 from ...verdict import LEARNED, ReferenceClass, reference_class
 from ..model import Entry, Estimate, Failure, RowKind
+from ..specification import Home
 
 Array = npt.NDArray[Any]
 
@@ -40,13 +41,19 @@ class Row:
         name: of the row.
         kind: `trained`, `baseline` or `given`.
         policies: policy ids, one per training seed.
-        shares: share of each cell that it was trained in; empty for what was not trained.
+        trained_on: discretization or mixture; None for what was not trained.
     """
 
     name: str
     kind: RowKind
     policies: tuple[str, ...]
-    shares: Mapping[str, float] = field(default_factory=dict)
+    trained_on: Home | None = None
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of each cell, by name, that it was trained in; empty for what was not trained."""
+        members = {} if self.trained_on is None else self.trained_on.shares
+        return {member.name: share for member, share in members.items()}
 
     @property
     def home(self) -> str | None:

@@ -9,10 +9,9 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .evaluation import Subject
-    from .evaluation_units import Evaluated, evaluate_all, evaluated, evaluation_seconds
-    from .panel import baseline_of, complete_panel
+    from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
+    from .panel import baseline_of, completed
     from .run_directory import MANIFEST, RunDirectory, package_versions
-    from .units import Unit, training_config, units_of
-    from .work import working
+    from .units import training_config, units_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Testbed, testbed_of
 from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
+from integ_gym.support import report_work
 from integ_gym.train import Policy, PolicyStack
 
 from ..specification import Cell, Home, PanelSpec, environments_of
+from .expected_time import cell_seconds
 from .replays import Successes
 
 Array = npt.NDArray[Any]
 
-OnCell: TypeAlias = Callable[[Cell, int], None]
-"""Told of a cell that is finished and of the number of policies in it."""
-
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
-
-
-def quiet(cell: Cell, policies: int) -> None:
-    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -47,46 +41,6 @@ class Subject:
     seed: int | None = None
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """What all cells of an evaluation share.
-
-    Attributes:
-        run_id: the run that the records belong to.
-        env_id: environment.
-        environment: constructor arguments common to all cells.
-        episodes: paired starts; episode k starts from seed ``episode_seed + k`` in every cell.
-        episode_seed: seed of episode 0.
-        first: the first episode that is run.
-    """
-
-    run_id: str
-    env_id: str
-    environment: Mapping[str, Any]
-    episodes: int
-    episode_seed: int
-    first: int = 0
-
-    @property
-    def testbed(self) -> Testbed:
-        """What makes the environments."""
-        return testbed_of(self.env_id, self.environment)
-
-    def divided(self, parts: int) -> list[Conditions]:
-        """Parts with a share of the episodes each.
-
-        Only where lanes are run one by one does a record not depend on the division: how many
-        observations a network is given at once shows in the last bits of its actions.
-        """
-        shares = np.array_split(np.arange(self.episodes), min(parts, self.episodes))
-        return [replace(self, first=int(own[0]), episodes=len(own)) for own in shares]
-
-
-def conditions_of(spec: PanelSpec) -> Conditions:
-    """What all cells of a panel's evaluation share."""
-    return Conditions(spec.name, spec.env_id, spec.environment, spec.episodes, spec.episode_seed)
-
-
 class _Played(NamedTuple):
     """A cell whose episodes have been run.
 
@@ -101,40 +55,45 @@ class _Played(NamedTuple):
     recorder: RecordVectorEvidence
 
 
+def divided(spec: PanelSpec, parts: int) -> list[range]:
+    """The episodes of a panel in parts of about one size.
+
+    Only where lanes are run one by one does a record not depend on the division: how many
+    observations a network is given at once shows in the last bits of its actions.
+    """
+    shares = np.array_split(np.arange(spec.episodes), min(parts, spec.episodes))
+    return [range(own[0], own[-1] + 1) for own in shares]
+
+
 def evaluate(
-    subjects: Sequence[Subject],
-    conditions: Conditions,
-    store: EvidenceStore,
-    on_cell: OnCell = quiet,
+    spec: PanelSpec, subjects: Sequence[Subject], episodes: range, store: EvidenceStore
 ) -> Iterator[Any]:
     """Run all policies side by side, cell by cell; the records of every cell as a table.
 
-    A table comes as soon as the replays are known that label its failures. A record does not
-    depend on which policies are evaluated together.
+    A table comes as soon as the replays are known that label its failures, and a cell's work is
+    reported when it is done. A record does not depend on which policies are evaluated together.
 
     Args:
+        spec: the panel.
         subjects: the policies.
-        conditions: what all cells share.
+        episodes: those to run; episode k starts from seed ``episode_seed + k`` in every cell.
         store: where the records are meant for; nothing is written.
-        on_cell: told after every cell which it was and how many policies were in it.
     """
-    latencies = inference_latencies(subjects, conditions)
+    latencies = inference_latencies(spec, subjects)
     successes = Successes(
         [subject.home for subject in subjects],
         [subject.cells for subject in subjects],
-        conditions.environment,
-        conditions.first,
+        spec.environment,
+        episodes.start,
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
-        contexts = [
-            context_of(subjects[place], cell, conditions, latencies[place]) for place in places
-        ]
-        recorder = _recorder(cell, contexts, conditions, store)
+        contexts = [context_of(spec, subjects[place], cell, latencies[place]) for place in places]
+        recorder = _recorder(spec, cell, contexts, episodes, store)
         policies = [subjects[place].policy for place in places]
-        successes.note(cell, places, roll_out(recorder, policies, conditions))
+        successes.note(cell, places, roll_out(spec, recorder, policies, episodes))
         recorder.close()
-        on_cell(cell, len(places))
+        report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
         waiting.append(_Played(cell, places, recorder))
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]
@@ -156,13 +115,16 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
 
 
 def _recorder(
-    cell: Cell, contexts: list[EpisodeContext], conditions: Conditions, store: EvidenceStore
+    spec: PanelSpec,
+    cell: Cell,
+    contexts: list[EpisodeContext],
+    episodes: range,
+    store: EvidenceStore,
 ) -> RecordVectorEvidence:
     """Lanes for every start of every policy, or for one at a time where each lane costs its own."""
-    testbed = conditions.testbed
-    together = conditions.episodes if testbed.batched else 1
+    together = len(episodes) if spec.testbed.batched else 1
     return RecordVectorEvidence(
-        environments_of(testbed, cell, len(contexts) * together),
+        environments_of(spec.testbed, cell, len(contexts) * together),
         store,
         contexts,
         episodes=[*range(together)] * len(contexts),
@@ -171,31 +133,30 @@ def _recorder(
 
 
 def roll_out(
-    recorder: RecordVectorEvidence, policies: Sequence[Policy], conditions: Conditions
+    spec: PanelSpec, recorder: RecordVectorEvidence, policies: Sequence[Policy], episodes: range
 ) -> Array:
     """Success of each policy's episode from every paired start, shape (policies, episodes).
 
     As many starts are run side by side as there are lanes for each policy, the rest after them.
     """
-    together = recorder.num_envs // len(policies)
-    stack, first = PolicyStack(policies), conditions.first
+    together, stack = recorder.num_envs // len(policies), PolicyStack(policies)
     rounds = [
-        _round(recorder, stack, len(policies), range(start, start + together), conditions)
-        for start in range(first, first + conditions.episodes, together)
+        _round(spec, recorder, stack, len(policies), episodes[done : done + together])
+        for done in range(0, len(episodes), together)
     ]
     return np.concatenate(rounds, axis=1)
 
 
 def _round(
+    spec: PanelSpec,
     recorder: RecordVectorEvidence,
     stack: PolicyStack,
     policies: int,
     episodes: range,
-    conditions: Conditions,
 ) -> Array:
     """One episode per lane: for each policy one from each of some starts."""
     recorder.assign([*episodes] * policies)
-    seeds = [conditions.episode_seed + episode for episode in episodes] * policies
+    seeds = [spec.episode_seed + episode for episode in episodes] * policies
     observation, _ = recorder.reset(seed=seeds)
     running = np.ones(len(seeds), dtype=bool)
     success = np.zeros(len(seeds), dtype=bool)
@@ -210,12 +171,10 @@ def _round(
     return success.reshape(policies, len(episodes))
 
 
-def inference_latencies(
-    subjects: Sequence[Subject], conditions: Conditions
-) -> list[tuple[float, float]]:
+def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy."""
-    environments = environments_of(conditions.testbed, subjects[0].cells[0], 1)
-    observation, _ = environments.reset(seed=conditions.episode_seed)
+    environments = environments_of(spec.testbed, subjects[0].cells[0], 1)
+    observation, _ = environments.reset(seed=spec.episode_seed)
     environments.close()
     return [inference_latency(subject.policy, observation) for subject in subjects]
 
@@ -231,18 +190,18 @@ def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]
 
 
 def context_of(
-    subject: Subject, cell: Cell, conditions: Conditions, latency: tuple[float, float]
+    spec: PanelSpec, subject: Subject, cell: Cell, latency: tuple[float, float]
 ) -> EpisodeContext:
     """What the episodes of one policy in one cell are for.
 
     Args:
+        spec: the panel.
         subject: the policy.
         cell: where.
-        conditions: what all cells share.
         latency: mean and 99th percentile of the time of a decision, ns.
     """
     return EpisodeContext(
-        run_id=conditions.run_id,
+        run_id=spec.name,
         cell=cell.name,
         phase="evaluation",
         policy_id=subject.policy.policy_id,

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
-from itertools import chain
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from integ_gym.evidence import EvidenceStore, Layout
-from integ_gym.support import report_work
 
 from ..specification import Cell, PanelSpec
-from .evaluation import Conditions, Subject, conditions_of, evaluate
-from .expected_time import cell_seconds, cell_timing, cells_seconds
+from .evaluation import Subject, divided, evaluate
+from .expected_time import cell_seconds, cell_timing
 from .run_directory import RunDirectory, key_of
-from .work import Work
+from .work import Work, working
 
 PREFIX = "evaluate-"
 
@@ -38,9 +35,6 @@ COPIES = 6
 
 ENOUGH = 4
 """Batches per worker that keep all workers busy to the end."""
-
-Tables: TypeAlias = Callable[[Sequence[Subject], Conditions, EvidenceStore], Iterable[Any]]
-"""See :func:`integ_gym.eval.panel.running.evaluation.evaluate`."""
 
 
 class Evaluated(NamedTuple):
@@ -108,8 +102,9 @@ def evaluate_all(
     spec: PanelSpec,
     directory: RunDirectory,
     subjects: Sequence[Subject],
-    work: Work,
+    label: str,
     workers: int,
+    progress: bool,
 ) -> None:
     """Evaluate all subjects that have not been, each batch finished by one commit.
 
@@ -117,65 +112,57 @@ def evaluate_all(
         spec: the panel.
         directory: held by the caller.
         subjects: the policies.
-        work: what runs the batches.
-        workers: processes that it has.
+        label: of the bar.
+        workers: processes; 0: in this one.
+        progress: show a bar with the remaining time.
     """
-    waiting = not_evaluated(spec, directory, subjects)
-    work.skip(evaluation_seconds(spec, subjects) - evaluation_seconds(spec, waiting))
-    batches = batches_of(spec, waiting, workers)
-    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
-        tables = partial(_tables, spec)
-        work.do("evaluating", _commit, {_named(b): (spec, directory, b, tables) for b in batches})
-        return
-    for batch in batches:
-        _commit(spec, directory, batch, partial(_divided, spec, work, workers))
+    waiting, seconds = not_evaluated(spec, directory, subjects), evaluation_seconds(spec, subjects)
+    parts = max(1, workers)
+    batches = batches_of(spec, waiting, parts)
+    with working(label, seconds, workers, progress) as work:
+        work.skip(seconds - evaluation_seconds(spec, waiting))
+        if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
+            work.do("evaluating", _commit, {_named(b): (spec, directory, b) for b in batches})
+            return
+        for batch in batches:
+            _commit(spec, directory, batch, _divided(spec, directory, batch, work, parts))
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     """Time that the evaluation of all subjects takes one worker, s."""
-    return sum(cells_seconds(spec, subject.cells) for subject in subjects)
-
-
-def _tables(
-    spec: PanelSpec, batch: Sequence[Subject], conditions: Conditions, store: EvidenceStore
-) -> Iterator[Any]:
-    """The tables of a batch, its work being reported."""
-    share = conditions.episodes / spec.episodes
-    return evaluate(
-        batch, conditions, store, lambda cell, n: report_work(share * n * cell_seconds(spec, cell))
-    )
+    return sum(cell_seconds(spec, cell) for subject in subjects for cell in subject.cells)
 
 
 def _listed(*given: Any) -> list[Any]:
-    return list(_tables(*given))
+    return list(evaluate(*given))
 
 
 def _divided(
-    spec: PanelSpec,
-    work: Work,
-    workers: int,
-    batch: Sequence[Subject],
-    conditions: Conditions,
-    store: EvidenceStore,
+    spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject], work: Work, workers: int
 ) -> Iterator[Any]:
     """The tables of a batch whose episodes are divided among all workers."""
+    store = EvidenceStore(directory.evidence)
     parts = {
-        f"{_named(batch)} from episode {part.first}": (spec, batch, part, store)
-        for part in conditions.divided(workers)
+        f"{_named(batch)} from episode {part.start}": (spec, batch, part, store)
+        for part in divided(spec, workers)
     }
-    return chain.from_iterable(work.do("evaluating", _listed, parts))
+    for tables in work.do("evaluating", _listed, parts):
+        yield from tables
 
 
 def _commit(
-    spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject], tables: Tables
+    spec: PanelSpec,
+    directory: RunDirectory,
+    batch: Sequence[Subject],
+    tables: Iterable[Any] | None = None,
 ) -> None:
-    """Evaluate policies in all their cells and mark that as finished."""
+    """Evaluate policies in all their cells, by default here, and mark that as finished."""
     hashes = _hashes(batch)
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
     start = time.time()
     store = EvidenceStore(directory.evidence)
-    store.commit_all(unit, tables(batch, conditions_of(spec), store))
+    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store))
     directory.finish(unit, _key(spec, hashes), start, policies=hashes)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from integ_gym.envs import ENGINES, Discretization, Timing
 
 from ..specification import Cell, PanelSpec
@@ -30,11 +28,6 @@ def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
     recorded = DECISION_SECONDS if spec.testbed.batched else TASK_SECONDS
     decision = recorded + _engine_seconds(cell.discretization, timing.substeps)
     return spec.episodes * timing.horizon * decision
-
-
-def cells_seconds(spec: PanelSpec, cells: Iterable[Cell]) -> float:
-    """Time of one policy's episodes in all of some cells, s."""
-    return sum(cell_seconds(spec, cell) for cell in cells)
 
 
 def _engine_seconds(discretization: Discretization, substeps: int) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,12 @@ from integ_gym.train import POLICY_FILE, Policy, make_baseline, read_trained
 
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
-from .evaluation_units import evaluate_all, evaluation_seconds
+from .evaluation_units import evaluate_all
 from .reuse import FinishedPolicies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
 from .units import Unit, units_of
-from .work import PanelError, working
+from .work import PanelError
 
 
 def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
@@ -54,16 +55,16 @@ def baseline_of(spec: PanelSpec, name: str) -> Policy:
     return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
 
 
-def complete_panel(
+@contextmanager
+def completed(
     spec: PanelSpec,
     out: Path,
     *,
     workers: int | None = None,
     progress: bool = True,
     policies: Path | None = None,
-    finish: Callable[[RunDirectory], None] = lambda directory: None,
-) -> RunDirectory:
-    """Train and evaluate everything that is not finished yet.
+) -> Iterator[RunDirectory]:
+    """Train and evaluate everything that is not finished yet; the directory, still held.
 
     Args:
         spec: the panel.
@@ -71,7 +72,6 @@ def complete_panel(
         workers: processes; by default one per core.
         progress: show a bar with the remaining time.
         policies: directory of a finished panel whose policies are taken instead of training.
-        finish: called at the end, while the directory is still held.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
@@ -83,20 +83,12 @@ def complete_panel(
     with directory.opened():
         if finished is not None:
             finished.bring(directory)
-        _run_units(spec, directory, workers, progress)
-        finish(directory)
-    return directory
-
-
-def _run_units(
-    spec: PanelSpec, directory: RunDirectory, requested: int | None, progress: bool
-) -> None:
-    units, workers = units_of(spec), requested or cores()
-    train_units(spec, directory, units, requested, progress)
-    subjects = [subject_of(spec, directory, unit) for unit in units]
-    seconds = evaluation_seconds(spec, subjects)
-    with working(f"panel {spec.name}", seconds, workers, progress) as work:
-        evaluate_all(spec, directory, subjects, work, workers)
+        units = units_of(spec)
+        train_units(spec, directory, units, workers, progress)
+        subjects = [subject_of(spec, directory, unit) for unit in units]
+        label = f"panel {spec.name}"
+        evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
+        yield directory
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:

@@ -13,7 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.existing.planning import Grid, plan
+from integ_gym.eval.panel.existing.planning import plan
 from integ_gym.eval.panel.existing.policy import read_existing, row_name
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.policy_files.sidecar import has_sidecar
@@ -240,7 +240,7 @@ def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_p
 
     policy = _with_card(tmp_path, panel_directory, delay)
     existing = read_existing(policy, "IntegPendulum-v0", {})
-    spec = plan(existing, "IntegPendulum-v0", Grid(integrators=["rk4"]))
+    spec = plan(existing, "IntegPendulum-v0", integrators=["rk4"])
     assert sorted(d.dt for d in spec.grid) == pytest.approx([0.0025, 0.005, 0.01])
 
 

@@ -10,7 +10,6 @@ import pytest
 from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.results.outputs import shares_of
 from integ_gym.eval.panel.results.remedy import remedies
 from integ_gym.eval.panel.results.training_cost import RATE, WINDOW, decisions_to_success
 from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture
@@ -45,7 +44,7 @@ def _panel(success=SUCCESS):
             name,
             "trained" if name in homes else "baseline",
             tuple(f"{name}-{seed}" for seed in range(SEEDS)),
-            shares_of(homes.get(name)),
+            homes.get(name),
         )
         for name in (*homes, "handmade")
     )
@@ -63,7 +62,7 @@ def _panel(success=SUCCESS):
         for k in range(EPISODES)
     ]
     names = {row.name: tuple(cells) for row in rows}
-    return PanelLayout(rows, homes, cells, names, TRUTH.name), Matrix(rows, records, EPISODES)
+    return PanelLayout(rows, cells, names, TRUTH.name), Matrix(rows, records, EPISODES)
 
 
 def test_home_of_a_mixture_is_the_mean_over_its_members_by_their_shares():
@@ -125,7 +124,7 @@ def test_where_nobody_loses_there_is_nothing_to_remedy():
 def test_a_panel_without_mixtures_has_no_remedy():
     layout, matrix = _panel()
     rows = tuple(row for row in layout.rows if row.name != "both")
-    single = PanelLayout(rows, layout.homes, layout.cells, layout.cells_of, layout.reference)
+    single = PanelLayout(rows, layout.cells, layout.cells_of, layout.reference)
     assert remedies(single, matrix) == ()
 
 

@@ -106,7 +106,7 @@ def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
         for cell in cells
         for k in range(2)
     ]
-    layout = PanelLayout(rows, {}, cells, {"zero": tuple(cells)}, None)
+    layout = PanelLayout(rows, cells, {"zero": tuple(cells)}, None)
     (found,) = agreements(layout, Matrix(rows, records, 2), spec)
     assert found.twin == twin
     assert found.differing == (None if twin is None else 0)

@@ -11,8 +11,8 @@ from engine_cases import needs
 
 from integ_gym.envs import testbeds
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
-from integ_gym.eval.panel.running.evaluation_units import batches_of
+from integ_gym.eval.panel.running.evaluation import Subject, divided, evaluate
+from integ_gym.eval.panel.running.evaluation_units import batches_of, evaluation_seconds
 from integ_gym.eval.panel.running.replays import Successes
 from integ_gym.eval.panel.specification.cells import (
     Cell,
@@ -87,16 +87,17 @@ def _records(store, batch):
 
 
 @pytest.mark.parametrize("env_id", CASES)
-def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path):
-    spec = _spec(env_id)
-    conditions = Conditions("run", env_id, spec.environment, spec.episodes, 7)
+def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, monkeypatch):
+    spec = replace(_spec(env_id), name="run", episode_seed=7)
+    every = range(spec.episodes)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    note = lambda _, policies: counted.append(policies)  # noqa: E731
-    store.commit_all("together", evaluate(subjects, conditions, store, note))
-    assert sum(counted) == sum(len(subject.cells) for subject in subjects)
+    monkeypatch.setattr("integ_gym.eval.panel.running.evaluation.report_work", counted.append)
+    store.commit_all("together", evaluate(spec, subjects, every, store))
+    assert len(counted) == len({cell.name for subject in subjects for cell in subject.cells})
+    assert sum(counted) == pytest.approx(evaluation_seconds(spec, subjects))
     for place, subject in enumerate(subjects):
-        store.commit_all(f"alone-{place}", evaluate([subject], conditions, store))
+        store.commit_all(f"alone-{place}", evaluate(spec, [subject], every, store))
     alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
     together = _records(store, "together")
     assert together.num_rows == sum(table.num_rows for table in alone)
@@ -119,15 +120,16 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
     cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
     random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
     subject = Subject(random, cells, cells[0].discretization, 0)
-    conditions = Conditions("run", env_id, {}, 5, 7)
-    store.commit_all("whole", evaluate([subject], conditions, store))
-    parts = conditions.divided(2)
-    assert [(part.first, part.episodes) for part in parts] == [(0, 3), (3, 2)]
-    tables = [table for part in parts for table in evaluate([subject], part, store)]
+    period = testbed.home.control_period
+    spec = PanelSpec("run", env_id, period, (), (), (), episodes=5, episode_seed=7)
+    store.commit_all("whole", evaluate(spec, [subject], range(5), store))
+    shares = divided(spec, 2)
+    assert [(part.start, len(part)) for part in shares] == [(0, 3), (3, 2)]
+    tables = [table for part in shares for table in evaluate(spec, [subject], part, store)]
     store.commit_all("parts", tables)
-    whole, divided = _records(store, "whole"), _records(store, "parts")
+    whole, parts = _records(store, "whole"), _records(store, "parts")
     assert whole.num_rows == 10
-    assert divided.equals(whole)
+    assert parts.equals(whole)
     assert len(set(whole.column("length").to_pylist())) > 1
 
 

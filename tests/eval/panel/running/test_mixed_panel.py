@@ -16,10 +16,11 @@ from mixed_panel import TOML
 from integ_gym.cli import main
 from integ_gym.envs.catalogue.registration import environment_setup
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.running.evaluation import Conditions, Subject, evaluate
+from integ_gym.eval.panel.running.evaluation import Subject, evaluate
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, units_of
 from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture, training_arguments
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store.store import EvidenceStore
@@ -292,8 +293,8 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     cells = tuple(Cell(d, "grid") for d in (rk4, coarse, fine))
     subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
-    conditions = Conditions("run", "IntegPendulum-v0", environment, 20, 1000)
-    store.commit_all("batch", evaluate([subject], conditions, store))
+    spec = PanelSpec("run", "IntegPendulum-v0", 0.05, (), (), (), environment)
+    store.commit_all("batch", evaluate(spec, [subject], range(20), store))
     labels = {d.name: {} for d in (rk4, coarse, fine)}
     for record in store.records():
         count = labels[record["cell"]]
