@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +48,8 @@ class Existing:
     home: Home
     environment: Mapping[str, Any]
     origin: str
-    files: Mapping[str, Path] = field(default_factory=dict)
-    seed: int | None = None
+    files: Mapping[str, Path]
+    seed: int | None
 
 
 def read_existing(
@@ -59,64 +59,33 @@ def read_existing(
     obs_stats: Path | None = None,
     own_code: bool = False,
 ) -> Existing:
-    """A policy from its file, with what its side-car says.
+    """A policy from its file, with what its side-car, the JSON file of the same name, says of it.
 
-    See :func:`load_policy` and :func:`describe`.
+    Without a side-car, the stock environment is what it was trained on.
 
     Args:
         path: the zip that SB3 wrote.
         env_id: environment to evaluate in.
-        given: environment arguments that override those of its training.
+        given: environment arguments that override those of its training; not the discretization,
+            which is what the evaluation varies.
         obs_stats: JSON file of VecNormalize's statistics.
-        own_code: see :func:`describe`.
-    """
-    policy, card = load_policy(path, obs_stats)
-    name = path.stem if card is None else str(card.get("policy_id", path.stem))
-    files = {POLICY_FILE: path}
-    files |= {} if card is None else {SIDECAR_FILE: path.with_suffix(".json")}
-    files |= {} if obs_stats is None else {STATISTICS_FILE: obs_stats}
-    named = replace(policy, policy_id=row_name(name))
-    existing = describe(named, card, env_id, given, own_code)
-    return replace(existing, files=files, seed=None if card is None else card.get("seed"))
-
-
-def load_policy(
-    path: Path, obs_stats: Path | None = None
-) -> tuple[MlpPolicy, dict[str, Any] | None]:
-    """A policy and its side-car, the JSON file of the same name; None where there is none.
-
-    Raises:
-        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
-    """
-    if not has_sidecar(path):
-        return read_sb3_zip(path, obs_stats=obs_stats), None
-    policy, card = read_trained(path)
-    if obs_stats is not None:
-        policy = replace(policy, statistics=read_observation_statistics(obs_stats))
-    return policy, card
-
-
-def describe(
-    policy: MlpPolicy,
-    card: Mapping[str, Any] | None,
-    env_id: str,
-    given: Mapping[str, Any],
-    own_code: bool = False,
-) -> Existing:
-    """What is known of a policy's training: its side-car, or else the stock environment.
-
-    Args:
-        policy: the policy.
-        card: its side-car, or None.
-        env_id: environment to evaluate in.
-        given: environment arguments that override both; not the discretization, which is what
-            the evaluation varies.
         own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
 
     Raises:
+        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
         ValueError: if the side-car is damaged or of another environment, or names code that may
             not be run; or if ``given`` holds what the evaluation varies.
     """
+    files, card = {POLICY_FILE: path}, None
+    if obs_stats is not None:
+        files[STATISTICS_FILE] = obs_stats
+    if has_sidecar(path):
+        files[SIDECAR_FILE] = path.with_suffix(".json")
+        policy, card = read_trained(path)
+        if obs_stats is not None:
+            policy = replace(policy, statistics=read_observation_statistics(obs_stats))
+    else:
+        policy = read_sb3_zip(path, obs_stats=obs_stats)
     varied = (*DISCRETIZATION, "mixture")
     for name in varied:
         if name in given:
@@ -125,17 +94,24 @@ def describe(
                 "side-car; leave it out of --env-arg and choose cells with --integrator and --dt"
             )
     if card is None:
-        arguments = dict(STOCK_ARGUMENTS.get(env_id, {}))
+        name, seed, arguments = path.stem, None, dict(STOCK_ARGUMENTS.get(env_id, {}))
         origin = "no side-car: Gymnasium's own environment is taken as its home"
     else:
+        name, seed = str(card.get("policy_id", path.stem)), card.get("seed")
         arguments = _trained_on(card, env_id, own_code)
         origin = "the side-car beside the policy"
     arguments.update(given)
     environments = make_training_environments(env_id, arguments, 1)
     environments.close()
     policy.check_spaces(environments.single_observation_space, environments.single_action_space)
-    environment = {name: value for name, value in arguments.items() if name not in varied}
-    return Existing(policy, _home(environments.mixture), environment, origin)
+    return Existing(
+        policy=replace(policy, policy_id=row_name(name)),
+        home=_home(environments.mixture),
+        environment={name: value for name, value in arguments.items() if name not in varied},
+        origin=origin,
+        files=files,
+        seed=seed,
+    )
 
 
 def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:

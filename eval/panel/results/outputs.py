@@ -23,7 +23,6 @@ from .training_cost import training_costs
 def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, workers: int) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
     units, held = units_of(spec), evaluated(directory)
-    trained = [unit for unit in units if unit.home is not None]
     homes = {home.name: home for home in spec.train}
     rows = tuple(
         Row(
@@ -55,7 +54,7 @@ def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, worke
         policies,
         command=command,
         cost=cost_of(directory, [unit.training for unit in units], workers),
-        training_steps=training_config(spec, trained[0]).total_steps,
+        training_steps=training_config(spec, units[-1]).total_steps,
         training_costs=training_costs(
             EvidenceStore(directory.evidence),
             {row.name: row.policies for row in rows if row.kind == "trained"},

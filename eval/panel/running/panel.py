@@ -38,9 +38,8 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
                 "`env_id`, `environment` and `seeds`"
             )
     try:
-        for unit in units_of(spec):
-            if unit.home is None:
-                baseline_of(spec, unit.row)
+        for name in spec.baselines:
+            baseline_of(spec, name)
         check_training(spec, workers)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
@@ -83,9 +82,8 @@ def completed(
     with directory.opened():
         if finished is not None:
             finished.bring(directory)
-        units = units_of(spec)
-        train_units(spec, directory, units, workers, progress)
-        subjects = [subject_of(spec, directory, unit) for unit in units]
+        train_units(spec, directory, workers, progress)
+        subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
         label = f"panel {spec.name}"
         evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
         yield directory

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..specification import PanelSpec
 from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_json
-from .units import Unit, is_trained, training_config, training_key, units_of
+from .units import Unit, is_trained, trained_units, training_config, training_key
 
 
 class FinishedPolicies:
@@ -39,7 +39,7 @@ class FinishedPolicies:
                 f"the policies in {path} come from trainer {_named(trainer)}, this panel's from "
                 f"{_named(wanted)}; choose with --trainer, or train without --policies"
             )
-        for unit in self._trained():
+        for unit in trained_units(self._spec):
             self._check(unit)
 
     def bring(self, directory: RunDirectory) -> None:
@@ -48,16 +48,13 @@ class FinishedPolicies:
         Args:
             directory: held by the caller.
         """
-        for unit in self._trained():
+        for unit in trained_units(self._spec):
             if not is_trained(directory, unit, self._key(unit)):
                 directory.discard_remains(unit.training)
                 target = directory.policies / unit.policy
                 shutil.rmtree(target, ignore_errors=True)
                 shutil.copytree(self._source.policies / unit.policy, target)
                 directory.adopt(self._source, unit.training)
-
-    def _trained(self) -> list[Unit]:
-        return [unit for unit in units_of(self._spec) if unit.home is not None]
 
     def _key(self, unit: Unit) -> str:
         return training_key(training_config(self._spec, unit))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.evidence import EpisodeContext
@@ -13,7 +12,7 @@ from integ_gym.train import PPOConfig, TrainedPolicy, TrainingEvidence, train_pp
 
 from ..specification import PanelSpec
 from .run_directory import RunDirectory, package_versions
-from .units import Unit, is_trained, training_config, training_key, units_of
+from .units import Unit, is_trained, trained_units, training_config, training_key
 
 
 def check_training(spec: PanelSpec, workers: int | None) -> None:
@@ -27,7 +26,7 @@ def check_training(spec: PanelSpec, workers: int | None) -> None:
         ModuleNotFoundError: without the extra, with the command that installs it and another way.
         TypeError, ValueError: for a run that it cannot train.
     """
-    configs = [training_config(spec, unit) for unit in _trained(units_of(spec))]
+    configs = [training_config(spec, unit) for unit in trained_units(spec)]
     if not spec.fleet:
         return
     try:
@@ -46,7 +45,6 @@ def check_training(spec: PanelSpec, workers: int | None) -> None:
 def train_units(
     spec: PanelSpec,
     directory: RunDirectory,
-    units: Sequence[Unit],
     workers: int | None,
     progress: bool,
 ) -> None:
@@ -55,11 +53,10 @@ def train_units(
     Args:
         spec: the panel.
         directory: held by the caller.
-        units: of the panel.
         workers: processes, if so many are requested.
         progress: show a bar.
     """
-    configs = {unit: training_config(spec, unit) for unit in _trained(units)}
+    configs = {unit: training_config(spec, unit) for unit in trained_units(spec)}
     keys = {unit: training_key(config) for unit, config in configs.items()}
     waiting = [unit for unit, key in keys.items() if not is_trained(directory, unit, key)]
     if not waiting:
@@ -111,7 +108,3 @@ def _evidence(
         packages=package_versions(),
     )
     return TrainingEvidence(directory.evidence, unit.training, context)
-
-
-def _trained(units: Sequence[Unit]) -> list[Unit]:
-    return [unit for unit in units if unit.home is not None]

@@ -38,8 +38,12 @@ class Unit:
 
 def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
     """Baselines first, which are quick, then the training runs, seed by seed."""
-    baselines = tuple(Unit(name) for name in spec.baselines)
-    return baselines + tuple(Unit(h.name, h, seed) for seed in spec.seeds for h in spec.train)
+    return (*(Unit(name) for name in spec.baselines), *trained_units(spec))
+
+
+def trained_units(spec: PanelSpec) -> tuple[Unit, ...]:
+    """The training runs, seed by seed."""
+    return tuple(Unit(h.name, h, seed) for seed in spec.seeds for h in spec.train)
 
 
 def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
-from integ_gym.support import package_version, unknown_name
+from integ_gym.support import package_version
+
+from .values import check_known, many
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""
@@ -71,10 +73,9 @@ def on_installed(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
             f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call their '
             f"integrators differently; known maps: {', '.join(map_names())}"
         )
-    maps = entry["map"] if isinstance(entry["map"], list) else [entry["map"]]
+    maps = many(entry["map"])
     for name in maps:
-        if name not in map_names():
-            raise ValueError(unknown_name("map in `evaluate`", str(name), map_names()))
+        check_known("map in `evaluate`", str(name), map_names())
     chosen = {engine: integrator_applying(engine, maps) for engine in installed_engines()}
     others = {key: value for key, value in entry.items() if key not in ("engine", "map")}
     return [

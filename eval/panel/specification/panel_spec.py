@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
 from integ_gym.support import package_version
 from integ_gym.train import BASELINES
 
-from .cells import Cell, Home, Perturbation, nominal_setup
+from .cells import Cell, DiscretizationMixture, Home, Perturbation, nominal_setup
 from .engine_cells import engine_versions
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""
 
 
-@dataclass(frozen=True)
+_NO_RESULT = ("memory_gib", "left_out")
+"""Attributes that change no result."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PanelSpec:
     """One panel; see docs/panel.md for the TOML form."""
 
     name: str
+    question: str = "Does a policy trained on one integrator and timestep survive another?"
     env_id: str
     control_period: float
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+    trainer: str = "fleet"
+    """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
     train: tuple[Home, ...]
     grid: tuple[Discretization, ...]
     seeds: tuple[int, ...]
-    environment: Mapping[str, Any] = field(default_factory=dict)
-    training: Mapping[str, Any] = field(default_factory=dict)
     baselines: tuple[str, ...] = ()
     """Policies without training that the rows are held against."""
     perturbations: tuple[Perturbation, ...] = ()
@@ -36,15 +43,12 @@ class PanelSpec:
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
-    trainer: str = "fleet"
-    """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
-    memory_gib: float | None = None
-    """What the fleet's processes may take together, GiB; it changes no result."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20
     episode_seed: int = 1000
-    question: str = "Does a policy trained on one integrator and timestep survive another?"
+    memory_gib: float | None = None
+    """What the fleet's processes may take together, GiB."""
     left_out: tuple[str, ...] = ()
     """Engines that are not installed, where the grid asks for all that are."""
 
@@ -141,28 +145,9 @@ class PanelSpec:
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
-        return {
-            "name": self.name,
-            "question": self.question,
-            "env_id": self.env_id,
-            "control_period": self.control_period,
-            "environment": dict(self.environment),
-            "training": dict(self.training),
-            "trainer": self._trainer(),
-            "train": [_plain(home) for home in self.train],
-            "grid": [d.arguments() for d in self.grid],
-            "seeds": list(self.seeds),
-            "baselines": list(self.baselines),
-            "perturbations": [
-                {"name": p.name, "environment": dict(p.environment)} for p in self.perturbations
-            ],
-            "family": [list(pair) for pair in self.family],
-            "compare": [list(pair) for pair in self.compare],
-            "ladder": self.ladder,
-            "episodes": self.episodes,
-            "episode_seed": self.episode_seed,
-            "sources": self._sources(),
-        }
+        told = [f.name for f in fields(self) if f.name not in _NO_RESULT]
+        plain = {name: _plain(getattr(self, name)) for name in told}
+        return {**plain, "trainer": self._trainer(), "sources": self._sources()}
 
     def _trainer(self) -> dict[str, str | None]:
         """The trainer, with what its results depend on beside the packages of every panel."""
@@ -180,9 +165,15 @@ class PanelSpec:
         return {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
 
 
-def _plain(home: Home) -> dict[str, Any]:
-    """A training discretization or mixture as plain data."""
-    if isinstance(home, Discretization):
-        return home.arguments()
-    members = [{**member.arguments(), WEIGHT: weight} for member, weight in home.weights]
-    return {"mixture": home.name, "members": members}
+def _plain(value: Any) -> Any:
+    """An attribute of a specification as plain data."""
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, Discretization):
+        return value.arguments()
+    if isinstance(value, DiscretizationMixture):
+        members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
+        return {"mixture": value.name, "members": members}
+    if isinstance(value, Perturbation):
+        return asdict(value)
+    return dict(value) if isinstance(value, Mapping) else value

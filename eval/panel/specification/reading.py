@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -23,11 +23,29 @@ from .values import SpecError, check_keys, flag, integer, list_of, pair_of, posi
 BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
 
+_VALUES: dict[str, Callable[[str, Any], Any]] = {
+    "name": text,
+    "question": text,
+    "env_id": text,
+    "control_period": positive,
+    "trainer": text,
+    "memory_gib": positive,
+    "ladder": flag,
+    "episodes": integer,
+    "episode_seed": integer,
+}
+"""Key of a single value to what reads it."""
+
+_LISTS: dict[str, Callable[[str, Any], Any]] = {
+    "seeds": integer,
+    "baselines": text,
+    "family": pair_of,
+    "compare": pair_of,
+}
+"""Key of a list to what reads each of its values."""
+
 _KEYS = (
-    "name", "question", "env_id", "control_period", "seeds", "episodes", "episode_seed",
-    "baselines", "family", "compare", "ladder", "environment", "training", "trainer", "train",
-    "evaluate",
-    "memory_gib", "perturbations",
+    *_VALUES, *_LISTS, "environment", "training", "train", "evaluate", "perturbations",
 )  # fmt: skip
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
@@ -82,37 +100,21 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     missing = [key for key in _REQUIRED if key not in data]
     if missing:
         raise SpecError(f"missing key {missing[0]!r}; see docs/panel.md for the format")
-    env_id, environment = text("env_id", data["env_id"]), dict(table(data, "environment"))
-    check_environment(environment)
-    testbed = testbed_of(env_id, environment)
-    period = positive("control_period", data["control_period"])
-    of = replace(testbed.home, control_period=period)
-    nominal = nominal_setup(testbed, period)
+    given = {key: read(key, data[key]) for key, read in _VALUES.items() if key in data}
+    for key, read in _LISTS.items():
+        if key in data:
+            given[key] = tuple(read(key, value) for value in list_of(data, key))
+    given |= {key: dict(table(data, key)) for key in ("environment", "training")}
+    check_environment(given["environment"])
+    testbed = testbed_of(given["env_id"], given["environment"])
+    of = replace(testbed.home, control_period=given["control_period"])
+    nominal = nominal_setup(testbed, of.control_period)
+    if "baselines" not in data:
+        given["baselines"] = possible_baselines(nominal, testbed.controller)
     return PanelSpec(
-        name=text("name", data["name"]),
-        env_id=env_id,
-        control_period=period,
+        **given,
         train=trained(data, of),
         grid=evaluated(data, of),
-        seeds=tuple(integer("seeds", seed) for seed in list_of(data, "seeds")),
-        environment=environment,
-        training=dict(table(data, "training")),
-        baselines=_baselines(data, nominal, testbed.controller),
         perturbations=perturbations_of(data, nominal),
-        family=tuple(pair_of("family", pair) for pair in list_of(data, "family")),
-        compare=tuple(pair_of("compare", pair) for pair in list_of(data, "compare")),
-        trainer=text("trainer", data.get("trainer", PanelSpec.trainer)),
-        memory_gib=positive("memory_gib", data["memory_gib"]) if "memory_gib" in data else None,
-        ladder=flag(data, "ladder", PanelSpec.ladder),
-        episodes=integer("episodes", data.get("episodes", PanelSpec.episodes)),
-        episode_seed=integer("episode_seed", data.get("episode_seed", PanelSpec.episode_seed)),
-        question=text("question", data.get("question", PanelSpec.question)),
         left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
     )
-
-
-def _baselines(data: Mapping[str, Any], setup: Any, controller: str | None) -> tuple[str, ...]:
-    """Those given; where the key is left out, all that can be made for the environment."""
-    if "baselines" in data:
-        return tuple(text("baselines", name) for name in list_of(data, "baselines"))
-    return possible_baselines(setup, controller)

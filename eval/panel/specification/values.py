@@ -38,9 +38,9 @@ def many(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def list_of(data: Mapping[str, Any], key: str, default: Sequence[Any] = ()) -> list[Any]:
-    """A list under a key."""
-    value = data.get(key, list(default))
+def list_of(data: Mapping[str, Any], key: str) -> list[Any]:
+    """A list under a key; empty where it is left out."""
+    value = data.get(key, [])
     if not isinstance(value, list):
         raise SpecError(f"`{key}` must be a list, got {value!r}")
     return value
@@ -61,9 +61,8 @@ def text(key: str, value: Any) -> str:
     return value
 
 
-def flag(data: Mapping[str, Any], key: str, default: bool) -> bool:
-    """True or false under a key."""
-    value = data.get(key, default)
+def flag(key: str, value: Any) -> bool:
+    """True or false."""
     if not isinstance(value, bool):
         raise SpecError(f"`{key}` must be true or false, got {value!r}")
     return value

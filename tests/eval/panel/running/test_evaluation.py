@@ -121,7 +121,10 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
     random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
     subject = Subject(random, cells, cells[0].discretization, 0)
     period = testbed.home.control_period
-    spec = PanelSpec("run", env_id, period, (), (), (), episodes=5, episode_seed=7)
+    spec = PanelSpec(
+        name="run", env_id=env_id, control_period=period, train=(), grid=(), seeds=(),
+        episodes=5, episode_seed=7,
+    )  # fmt: skip
     store.commit_all("whole", evaluate(spec, [subject], range(5), store))
     shares = divided(spec, 2)
     assert [(part.start, len(part)) for part in shares] == [(0, 3), (3, 2)]

@@ -293,7 +293,10 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     cells = tuple(Cell(d, "grid") for d in (rk4, coarse, fine))
     subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
-    spec = PanelSpec("run", "IntegPendulum-v0", 0.05, (), (), (), environment)
+    spec = PanelSpec(
+        name="run", env_id="IntegPendulum-v0", control_period=0.05, train=(), grid=(), seeds=(),
+        environment=environment,
+    )  # fmt: skip
     store.commit_all("batch", evaluate(spec, [subject], range(20), store))
     labels = {d.name: {} for d in (rk4, coarse, fine)}
     for record in store.records():
