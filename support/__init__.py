@@ -8,39 +8,37 @@ from typing import TYPE_CHECKING
 from .doors import lazy_door
 
 if TYPE_CHECKING:
-    from .figures import (
-        COOL,
-        DASHES,
+    from .figures.colours import (
         ENERGY_FLOOR,
+        PALETTE,
+        VIRIDIS,
+        ink_on,
+        mixed,
+        success_colour,
+        symlog,
+    )
+    from .figures.series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
+    from .figures.style import (
+        COOL,
         FORMATS,
-        HUES,
         INK,
         LINE,
-        MARKERS,
-        PALETTE,
         PAPER,
         SOFT,
         SUNK,
-        VIRIDIS,
         WARM,
         Entry,
-        SeriesStyle,
-        SeriesStyles,
         axes_at,
         bare,
         blank_figure,
         draw_heading,
         draw_legend,
         inch_canvas,
-        ink_on,
         legend_lines,
         line_style,
         marker_style,
-        mixed,
         plain,
         scheme_entries,
-        success_colour,
-        symlog,
         write_figure,
     )
     from .files import (

@@ -25,8 +25,9 @@ from integ_gym.support import (
     require,
     say,
     unbroken,
-    unknown_name,
 )
+
+from .engines import chosen_engines
 
 EXAMPLES = """\
 examples:
@@ -60,31 +61,22 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code: 1 if something installed could not be looked at."""
     given = parser().parse_args(argv)
     require("report")
     make_folder(given.out)
-    libraries, engines = _chosen(given)
+    everything = given.published is None and given.engine is None
+    libraries = PUBLISHED.names() if everything else given.published or ()
+    engines = chosen_engines(given.engine) if everything or given.engine else ()
     census = take_census(libraries, engines, _tell)
-    words = ["integ-gym", "census", *(sys.argv[2:] if argv is None else argv)]
-    document = census.to_json(shlex.join(words))
+    document = census.to_json(shlex.join(["integ-gym", "census", *argv]))
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
     page = replace_file(given.out / "census.html", render_census(document).encode())
     _print(document, sys.stdout)
     print(f"Page: {page.resolve()}")
     return 1 if census.failed else 0
-
-
-def _chosen(given: argparse.Namespace) -> tuple[list[str], list[str]]:
-    for name in given.engine or []:
-        if name not in ENGINES.names():
-            raise ValueError(unknown_name("engine", name, ENGINES.names()))
-    if given.published is None and given.engine is None:
-        others = [name for name in ENGINES.names() if name != "native"]
-        return list(PUBLISHED.names()), ["native", *others]
-    return given.published or [], given.engine or []
 
 
 def _tell(source: str) -> None:

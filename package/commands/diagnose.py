@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs import ENVIRONMENTS
@@ -61,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     made = parser()
     given = made.parse_args(argv)
@@ -70,13 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             made.error("the following arguments are required: --out")
         given.out = Path("runs") / given.example
     require("train", "report", "evidence")
-    with _importable_here():
-        if given.example:
-            return _example(given)
-        return _diagnose(given, sys.argv[2:] if argv is None else argv)
-
-
-def _diagnose(given: argparse.Namespace, argv: Sequence[str]) -> int:
+    if given.example:
+        return _example(given)
     if given.workers is not None and given.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {given.workers}")
     request = Request(given.env, given.plant, given.integrator, given.dt)
@@ -106,14 +100,3 @@ def _example(given: argparse.Namespace) -> int:
 
 def _table(rows: list[dict[str, str]]) -> None:
     print_aligned(list(rows[0]), [list(row.values()) for row in rows], sys.stdout)
-
-
-@contextmanager
-def _importable_here() -> Iterator[None]:
-    """Find ``module:Class`` in the working directory, as ``python -m`` does."""
-    here = str(Path.cwd())
-    sys.path.insert(0, here)
-    try:
-        yield
-    finally:
-        sys.path.remove(here)

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 from integ_gym.envs import (
     CONSTRAINT_VIOLATION,
     ENGINES,
+    NATIVE,
     integrators_of,
     missing_modules,
     numerics,
@@ -59,10 +60,10 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
-    names = _chosen(given.engine)
+    names = chosen_engines(given.engine)
     installed = [name for name in names if not missing_modules(name)]
     measured = []
     for name in installed:
@@ -80,12 +81,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _chosen(names: Sequence[str]) -> list[str]:
-    for name in names:
+def chosen_engines(names: Sequence[str] | None) -> Sequence[str]:
+    """Engines of some names; without any all, the native one first.
+
+    Raises:
+        ValueError: for a name that is no engine's.
+    """
+    for name in names or ():
         if name not in ENGINES.names():
             raise ValueError(unknown_name("engine", name, ENGINES.names()))
-    others = [name for name in ENGINES.names() if name != "native"]
-    return list(names) or ["native", *others]
+    return names or sorted(ENGINES.names(), key=lambda name: name != NATIVE)
 
 
 _NUMBERS = ("off by", "det J - 1", "order", "frequency %", "energy %/s", "bits")

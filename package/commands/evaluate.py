@@ -71,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     if given.episodes < 1:
@@ -84,7 +84,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = dict(given.env_arg)
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
-    command = shlex.join(["integ-gym", "evaluate", *(sys.argv[2:] if argv is None else argv)])
     panel = evaluate(
         given.policy,
         given.env,
@@ -97,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         own_code=given.own_code,
         progress=not given.no_progress,
         on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
-        command=command,
+        command=shlex.join(["integ-gym", "evaluate", *argv]),
     )
     say(panel.question, sys.stdout)
     say(panel.answer, sys.stdout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from integ_gym.evidence import (
@@ -24,8 +24,6 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import FITS, CommandParser, width_of
 
-_PROGRAM = "integ-gym evidence"
-
 _EXAMPLES = """\
 examples:
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
@@ -40,90 +38,63 @@ RUN is the directory of a run, or its directory `evidence`.
 """
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
+def main(argv: Sequence[str]) -> int:
+    """Run the command: 0, or 1 if ``verify`` found a problem.
 
-    Args:
-        argv: arguments after ``integ-gym evidence``; by default those of the process.
-
-    Returns:
-        0; 1 if ``verify`` found a problem; 2 on bad input, with one sentence on stderr.
+    Raises:
+        EvidenceError: on bad input, in one sentence.
     """
-    arguments = parser().parse_args(argv)
-    try:
-        return int(arguments.run_command(arguments))
-    except EvidenceError as error:
-        return _fail(str(error))
-    except ModuleNotFoundError as error:
-        if error.name not in ("pyarrow", "duckdb"):
-            raise
-        return _fail(str(error))
-
-
-def _fail(message: str) -> int:
-    print(f"{_PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
-    return 2
+    given = parser().parse_args(argv)
+    return int(given.run_command(given, open_run(given.run)))
 
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
-        prog=_PROGRAM,
+        prog="integ-gym evidence",
         description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
     commands = made.add_subparsers(required=True, metavar="{show,query,verify,export}")
 
-    command = commands.add_parser("show", help="print one record with its units")
-    _add_run(command)
-    command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
-    command.set_defaults(run_command=_show)
+    def add(name: str, run: Callable[..., int], purpose: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=purpose)
+        command.add_argument("run", metavar="RUN", help="directory of a run, or its `evidence`")
+        command.set_defaults(run_command=run)
+        return command
 
-    command = commands.add_parser("query", help="run SQL over the view `records`")
-    _add_run(command)
+    command = add("show", _show, "print one record with its units")
+    command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
+
+    command = add("query", _query, "run SQL over the view `records`")
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
         "--format", choices=TABLE_FORMATS, default="table",
         help="csv and json give every value in full, a table shortens numbers and long lists "
         "(default: table)",
     )  # fmt: skip
-    command.set_defaults(run_command=_query)
 
-    command = commands.add_parser("verify", help="check every record against its content hash")
-    _add_run(command)
-    command.set_defaults(run_command=_verify)
+    add("verify", _verify, "check every record against its content hash")
 
-    command = commands.add_parser("export", help="write all records without their traces")
-    _add_run(command)
+    command = add("export", _export, "write all records without their traces")
     command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
     command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
-    command.set_defaults(run_command=_export)
     return made
 
 
-def _add_run(command: argparse.ArgumentParser) -> None:
-    command.add_argument("run", metavar="RUN", help="directory of a run, or its `evidence`")
-
-
-def _store(arguments: argparse.Namespace) -> EvidenceStore:
-    return open_run(arguments.run)
-
-
-def _show(arguments: argparse.Namespace) -> int:
-    record = _store(arguments).find(arguments.record_id)
+def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    record = store.find(arguments.record_id)
     bars = BARS if _can_print(BARS) else ASCII_BARS
     print(show(record, bars, width_of(sys.stdout)))
     return 0
 
 
-def _query(arguments: argparse.Namespace) -> int:
-    table = _store(arguments).query(arguments.sql)
-    print_table(table, sys.stdout, arguments.format)
+def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    print_table(store.query(arguments.sql), sys.stdout, arguments.format)
     return 0
 
 
-def _verify(arguments: argparse.Namespace) -> int:
-    store = _store(arguments)
+def _verify(_: argparse.Namespace, store: EvidenceStore) -> int:
     problems = store.verify()
     for problem in problems:
         print(problem)
@@ -137,8 +108,8 @@ def _verify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _export(arguments: argparse.Namespace) -> int:
-    records = _store(arguments).records(trace=False)
+def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    records = store.records(trace=False)
     if arguments.output is None:
         export(records, sys.stdout, arguments.format)
         return 0

@@ -63,27 +63,31 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     arguments = parser().parse_args(argv)
     if arguments.workers is not None and arguments.workers < 1:
         raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = specified(arguments.spec or BUILT_IN[0])
+    words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     if arguments.trainer:
         spec = replace(spec, trainer=arguments.trainer)
+        words += ["--trainer", arguments.trainer]
     if arguments.memory_gib is not None:
-        spec = replace(spec, memory_gib=_memory(arguments.memory_gib))
-    words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
-    words += ["--trainer", arguments.trainer] if arguments.trainer else []
-    words += ["--policies", str(arguments.policies)] if arguments.policies else []
-    command = shlex.join([*words, "--out", str(arguments.out)])
+        if not 0.0 < arguments.memory_gib < math.inf:
+            raise ValueError(
+                f"--memory-gib must be a finite number above 0, got {arguments.memory_gib}"
+            )
+        spec = replace(spec, memory_gib=arguments.memory_gib)
+    if arguments.policies:
+        words += ["--policies", str(arguments.policies)]
     panel = run_panel(
         spec,
         arguments.out,
         workers=arguments.workers,
         progress=not arguments.no_progress,
         policies=arguments.policies,
-        command=command,
+        command=shlex.join([*words, "--out", str(arguments.out)]),
     )
     say(panel.question, sys.stdout)
     say(panel.answer, sys.stdout)
@@ -92,9 +96,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     return 0
-
-
-def _memory(gib: float) -> float:
-    if not 0.0 < gib < math.inf:
-        raise ValueError(f"--memory-gib must be a finite number above 0, got {gib}")
-    return gib

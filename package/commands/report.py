@@ -21,7 +21,7 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     directory = parser().parse_args(argv).directory
     _check(directory)

@@ -179,7 +179,7 @@ def test_colours_are_written_once(name: str) -> None:
     for colour, (light, dark) in PALETTE.items():
         if colour not in ("warm", "cool"):
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
-    sources = [*(ROOT / "eval" / "report").rglob("*.py"), ROOT / "support" / "pages" / "page.css"]
+    sources = [*(ROOT / "eval" / "report").rglob("*.py"), ROOT / "support" / "page.css"]
     assert len(sources) > 15
     for source in sources:
         found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.commands.evidence import main
+from integ_gym.cli import main as run
 from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.fields import SUMMARY_FIELDS
 from integ_gym.evidence.store.printing import print_table
@@ -32,6 +32,11 @@ def record_id(two_environments):
         "SELECT record_id FROM records WHERE env_id = 'IntegPendulum-v0' ORDER BY episode_index"
     )
     return rows.column("record_id")[0].as_py()
+
+
+def main(argv):
+    """Run ``integ-gym evidence``; returns its exit code."""
+    return run(["evidence", *argv])
 
 
 def _refused(capsys, *argv):

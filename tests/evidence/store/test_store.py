@@ -19,7 +19,7 @@ from integ_gym.evidence.recorders.recorder import RecordEvidence as Recorder
 from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.errors import BatchExistsError, EvidenceError
 from integ_gym.evidence.store.store import EvidenceStore, open_run
-from integ_gym.support.files.atomic import LEFTOVER_AGE, write_once
+from integ_gym.support.files import LEFTOVER_AGE, write_once
 
 WRITER = """
 import sys, time
