@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from .ladders import LadderPlot, LadderPlots, Series, ladder_plots
     from .matrices import Matrix, MatrixLine, Shade, energy_matrix, return_matrix, success_matrix
     from .remedy import costs_of, mixtures_of, remedy_forest
-    from .trust import Trust, trust_of
-    from .words import CLASS_WORDS
+    from .trust import CLASS_WORDS, Trust, trust_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

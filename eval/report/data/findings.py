@@ -11,8 +11,7 @@ from integ_gym.support import NONE, fixed, plural
 
 from ...panel.model import Entry, Panel, Row
 from ...verdict import PASS
-from .trust import Trust
-from .words import CLASS_WORDS
+from .trust import CLASS_WORDS, Trust
 
 _NAMED: Final = 5  # names in one sentence
 
@@ -41,22 +40,15 @@ class Finding:
 
 def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
     """What to conclude from the classes against the reference, the surest first."""
-    if panel.truth is None:
-        return (
-            Finding(
-                "missing",
-                "There is no truth column here: this page shows where discretizations "
-                "disagree, not which of them is right.",
-            ),
+    if panel.truth is None or not trusts:
+        lead = (
+            "There is no truth column here: this page shows where discretizations disagree, not "
+            "which of them is right."
+            if panel.truth is None
+            else "Nothing was compared with the reference here, so this panel cannot tell false "
+            "passes from true ones."
         )
-    if not trusts:
-        return (
-            Finding(
-                "missing",
-                "Nothing was compared with the reference here, so this panel cannot tell "
-                "false passes from true ones.",
-            ),
-        )
+        return (Finding("missing", lead),)
     judged = [entry for trust in trusts for entry in trust.judged]
     passes = (_false_passes(panel, trusts, row) for row in panel.ordered_rows)
     fails = (_false_fails(panel, trust) for trust in trusts)

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from integ_gym.support import ENERGY_FLOOR, compact, fixed, plural, symlog
 
-from ...panel.model import Cell, Entry, Estimate, Group, Panel, Row
-from .words import CLASS_WORDS, KIND_WORDS
+from ...panel.model import Cell, Entry, Group, Panel, Row
+from .trust import CLASS_WORDS
+
+KIND_WORDS: Final = {
+    "trained": "trained on",
+    "given": "given policies",
+    "baseline": "baselines",
+}
+"""Headings of a matrix's blocks of rows, in order."""
 
 Tone: TypeAlias = Literal["rate", "warm", "cool", "empty"]
 """The scale of a colour: of rates, of what is above or below zero, or none."""
@@ -129,7 +136,17 @@ def energy_matrix(panel: Panel) -> Matrix | None:
     floor = largest * ENERGY_FLOOR
 
     def shade(entry: Entry, home: bool) -> Shade:
-        return _energy(entry, home, floor, largest)
+        residual = entry.energy_residual
+        if residual is None:
+            words = f"{_where(entry)}: energy residual not known"
+            return Shade(compact(None), "empty", 0.0, (), words, home)
+        value = residual.estimate
+        low, high = (compact(end, 3, True) for end in residual.ends)
+        ends = f" ({low} to {high} J)" if residual.bounded else ""
+        words = f"{_where(entry)}: {compact(value, 3, True)} J{ends}"
+        tone: Tone = "warm" if value > 0.0 else "cool"
+        share = symlog(abs(value), floor, largest)
+        return Shade(compact(value, 2, True), tone, share, (), words, home)
 
     return _matrix(
         panel,
@@ -192,19 +209,3 @@ def _success(entry: Entry, home: bool) -> Shade:
         marks.append(f"✕{entry.diverged}")
     rate = entry.success.estimate
     return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home)
-
-
-def _energy(entry: Entry, home: bool, floor: float, largest: float) -> Shade:
-    residual = entry.energy_residual
-    if residual is None:
-        words = f"{_where(entry)}: energy residual not known"
-        return Shade(compact(None), "empty", 0.0, (), words, home)
-    value = residual.estimate
-    words = f"{_where(entry)}: {compact(value, 3, True)} J{_ends(residual)}"
-    share = symlog(abs(value), floor, largest)
-    return Shade(compact(value, 2, True), "warm" if value > 0.0 else "cool", share, (), words, home)
-
-
-def _ends(value: Estimate) -> str:
-    low, high = (compact(end, 3, True) for end in value.ends)
-    return f" ({low} to {high} J)" if value.bounded else ""

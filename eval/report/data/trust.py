@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from ...panel.model import Cell, Entry, Panel
+
+CLASS_WORDS: Final = {
+    "true_pass": "true pass",
+    "false_pass": "false pass",
+    "false_fail": "false fail",
+    "true_fail": "true fail",
+}
+"""The classes against the reference in words."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from integ_gym.support import (
     INK,
@@ -68,7 +68,7 @@ def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float)
         for cell, shade in shades:
             x = columns[cell.name]
             if shade is None:
-                _box(axes, x, y, SUNK)
+                _box(axes, x, y, facecolor=SUNK, linewidth=0)
                 _cell_text(axes, x, y, NONE, SOFT)
             else:
                 _draw_shade(axes, x, y, shade)
@@ -77,9 +77,10 @@ def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float)
 def _draw_shade(axes: Axes, x: float, y: float, shade: Shade) -> None:
     colour = SUNK if shade.tone == "empty" else _colour(shade.tone, shade.share)
     ink = SOFT if shade.tone == "empty" else ink_on(colour)
-    _box(axes, x, y, colour)
+    _box(axes, x, y, facecolor=colour, linewidth=0)
     if shade.home:
-        _home_frame(axes, x, y)
+        _box(axes, x, y, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
+        _box(axes, x, y, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
     size = 6.8 if len(shade.text) > 7 else 9.0
     _cell_text(axes, x, y, shade.text, ink, size, 0.05 if shade.marks else 0.0)
     if shade.marks:
@@ -92,8 +93,6 @@ def _colour(tone: str, share: float) -> str:
 
 
 def _legend(axes: Axes, matrix: Matrix, y: float) -> None:
-    from matplotlib.patches import Rectangle
-
     def signed(share: float) -> str:
         return _colour("warm" if share > 0.5 else "cool", abs(2.0 * share - 1.0))
 
@@ -103,8 +102,7 @@ def _legend(axes: Axes, matrix: Matrix, y: float) -> None:
     _ramp(axes, x, y - 0.065, signed if matrix.signed else success_colour)
     _small(axes, x + 1.18, y, high)
     x += 1.38 + 0.07 * len(high)
-    frame = (x, y - 0.07)
-    axes.add_patch(Rectangle(frame, 0.2, 0.14, fill=False, edgecolor=INK, linewidth=1.6))
+    _rectangle(axes, x, y - 0.07, 0.2, 0.14, fill=False, edgecolor=INK, linewidth=1.6)
     _small(axes, x + 0.28, y, "trained here")
     for number, note in enumerate(_notes(matrix), start=1):
         _small(axes, _LEFT, y + 0.24 * number, plain(note, 80))
@@ -116,23 +114,15 @@ def _notes(matrix: Matrix) -> list[str]:
     return [line for line in lines if line]
 
 
-def _box(axes: Axes, x: float, y: float, colour: str) -> None:
+def _rectangle(axes: Axes, x: float, y: float, width: float, height: float, **style: Any) -> None:
     from matplotlib.patches import Rectangle
 
-    gap = 0.02
-    size = WIDTH - 2 * gap, HEIGHT - 2 * gap
-    axes.add_patch(Rectangle((x + gap, y + gap), *size, facecolor=colour, linewidth=0))
+    axes.add_patch(Rectangle((x, y), width, height, **style))
 
 
-def _home_frame(axes: Axes, x: float, y: float) -> None:
-    """The frame of a cell that the row was trained in."""
-    from matplotlib.patches import Rectangle
-
-    for inset, colour, width in ((0.03, PAPER, 2.6), (0.008, INK, 1.9)):
-        size = WIDTH - 2 * inset, HEIGHT - 2 * inset
-        axes.add_patch(
-            Rectangle((x + inset, y + inset), *size, fill=False, edgecolor=colour, linewidth=width)
-        )
+def _box(axes: Axes, x: float, y: float, gap: float = 0.02, **style: Any) -> None:
+    """A rectangle in a cell, with a gap to its edges."""
+    _rectangle(axes, x + gap, y + gap, WIDTH - 2 * gap, HEIGHT - 2 * gap, **style)
 
 
 def _cell_text(
@@ -147,13 +137,10 @@ def _cell_text(
 
 def _ramp(axes: Axes, x: float, y: float, colour: Callable[[float], str]) -> None:
     """A colour scale one inch wide; ``colour`` takes shares in [0, 1]."""
-    from matplotlib.patches import Rectangle
-
     parts = 60
     for part in range(parts):
         shade = colour((part + 0.5) / parts)
-        place = (x + part / parts, y)
-        axes.add_patch(Rectangle(place, 1.1 / parts, 0.13, facecolor=shade, linewidth=0))
+        _rectangle(axes, x + part / parts, y, 1.1 / parts, 0.13, facecolor=shade, linewidth=0)
 
 
 def _small(axes: Axes, x: float, y: float, text: str) -> None:

@@ -30,9 +30,8 @@ from ..data import (
     trust_of,
 )
 from . import drawing
-from .cards import card_of
-from .comparisons import comparison_of
 from .failures import LABEL_WORDS, failure_table, failures_of
+from .judged import card_of, comparison_of
 from .method import limits_of, settings_of
 from .records import records_of
 from .tiles import tiles_of

@@ -1,4 +1,4 @@
-"""The report's comparisons of two policies under refinement."""
+"""The report's verdicts on the declared family, and its comparisons of two policies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import Any
 
 from integ_gym.support import fixed, true_minus
 
-from ...panel.model import CellFinding, PolicyComparison
+from ... import verdict as rules
+from ...panel.model import CellFinding, PolicyComparison, Verdict
 from ..data import Line, Mark, Tone, difference_axis
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
@@ -14,6 +15,24 @@ _TONES: dict[str, Tone] = {
     "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
 }  # fmt: skip
 _SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
+
+
+def card_of(judged: Verdict) -> dict[str, Any]:
+    """One verdict of the declared family."""
+    p_values = [
+        (f"gap > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
+        (f"gap within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
+    ]
+    marks = {"fails": "✕", "transfers": "✓", "inconclusive": "?", "not_learned": "○"}
+    return {
+        "judged": judged,
+        "sign": marks[judged.verdict],
+        "word": judged.verdict.replace("_", " "),
+        "quantity": judged.quantity.replace("_", " "),
+        "marks": [] if judged.verdict == "not_learned" else [Mark(judged.gap, judged.verdict)],
+        "reason": true_minus(judged.reason),
+        "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
+    }
 
 
 def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
