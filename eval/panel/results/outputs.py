@@ -79,6 +79,7 @@ def write_outputs(
     layout: PanelLayout,
     matrix: Matrix,
     policies: Sequence[Policy],
+    /,
     **told: Any,
 ) -> Panel:
     """Write ``panel.json``, the figures and the page.

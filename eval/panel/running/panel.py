@@ -13,7 +13,7 @@ from integ_gym.train import POLICY_FILE, Policy, make_baseline, read_trained
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
 from .evaluation_units import evaluate_all
-from .reuse import FinishedPolicies
+from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
 from .units import Unit, units_of
@@ -78,10 +78,10 @@ def completed(
     """
     check_spec(spec, workers)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
-    finished = None if policies is None else FinishedPolicies(policies, spec)
+    source = None if policies is None else finished_policies(policies, spec)
     with directory.opened():
-        if finished is not None:
-            finished.bring(directory)
+        if source is not None:
+            bring(source, directory, spec)
         train_units(spec, directory, workers, progress)
         subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
         label = f"panel {spec.name}"
