@@ -50,13 +50,9 @@ class CasadiEngine(MappedEngine):
         self._truths = (*[False] * size, False, False, True)
         lost = (*[nan] * size, 0, 0.0, False)
         self._step = guarded(_stepper(_equations(system), integrator, dt), lost)
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance, and cap of Newton's iterations or of inner steps."""
-        if self.integrator == "rk":
-            return super().solver()
-        cap = steps.INNER_CAP if self.map == "reference" else steps.NEWTON_CAP
-        return {"solver_tolerance": steps.TOLERANCE, "solver_cap": cap}
+        if integrator != "rk":
+            self.solver_tolerance = steps.TOLERANCE
+            self.solver_cap = steps.INNER_CAP if self.map == "reference" else steps.NEWTON_CAP
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component

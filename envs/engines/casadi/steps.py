@@ -13,13 +13,11 @@ from math import nan
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.support import load
 
+from .._rigid import Array
 from .._stepping import Run
-
-Array = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-12
 """Of Newton's defect and correction, and of the local error of an adaptive integrator."""
@@ -36,12 +34,11 @@ _ONE_ELEMENT = {"number_of_finite_elements": 1}
 
 def runge_kutta(dae: dict[str, Any], dt: float) -> Run:
     """The explicit method `rk`: there is nothing to report."""
-    x, u, end = _arrays(dae)
-    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=x, p=u, xf=end)
+    start, end = _arrays(dae)
+    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=start[:-1], p=start[-1:], xf=end)
 
     def run(*values: float) -> tuple[Any, ...]:
-        x[:] = values[:-1]
-        u[0] = values[-1]
+        start[:] = values
         step.call()
         return (*end.tolist(), 0, 0.0, True)
 
@@ -70,15 +67,15 @@ def collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run:
         },
     }
     integrator = _integrator("collocation", dae, dt, options)
-    x, u, end = _arrays(dae)
-    h, guess, stages, defect = np.array([dt]), *(np.zeros((order, len(x))) for _ in range(3))
-    newton = _Bound(integrator.get_function("step"), h=h, x0=x, v00=guess, p=u, xf=end, v0=stages)
-    test = _Bound(integrator.get_function("implicit_step"), h=h, x0=x, v0=stages, p=u, vf=defect)
+    start, end = _arrays(dae)
+    state, (guess, stages, defect) = start[:-1], np.zeros((3, order, len(end)))
+    given = {"h": np.array([dt]), "x0": state, "p": start[-1:]}
+    newton = _Bound(integrator.get_function("step"), **given, v00=guess, xf=end, v0=stages)
+    test = _Bound(integrator.get_function("implicit_step"), **given, v0=stages, vf=defect)
 
     def run(*values: float) -> tuple[Any, ...]:
-        x[:] = values[:-1]
-        u[0] = values[-1]
-        guess[:] = x
+        start[:] = values
+        guess[:] = state
         newton.call()
         test.call()
         told = newton.told()
@@ -102,13 +99,12 @@ def adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }
-    x, u, end = _arrays(dae)
-    step = _Bound(_integrator(plugin, dae, dt, options), x0=x, p=u, xf=end)
-    lost = (*[nan] * len(x), INNER_CAP, 0.0, False)
+    start, end = _arrays(dae)
+    step = _Bound(_integrator(plugin, dae, dt, options), x0=start[:-1], p=start[-1:], xf=end)
+    lost = (*[nan] * len(end), INNER_CAP, 0.0, False)
 
     def run(*values: float) -> tuple[Any, ...]:
-        x[:] = values[:-1]
-        u[0] = values[-1]
+        start[:] = values
         try:
             with redirect_stderr(StringIO()):
                 step.call()
@@ -123,10 +119,10 @@ def _integrator(plugin: str, dae: dict[str, Any], dt: float, options: dict[str, 
     return load("casadi", "casadi").integrator("step", plugin, dae, 0.0, dt, options)
 
 
-def _arrays(dae: dict[str, Any]) -> tuple[Array, Array, Array]:
-    """State, control and state after the step."""
+def _arrays(dae: dict[str, Any]) -> tuple[Array, Array]:
+    """State and control, and state after the step."""
     size = dae["x"].numel()
-    return np.zeros(size), np.zeros(1), np.zeros(size)
+    return np.zeros(size + 1), np.zeros(size)
 
 
 class _Bound:
