@@ -131,19 +131,17 @@ class NewtonEngine(WarpEngine):
 
     @contextmanager
     def here(self) -> Iterator[None]:
-        """Warp at work on the CPU, without a word, its kernels without their derivatives."""
-        with super().here(), self._without_derivatives():
-            yield
+        """Warp at work on the CPU, without a word, its kernels without their derivatives.
 
-    @contextmanager
-    def _without_derivatives(self) -> Iterator[None]:
-        """Compile kernels as they are used here; whoever wants derivatives still gets them."""
+        Kernels are compiled as they are used here; whoever wants derivatives still gets them.
+        """
         options, warp = "enable_backward", self._warp
-        kept = [warp.get_module_options(module=name)[options] for name in self.KERNELS]
-        for name in self.KERNELS:
-            warp.set_module_options({options: False}, module=name)
-        try:
-            yield
-        finally:
-            for name, value in zip(self.KERNELS, kept, strict=True):
-                warp.set_module_options({options: value}, module=name)
+        with super().here():
+            kept = [warp.get_module_options(module=name)[options] for name in self.KERNELS]
+            for name in self.KERNELS:
+                warp.set_module_options({options: False}, module=name)
+            try:
+                yield
+            finally:
+                for name, value in zip(self.KERNELS, kept, strict=True):
+                    warp.set_module_options({options: value}, module=name)

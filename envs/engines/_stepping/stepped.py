@@ -17,9 +17,6 @@ from ..interface import DIVERGENCE_SPEED, Motion, Segments
 CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"
 """Of engines whose joints are coordinates: there is no constraint that a step could violate."""
 
-HELD = "held over the step"
-WITHIN = "within the integrator's stages"
-
 
 class SteppedEngine(ABC):
     """Advances the plant step by step under a constant control.
@@ -83,7 +80,8 @@ class SteppedEngine(ABC):
 
         `resistance` is where the force of our stops and friction acts, None without either.
         """
-        acts = HELD if self.holds_resistance else WITHIN
+        held = self.holds_resistance
+        acts = "held over the step" if held else "within the integrator's stages"
         return {
             "width": self.width,
             "constraint_violation": CONSTRAINT_VIOLATION,

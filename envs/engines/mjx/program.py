@@ -159,6 +159,4 @@ def _own(leaf: Any) -> Array:
     return jnp.asarray(leaf, float) if leaf.dtype.kind == "f" else jnp.asarray(leaf)
 
 
-@lru_cache(maxsize=64)
-def _program(text: str) -> Program:
-    return Program(text)
+_program = lru_cache(maxsize=64)(Program)

@@ -22,12 +22,16 @@ class Tableau(NamedTuple):
     """b: weights of the slopes at the end."""
 
 
-class ExplicitRungeKutta:
-    """A method each of whose stages needs only those before; losses take the same weights."""
+class RungeKutta:
+    """What a method is made of; neither symplectic nor reversible where it does not say so."""
 
     symplectic: ClassVar[bool] = False
     reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau]
+
+
+class ExplicitRungeKutta(RungeKutta):
+    """A method each of whose stages needs only those before; losses take the same weights."""
 
     def step(
         self,
@@ -56,14 +60,12 @@ class ExplicitRungeKutta:
         )
 
 
-class ImplicitRungeKutta(Solved):
+class ImplicitRungeKutta(RungeKutta, Solved):
     """A method whose stages are solved for together by Newton's method.
 
     The unknowns are the velocities of all stages, from those at the start of the step. Losses take
     the same weights.
     """
-
-    tableau: ClassVar[Tableau]
 
     def step(
         self,
