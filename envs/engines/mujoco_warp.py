@@ -52,9 +52,9 @@ class MujocoWarpEngine(WarpEngine):
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix by the composite rigid body algorithm, and all of the generalized force."""
-        simulation = self.started(q).simulation
+        made, model, data = self.started(q).simulation
         with self.here():
-            return forces_at_rest(self._mujoco, self._mjw, *simulation, q)
+            return forces_at_rest(self._mujoco, self._mjw, made, model, data, q)
 
     def _compiled(self, mechanism: Mechanism) -> Any:
         """MuJoCo's model; MuJoCo Warp has no automatic reset, and does not know its flag."""

@@ -112,9 +112,9 @@ def _body(name: str, mass: float, centre: float, inertia: float) -> str:
 
 
 def _joint(link: Link, parent: str) -> str:
-    free = link.limit is None
-    kinds = {"slide": "prismatic", "hinge": "continuous" if free else "revolute"}
-    ends = 'lower="0" upper="-1"' if free else f'lower="{-link.limit!r}" upper="{link.limit!r}"'
+    kinds, ends = {"slide": "prismatic", "hinge": "continuous"}, 'lower="0" upper="-1"'
+    if link.limit is not None:
+        kinds["hinge"], ends = "revolute", f'lower="{-link.limit!r}" upper="{link.limit!r}"'
     return (
         f'<joint name="{link.coordinate}_joint" type="{kinds[link.joint]}">'
         f'<parent link="{parent}"/><child link="{link.coordinate}"/>'
