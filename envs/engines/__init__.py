@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 from integ_gym.support import Registry, absent, lazy_door
 
-from ..integrators import TRUTH
-
 if TYPE_CHECKING:
     from ._stepping import CONSTRAINT_VIOLATION
     from .interface import DIVERGENCE_SPEED, Engine, Motion, Segments
@@ -30,5 +28,4 @@ def missing_modules(engine: str) -> list[str]:
 
 def integrators_of(engine: str) -> tuple[str, ...]:
     """The integrators of an engine, as it calls them; ours without the exact one."""
-    own = ENGINES.load(engine)
-    return tuple(name for name in own.maps if name != TRUTH or own.name != "native")
+    return tuple(ENGINES.load(engine).maps)

@@ -28,7 +28,6 @@ class DartEngine(RigidBodyEngine):
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
     modules: ClassVar[tuple[str, ...]] = ("dartpy",)
-    own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {
         "semi_implicit_euler": "symplectic_euler_implicit_damping",
     }
@@ -38,8 +37,8 @@ class DartEngine(RigidBodyEngine):
         dart = load("dartpy", "dart")
         self._skeleton = dart.dynamics.Skeleton(self.system.plant.name)
         body = None
-        for place, link in enumerate(self.mechanism.links):
-            body = self._added(dart.dynamics, body, place, link)
+        for link in self.mechanism.links:
+            body = self._added(dart.dynamics, body, link)
         self._world = dart.simulation.World()
         self._world.setTimeStep(self.dt)
         self._world.setGravity((0.0, 0.0, -self.mechanism.gravity))
@@ -58,15 +57,11 @@ class DartEngine(RigidBodyEngine):
             "constraint_force_mixing": self._law.getConstraintForceMixing(),
         }
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix."""
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix and force of gravity, which DART has on the side of the accelerations."""
         self._skeleton.setPositions(q)
-        return np.array(self._skeleton.getMassMatrix())
-
-    def gravity(self, q: Components) -> Array:
-        """Generalized force of gravity, which DART has on the side of the accelerations."""
-        self._skeleton.setPositions(q)
-        return -np.array(self._skeleton.getGravityForces())
+        gravity = -np.array(self._skeleton.getGravityForces())
+        return np.array(self._skeleton.getMassMatrix()), gravity
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps under forces that no limit clamps.
@@ -97,7 +92,7 @@ class DartEngine(RigidBodyEngine):
 
         return run
 
-    def _added(self, dynamics: Any, parent: Any, place: int, link: Link) -> Any:
+    def _added(self, dynamics: Any, parent: Any, link: Link) -> Any:
         """Hang a link on a body, or on the ground where that is None; its own body."""
         kind, axis = _JOINTS[link.joint]
         create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")
@@ -106,9 +101,8 @@ class DartEngine(RigidBodyEngine):
         joint.setDampingCoefficient(0, link.damping)
         moments = moment(link) * np.eye(3)
         body.setInertia(dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))
-        stops = self.system.engine_stops
-        if stops is not None and stops.coordinate == place:
-            joint.setPositionLowerLimit(0, -stops.limit)
-            joint.setPositionUpperLimit(0, stops.limit)
+        if link.limit is not None:
+            joint.setPositionLowerLimit(0, -link.limit)
+            joint.setPositionUpperLimit(0, link.limit)
             joint.setLimitEnforcement(True)
         return body

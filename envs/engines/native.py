@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
-
-from integ_gym.support import package_version
+from typing import ClassVar
 
 from ..arithmetic import Component, Components, Ops
-from ..integrators import INTEGRATORS, Step
+from ..integrators import INTEGRATORS, TRUTH, Step
 from ..mechanics import PlantSystem
 from ._stepping import SteppedEngine
 
@@ -27,18 +25,15 @@ class NativeEngine(SteppedEngine):
 
     name: ClassVar[str] = "native"
     package: ClassVar[str] = "integ-gym"
-    maps: ClassVar[Mapping[str, str]] = {name: name for name in INTEGRATORS.names()}
+    maps: ClassVar[Mapping[str, str]] = {n: n for n in INTEGRATORS.names() if n != TRUTH}
     batched: ClassVar[bool] = True
     reports: bool = True
 
     def __init__(self, system: PlantSystem, integrator: str, dt: Component) -> None:
         super().__init__(system, dt)
         self.integrator = INTEGRATORS.load(integrator)()
-        self.version = package_version(self.package) or "unknown"
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance and iteration cap of the integrator's solver."""
-        return {name: getattr(self.integrator, name, None) for name in super().solver()}
+        self.solver_tolerance = getattr(self.integrator, "solver_tolerance", None)
+        self.solver_cap = getattr(self.integrator, "solver_cap", None)
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component

@@ -11,9 +11,9 @@ import numpy as np
 from integ_gym.support import load
 
 from ..arithmetic import Components
-from ..mechanics import Link, Stops
+from ..mechanics import Mechanism
 from ._rigid import LEAST_INERTIA, MAPS, Array, moment
-from ._warp import ROWS, ConstraintSolver, WarpEngine, Worlds, constraint_solver, mass_matrix
+from ._warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
 FEATHERSTONE = "featherstone"
 
@@ -31,8 +31,6 @@ class NewtonEngine(WarpEngine):
     name: ClassVar[str] = "newton"
     package: ClassVar[str] = "newton"
     modules: ClassVar[tuple[str, ...]] = ("mujoco", "mujoco_warp", "newton", "warp")
-    extra: ClassVar[str] = "newton"
-    own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA
     maps: ClassVar[Mapping[str, str]] = {FEATHERSTONE: "symplectic_euler", **_MUJOCO}
     KERNELS: ClassVar[tuple[str, ...]] = (
@@ -42,51 +40,46 @@ class NewtonEngine(WarpEngine):
     )
     """Modules whose kernels come with derivatives, which take most of the time to compile."""
 
-    @property
-    def solves(self) -> bool:
-        """Whether its stops are constraints, with a solver that tells of itself."""
-        return self.integrator in _MUJOCO
-
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""
-        self._newton = load("newton", self.extra)
+        self._newton = load("newton", self.name)
         if self.integrator in _MUJOCO:
-            self._mujoco, self._mjw = load("mujoco", self.extra), load("mujoco_warp", self.extra)
+            self._mujoco, self._mjw = load("mujoco", self.name), load("mujoco_warp", self.name)
 
-    def worlds(self, count: int, stops: Stops | None) -> Worlds:
-        """A model of ``count`` worlds and its solver."""
-        model = self._model(count, stops)
+    def worlds(self, count: int, mechanism: Mechanism) -> Worlds:
+        """A model of ``count`` worlds and its solver, which begins every step from nothing."""
+        model = self._model(count, mechanism)
         solver = self._solver(model)
         now, then, control = model.state(), model.state(), model.control()
+        told = None
+        if self.integrator in _MUJOCO:
+            told = constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
 
         def step() -> None:
-            self._forget(solver)
+            if told is not None:
+                solver.mjw_data.qacc_warmstart.zero_()
             solver.step(now, then, control, None, self.dt)
             self._warp.copy(now.joint_q, then.joint_q)
             self._warp.copy(now.joint_qd, then.joint_qd)
 
         memory = (now.joint_q, now.joint_qd, control.joint_f)
         q, v, force = (x.numpy().reshape(count, -1) for x in memory)
-        simulation = (model, solver, now, then, control)
-        return Worlds(q, v, force, step, simulation, self._constraint_solver(solver))
+        return Worlds(q, v, force, step, (model, solver, now, then, control), told)
 
     def stop_parameters(self) -> dict[str, Any]:
         """`limit_ke` and `limit_kd` of the limited joint."""
         joint = self._builder().default_joint_cfg
         return {"limit_ke": joint.limit_ke, "limit_kd": joint.limit_kd}
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix of the solver."""
-        solver = self._at_rest(q)
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix of the solver, and all of the generalized force."""
+        _, solver, *_ = self.started(q).simulation
         if self.integrator in _MUJOCO:
-            return mass_matrix(self._mujoco, solver.mj_model, solver.mjw_data)
-        return np.array(solver.H.numpy(), dtype=np.float64).reshape(len(q), -1)
-
-    def gravity(self, q: Components) -> Array:
-        """All of the generalized force at rest."""
-        solver = self._at_rest(q)
-        force = solver.joint_tau if self.integrator == FEATHERSTONE else solver.mjw_data.qfrc_smooth
-        return np.array(force.numpy(), dtype=np.float64).reshape(-1)[: len(q)]
+            told = solver.mj_model, solver.mjw_model, solver.mjw_data
+            with self.here():
+                return forces_at_rest(self._mujoco, self._mjw, *told, q)
+        mass, force = (np.array(x.numpy(), np.float64) for x in (solver.H, solver.joint_tau))
+        return mass.reshape(len(q), -1), force.reshape(-1)[: len(q)]
 
     def _solver(self, model: Any) -> Any:
         """The solver; Featherstone's own angular damping of 0.05 1/s is turned off."""
@@ -102,19 +95,30 @@ class NewtonEngine(WarpEngine):
             kinematic_switchable_roots=False,
         )
 
-    def _constraint_solver(self, solver: Any) -> ConstraintSolver | None:
-        if not self.solves:
-            return None
-        return constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
-
-    def _model(self, count: int, stops: Stops | None) -> Any:
+    def _model(self, count: int, mechanism: Mechanism) -> Any:
         """As many equal worlds; inertias are kept as they are given."""
         one, all_of_them = self._builder(), self._builder()
-        parent, joints = -1, []
-        for place, link in enumerate(self.mechanism.links):
-            limit = stops.limit if stops is not None and stops.coordinate == place else None
-            parent, joint = self._hung(one, parent, link, limit)
+        axes, parent, joints = self._newton.Axis, -1, []
+        for link in mechanism.links:
+            body = one.add_link(
+                mass=link.mass,
+                com=self._warp.vec3(0.0, 0.0, link.centre),
+                inertia=self._warp.mat33(np.diag([max(moment(link), LEAST_INERTIA)] * 3)),
+            )
+            slides = link.joint == "slide"
+            add = one.add_joint_prismatic if slides else one.add_joint_revolute
+            joint = add(
+                parent,
+                body,
+                axis=axes.X if slides else axes.Y,
+                damping=link.damping,
+                armature=0.0,
+                friction=0.0,
+                limit_lower=None if link.limit is None else -link.limit,
+                limit_upper=link.limit,
+            )
             joints.append(joint)
+            parent = body
         one.add_articulation(joints)
         for _ in range(count):
             all_of_them.add_world(one)
@@ -125,58 +129,19 @@ class NewtonEngine(WarpEngine):
         down = (0.0, 0.0, -self.mechanism.gravity)
         return newton.ModelBuilder(up_axis=newton.Axis.Z, gravity=down)
 
-    def _hung(self, builder: Any, parent: int, link: Link, limit: float | None) -> tuple[int, int]:
-        """Add a link on its joint; the numbers of both."""
-        axes, warp = self._newton.Axis, self._warp
-        body = builder.add_link(
-            mass=link.mass,
-            com=warp.vec3(0.0, 0.0, link.centre),
-            inertia=warp.mat33(np.diag([max(moment(link), LEAST_INERTIA)] * 3)),
-        )
-        slides = link.joint == "slide"
-        add = builder.add_joint_prismatic if slides else builder.add_joint_revolute
-        joint = add(
-            parent,
-            body,
-            axis=axes.X if slides else axes.Y,
-            damping=link.damping,
-            armature=0.0,
-            friction=0.0,
-            limit_lower=None if limit is None else -limit,
-            limit_upper=limit,
-        )
-        return body, joint
-
-    def _forget(self, solver: Any) -> None:
-        """Start the constraint solver from nothing, so that a step depends on its state alone."""
-        if self.integrator in _MUJOCO:
-            solver.mjw_data.qacc_warmstart.zero_()
-
-    def _at_rest(self, q: Components) -> Any:
-        """A solver that has just looked at one world at rest in ``q``."""
-        _, solver, *_ = self.started(q).simulation
-        if self.integrator in _MUJOCO:
-            solver.mjw_data.qpos.assign([q])
-            solver.mjw_data.qvel.zero_()
-            with super().here():
-                self._mjw.forward(solver.mjw_model, solver.mjw_data)
-        return solver
-
     @contextmanager
     def here(self) -> Iterator[None]:
-        """Warp at work on the CPU, without a word, its kernels without their derivatives."""
-        with super().here(), self._without_derivatives():
-            yield
+        """Warp at work on the CPU, without a word, its kernels without their derivatives.
 
-    @contextmanager
-    def _without_derivatives(self) -> Iterator[None]:
-        """Compile kernels as they are used here; whoever wants derivatives still gets them."""
+        Kernels are compiled as they are used here; whoever wants derivatives still gets them.
+        """
         options, warp = "enable_backward", self._warp
-        kept = [warp.get_module_options(module=name)[options] for name in self.KERNELS]
-        for name in self.KERNELS:
-            warp.set_module_options({options: False}, module=name)
-        try:
-            yield
-        finally:
-            for name, value in zip(self.KERNELS, kept, strict=True):
-                warp.set_module_options({options: value}, module=name)
+        with super().here():
+            kept = [warp.get_module_options(module=name)[options] for name in self.KERNELS]
+            for name in self.KERNELS:
+                warp.set_module_options({options: False}, module=name)
+            try:
+                yield
+            finally:
+                for name, value in zip(self.KERNELS, kept, strict=True):
+                    warp.set_module_options({options: value}, module=name)

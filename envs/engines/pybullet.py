@@ -36,7 +36,6 @@ class PybulletEngine(RigidBodyEngine):
     name: ClassVar[str] = "pybullet"
     package: ClassVar[str] = "pybullet"
     modules: ClassVar[tuple[str, ...]] = ("pybullet",)
-    own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {"semi_implicit_euler": "symplectic_euler"}
 
     def build(self) -> None:
@@ -48,6 +47,9 @@ class PybulletEngine(RigidBodyEngine):
         bullet.setGravity(0.0, 0.0, -self.mechanism.gravity, physicsClientId=client)
         bullet.setTimeStep(self.dt, physicsClientId=client)
         self.reports = self.system.engine_stops is not None
+        if self.reports:
+            self.solver_tolerance = STOP_PARAMETERS["solverResidualThreshold"]
+            self.solver_cap = int(STOP_PARAMETERS["numSolverIterations"])
         bullet.setPhysicsEngineParameter(
             **STOP_PARAMETERS, reportSolverAnalytics=int(self.reports), physicsClientId=client
         )
@@ -62,32 +64,18 @@ class PybulletEngine(RigidBodyEngine):
                 maxJointVelocity=UNCAPPED, physicsClientId=client,
             )  # fmt: skip
 
-    def solver(self) -> dict[str, Any]:
-        """Residual threshold and cap of the constraint solver, where there are constraints."""
-        if not self.reports:
-            return super().solver()
-        known = STOP_PARAMETERS
-        return {
-            "solver_tolerance": known["solverResidualThreshold"],
-            "solver_cap": int(known["numSolverIterations"]),
-        }
-
     def stop_parameters(self) -> dict[str, Any]:
         """Of the constraint solver, in the names of `setPhysicsEngineParameter`."""
         return dict(STOP_PARAMETERS)
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix by the composite rigid body algorithm."""
-        matrix = self._bullet.calculateMassMatrix(self._body, q, physicsClientId=self._client)
-        return np.array(matrix)
-
-    def gravity(self, q: Components) -> Array:
-        """Minus the force that holds it at rest."""
-        still = (0.0,) * len(q)
-        holding = self._bullet.calculateInverseDynamics(
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix by the composite rigid body algorithm, and minus the force that holds it."""
+        bullet, still = self._bullet, (0.0,) * len(q)
+        mass = bullet.calculateMassMatrix(self._body, q, physicsClientId=self._client)
+        holding = bullet.calculateInverseDynamics(
             self._body, q, still, still, physicsClientId=self._client
         )
-        return -np.array(holding)
+        return np.array(mass), -np.array(holding)
 
     def run(self, count: int) -> Run:
         """Set the state, then push and step ``count`` times: a push lasts for one step."""
@@ -121,7 +109,7 @@ class PybulletEngine(RigidBodyEngine):
         """The model's number in its world."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "mechanism.urdf")
-            path.write_text(urdf(self.mechanism, self.system.engine_stops), encoding="utf-8")
+            path.write_text(urdf(self.mechanism), encoding="utf-8")
             body: int = self._bullet.loadURDF(
                 str(path),
                 useFixedBase=True,

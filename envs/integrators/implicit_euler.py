@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..arithmetic import Component, Components, Ops
-from ._solving import CAP, TOLERANCE, solve_velocity
+from ._solving import Solved, solve_velocity
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System, along
 
 
-class ImplicitEuler:
+class ImplicitEuler(Solved):
     r"""Position and velocity both advance with the slopes at the end of the step.
 
     .. math:: q_1 = q_0 + h v_1, \qquad v_1 = v_0 + h a(q_1, v_1)
@@ -32,8 +32,6 @@ class ImplicitEuler:
     )
     losses_of: ClassVar[str] = "end"
     """End of the step whose rates of loss, times the step, are its losses."""
-    solver_tolerance: ClassVar[float] = TOLERANCE
-    solver_cap: ClassVar[int] = CAP
 
     def step(
         self,
@@ -45,8 +43,7 @@ class ImplicitEuler:
         control: Component,
         dt: Component,
     ) -> Step:
-        end = solve_velocity(ops, system, q, v, control, dt, dt)
-        q = along(q, dt, end.v)
-        _, loss_rates = system.rates(ops, q, end.v, control)
-        losses = along(losses, dt, loss_rates)
-        return Step(q, end.v, losses, end.iterations, end.residual, end.converged)
+        v, *report = solve_velocity(ops, system, q, v, control, dt, dt)
+        q = along(q, dt, v)
+        _, loss_rates = system.rates(ops, q, v, control)
+        return Step(q, v, along(losses, dt, loss_rates), *report)

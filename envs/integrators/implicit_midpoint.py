@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..arithmetic import Component, Components, Ops
-from ._solving import CAP, TOLERANCE, solve_velocity
+from ._solving import Solved, solve_velocity
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System, along
 
 
-class ImplicitMidpoint:
+class ImplicitMidpoint(Solved):
     r"""Advances with the slopes at the midpoint of the step's chord.
 
     .. math::
@@ -26,8 +26,6 @@ class ImplicitMidpoint:
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = True
     theory: ClassVar[LinearTheory] = LinearTheory("conserves the energy", UNLIMITED, UNLIMITED)
-    solver_tolerance: ClassVar[float] = TOLERANCE
-    solver_cap: ClassVar[int] = CAP
 
     def step(
         self,
@@ -40,13 +38,11 @@ class ImplicitMidpoint:
         dt: Component,
     ) -> Step:
         half = 0.5 * dt
-        middle = solve_velocity(ops, system, q, v, control, half, half)
-        acceleration, loss_rates = system.rates(ops, along(q, half, middle.v), middle.v, control)
+        middle, *report = solve_velocity(ops, system, q, v, control, half, half)
+        acceleration, loss_rates = system.rates(ops, along(q, half, middle), middle, control)
         return Step(
             along(q, dt, along(v, half, acceleration)),
             along(v, dt, acceleration),
             along(losses, dt, loss_rates),
-            middle.iterations,
-            middle.residual,
-            middle.converged,
+            *report,
         )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..arithmetic import Component, Components, Ops
-from ._solving import CAP, TOLERANCE, solve_velocity
+from ._solving import Solved, solve_velocity
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System, along
 
 
-class StormerVerlet:
+class StormerVerlet(Solved):
     r"""Half kick, drift, half kick; the second half kick is implicit in the velocity.
 
     .. math::
@@ -29,8 +29,6 @@ class StormerVerlet:
     symplectic: ClassVar[bool] = True
     reversible: ClassVar[bool] = True
     theory: ClassVar[LinearTheory] = LinearTheory("conserves a shadow energy", 2.0, UNLIMITED)
-    solver_tolerance: ClassVar[float] = TOLERANCE
-    solver_cap: ClassVar[int] = CAP
 
     def step(
         self,
@@ -47,14 +45,6 @@ class StormerVerlet:
         kicked = along(v, half, acceleration)
         losses = along(losses, half, loss_rates)
         drifted = along(q, dt, kicked)
-        solution = solve_velocity(ops, system, drifted, kicked, control, half, 0.0 * dt)
-        _, loss_rates = system.rates(ops, drifted, solution.v, control)
-        losses = along(losses, half, loss_rates)
-        return Step(
-            drifted,
-            solution.v,
-            losses,
-            solution.iterations,
-            solution.residual,
-            solution.converged,
-        )
+        v, *report = solve_velocity(ops, system, drifted, kicked, control, half, 0.0 * dt)
+        _, loss_rates = system.rates(ops, drifted, v, control)
+        return Step(drifted, v, along(losses, half, loss_rates), *report)

@@ -10,7 +10,7 @@ from typing import Any
 
 from integ_gym.support import Registry
 
-from ..integrators import INTEGRATORS
+from ..integrators import INTEGRATORS, TRUTH
 
 MAPS = Registry(__name__, "one-step map", "step")
 
@@ -27,7 +27,7 @@ def one_step_map(name: str) -> Any:
 
 def map_names() -> tuple[str, ...]:
     """Names of all maps that an engine is compared with, ours first; the exact solution is none."""
-    return (*(n for n in INTEGRATORS.names() if n != "reference"), *MAPS.names())
+    return (*(n for n in INTEGRATORS.names() if n != TRUTH), *MAPS.names())
 
 
 __all__ = ["MAPS", "map_names", "one_step_map"]

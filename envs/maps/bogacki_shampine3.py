@@ -17,8 +17,6 @@ class BogackiShampine3(ExplicitRungeKutta):
     """
 
     order: ClassVar[int] = 3
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(
         ((), (0.5,), (0.0, 0.75)), (2.0 / 9.0, 1.0 / 3.0, 4.0 / 9.0)
     )

@@ -17,8 +17,6 @@ class DormandPrince5(ExplicitRungeKutta):
     """
 
     order: ClassVar[int] = 5
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(
         (
             (),

@@ -16,6 +16,4 @@ class Heun(ExplicitRungeKutta):
     """
 
     order: ClassVar[int] = 2
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(((), (1.0,)), (0.5, 0.5))

@@ -16,8 +16,6 @@ class Kutta3(ExplicitRungeKutta):
     """
 
     order: ClassVar[int] = 3
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(
         ((), (0.5,), (-1.0, 2.0)), (1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0)
     )

@@ -18,8 +18,6 @@ class RadauIIA3(ImplicitRungeKutta):
     """
 
     order: ClassVar[int] = 3
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(((5 / 12, -1 / 12), (3 / 4, 1 / 4)), (3 / 4, 1 / 4))
 
     def losses_between(

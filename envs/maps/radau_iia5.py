@@ -19,8 +19,6 @@ class RadauIIA5(ImplicitRungeKutta):
     """
 
     order: ClassVar[int] = 5
-    symplectic: ClassVar[bool] = False
-    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau] = Tableau(
         (
             ((88.0 - 7.0 * _R) / 360.0, (296.0 - 169.0 * _R) / 1800.0, (3.0 * _R - 2.0) / 225.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..arithmetic import Component, Components, Ops
 from ..mechanics import PlantSystem
-from ._families import LinearlyImplicit, velocity_slopes
+from ._families import LinearlyImplicit
 
 
 class SymplecticEulerImplicitVelocity(LinearlyImplicit):
@@ -20,4 +20,10 @@ class SymplecticEulerImplicitVelocity(LinearlyImplicit):
     def slopes(
         self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
     ) -> tuple[Components, ...]:
-        return velocity_slopes(ops, system, q, v, control)
+        """∂a/∂v; the differences are exact, for accelerations are quadratic in the velocity."""
+        columns = []
+        for j, x in enumerate(v):
+            above, _ = system.rates(ops, q, (*v[:j], x + 0.5, *v[j + 1 :]), control)
+            below, _ = system.rates(ops, q, (*v[:j], x - 0.5, *v[j + 1 :]), control)
+            columns.append([a - b for a, b in zip(above, below, strict=True)])
+        return tuple(zip(*columns, strict=True))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..arithmetic import Component
+from .contact import Stops
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class Link:
         centre: from the joint to the centre of mass along the link's own z axis, m.
         inertia: about the centre of mass and y, kg m^2; 0 for a point mass.
         damping: viscous, at the joint, N s/m or N m s/rad.
+        limit: where the joint has stops by an engine's own law, m or rad to either side; or None.
     """
 
     coordinate: str
@@ -27,6 +29,7 @@ class Link:
     centre: Component
     inertia: Component
     damping: Component
+    limit: Component | None = None
 
 
 @dataclass(frozen=True)
@@ -42,3 +45,11 @@ class Mechanism:
 
     links: tuple[Link, ...]
     gravity: Component
+
+    def stopped(self, stops: Stops | None) -> Mechanism:
+        """The same with stops on the joint whose coordinate they stop."""
+        if stops is None:
+            return self
+        links = list(self.links)
+        links[stops.coordinate] = replace(links[stops.coordinate], limit=stops.limit)
+        return replace(self, links=tuple(links))

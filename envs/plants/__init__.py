@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ._oscillator import Oscillator
     from .cart_pole import CartPole
     from .elastic_pendulum import ElasticPendulum
-    from .interface import Plant, in_state_order, join_state, split_state, state_names, state_units
+    from .interface import Plant, join_state, split_state, state_names, state_units
     from .pendulum import Pendulum
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -53,8 +53,8 @@ class Plant(Protocol):
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
 
 
-def in_state_order(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Each coordinate followed by its velocity; all velocities last where their numbers differ."""
+def join_state(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
+    """(q, v) to state order (q0, v0, q1, v1, …); velocities last where their numbers differ."""
     if len(q) != len(v):
         return (*q, *v)
     return tuple([x for pair in zip(q, v, strict=True) for x in pair])
@@ -62,21 +62,16 @@ def in_state_order(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def state_names(plant: Any) -> tuple[str, ...]:
     """Names of a plant's or plant class's state, in state order."""
-    return in_state_order(plant.coordinates, plant.velocities)
+    return join_state(plant.coordinates, plant.velocities)
 
 
 def state_units(plant: Any) -> tuple[str, ...]:
     """SI units in state order."""
     own = getattr(plant, "velocity_units", None)
     rates = tuple(f"{unit}/s" for unit in plant.coordinate_units) if own is None else own
-    return in_state_order(plant.coordinate_units, rates)
+    return join_state(plant.coordinate_units, rates)
 
 
 def split_state(state: Components) -> tuple[Components, Components]:
     """State order (q0, v0, q1, v1, …) to (q, v)."""
     return tuple(state[0::2]), tuple(state[1::2])
-
-
-def join_state(q: Components, v: Components) -> Components:
-    """(q, v) to state order (q0, v0, q1, v1, …)."""
-    return in_state_order(q, v)

@@ -72,13 +72,8 @@ class Renderer:
         canvas.text(discretization_label(setup), (16.0, 22.0), 24, INK)
         digits = 2 if setup.timing.control_period >= 0.01 else 3
         canvas.text(f"t = {time:.{digits}f} s", (16.0, height - 22.0), 24, MUTED)
-        canvas.text(
-            control_label(setup, float(control)),
-            (width - 16.0, height - 22.0),
-            24,
-            MUTED,
-            align=1.0,
-        )
+        label = control_label(setup, float(control))
+        canvas.text(label, (width - 16.0, height - 22.0), 24, MUTED, align=1.0)
         return canvas.frame()
 
 

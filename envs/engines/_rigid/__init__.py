@@ -5,11 +5,18 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .agreement import PROBES, TOLERANCE, check_agreement
-    from .bodies import Array, HeldForce, RigidBodyEngine, mechanism_of
+    from .agreement import PROBES, TOLERANCE, Array, check_agreement, mechanism_of
+    from .bodies import HeldForce, RigidBodyEngine
+    from .formats import (
+        LEAST_INERTIA,
+        LEAST_SHARE,
+        MAPS,
+        mass_matrix,
+        mjcf,
+        moment,
+        stop_law,
+        urdf,
+    )
     from .lanes import LanesEngine
-    from .mjcf_text import LEAST_INERTIA, MAPS, mjcf
-    from .moments import LEAST_SHARE, moment
-    from .urdf_text import urdf
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -27,46 +27,25 @@ class Model(Protocol):
     width: ClassVar[int]
     version: str
 
-    def inertia(self, q: Components) -> Array:
-        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2."""
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2, and its force of gravity.
 
-    def gravity(self, q: Components) -> Array:
-        """The simulator's generalized force of gravity, (dof,), N or N m."""
-
-
-class Floored(Protocol):
-    """An engine that takes no moment of inertia below some least one."""
-
-    name: ClassVar[str]
-    width: ClassVar[int]
-    least_inertia: ClassVar[float]
+        That is a generalized force, (dof,), N or N m.
+        """
 
 
-def check_weight(model: Floored, mechanism: Mechanism) -> None:
-    """Check that the least moment of inertia that an engine takes makes no difference.
+def mechanism_of(engine: str, plant: Plant) -> Mechanism:
+    """The plant's links.
 
     Raises:
-        ValueError: if it does.
+        ValueError: if it has none, and if their dampers do not take what the plant's damping takes.
     """
-    least = model.least_inertia
-    for link in mechanism.links:
-        about_joint = link.inertia + link.mass * link.centre**2
-        tolerated = TOLERANCE[model.width] * about_joint
-        if link.joint == "hinge" and max(link.inertia, tolerated) < least:
-            raise ValueError(
-                f"engine {model.name!r} takes no body's moment of inertia below {least:g} kg m^2, "
-                f"which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} is too small "
-                f"for; use a larger mass or length, or an engine without this limit, such as "
-                "'native', 'drake' or 'pinocchio'"
-            )
-
-
-def check_dampers(mechanism: Mechanism, plant: Plant) -> None:
-    """Check that the plant's damping is that of dampers at the mechanism's joints.
-
-    Raises:
-        ValueError: if it is not.
-    """
+    mechanism: Mechanism | None = getattr(plant, "mechanism", None)
+    if mechanism is None:
+        raise ValueError(
+            f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
+            "no `mechanism`; use engine 'native' or 'casadi'"
+        )
     for probe in PROBES:
         q = v = probe[-len(plant.coordinates) :]
         expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
@@ -76,6 +55,7 @@ def check_dampers(mechanism: Mechanism, plant: Plant) -> None:
                 f"plant {plant.name!r} loses {power:g} W to damping at q = v = {v}, where the "
                 f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
             )
+    return mechanism
 
 
 def check_agreement(model: Model, plant: Plant) -> None:
@@ -89,9 +69,10 @@ def check_agreement(model: Model, plant: Plant) -> None:
         expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
         still = (0.0,) * len(q)
         weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        mass, gravity = model.at_rest(q)
         for what, got, wanted in (
-            ("mass matrix", model.inertia(q), expected),
-            ("gravity force", model.gravity(q), weight),
+            ("mass matrix", mass, expected),
+            ("gravity force", gravity, weight),
         ):
             scale = max(float(np.abs(wanted).max()), 1e-30)
             if not np.allclose(got, wanted, rtol=0.0, atol=TOLERANCE[model.width] * scale):

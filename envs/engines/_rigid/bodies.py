@@ -8,18 +8,13 @@ from functools import cache
 from math import nan
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
 from ...arithmetic import Component, Components, Ops
 from ...integrators import State, Step, along
 from ...maps import one_step_map
-from ...mechanics import Mechanism, PlantSystem
+from ...mechanics import PlantSystem
 from ...plants import Plant
 from .._stepping import ForeignEngine, Run
-from .agreement import TOLERANCE, check_agreement, check_dampers, check_weight
-
-Array = npt.NDArray[np.float64]
+from .agreement import TOLERANCE, Array, check_agreement, mechanism_of
 
 
 class RigidBodyEngine(ForeignEngine):
@@ -36,6 +31,7 @@ class RigidBodyEngine(ForeignEngine):
     """
 
     holds_resistance: ClassVar[bool] = True
+    own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = 0.0
     """Moment of inertia of a body below which it takes none, kg m^2."""
     tells_speeds: ClassVar[bool] = False
@@ -43,7 +39,8 @@ class RigidBodyEngine(ForeignEngine):
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, integrator, dt)
-        self.mechanism = mechanism_of(self.name, system.plant)
+        self.free = mechanism_of(self.name, system.plant)
+        self.mechanism = self.free.stopped(system.engine_stops)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
         self._map_losses_between = getattr(self._map, "losses_between", None)
@@ -54,18 +51,30 @@ class RigidBodyEngine(ForeignEngine):
 
     @abstractmethod
     def build(self) -> None:
-        """Make the simulator's model of :attr:`mechanism`."""
+        """Make the simulator's model of :attr:`mechanism`, whose own stops :attr:`free` lacks."""
 
     @abstractmethod
-    def inertia(self, q: Components) -> Array:
-        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2."""
-
-    @abstractmethod
-    def gravity(self, q: Components) -> Array:
-        """The simulator's generalized force of gravity, (dof,), N or N m."""
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """The simulator's mass matrix, (dof, dof), and its generalized force of gravity, (dof,)."""
 
     def _check(self) -> None:
-        check_weight(self, self.mechanism)
+        """Compare the model with the plant.
+
+        Raises:
+            ValueError: if they differ, and if the least moment of inertia that the engine takes
+                makes a difference.
+        """
+        least = self.least_inertia
+        for link in self.mechanism.links:
+            about_joint = link.inertia + link.mass * link.centre**2
+            tolerated = TOLERANCE[self.width] * about_joint
+            if link.joint == "hinge" and max(link.inertia, tolerated) < least:
+                raise ValueError(
+                    f"engine {self.name!r} takes no body's moment of inertia below {least:g} "
+                    f"kg m^2, which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} "
+                    "is too small for; use a larger mass or length, or an engine without this "
+                    "limit, such as 'native', 'drake' or 'pinocchio'"
+                )
         check_agreement(self, self.system.plant)
 
     @property
@@ -194,19 +203,3 @@ class HeldForce:
     def limit(self, ops: Ops, v: Components) -> Components:
         """``v``: no limit acts within a step."""
         return v
-
-
-def mechanism_of(engine: str, plant: Plant) -> Mechanism:
-    """The plant's links.
-
-    Raises:
-        ValueError: if it has none, and if their dampers do not take what the plant's damping takes.
-    """
-    mechanism = getattr(plant, "mechanism", None)
-    if mechanism is None:
-        raise ValueError(
-            f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
-            "no `mechanism`; use engine 'native' or 'casadi'"
-        )
-    check_dampers(mechanism, plant)
-    return mechanism  # type: ignore[no-any-return]

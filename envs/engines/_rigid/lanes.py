@@ -9,7 +9,8 @@ import numpy as np
 
 from ...arithmetic import Component, Components, Ops
 from .._stepping import ASTRAY
-from .bodies import Array, RigidBodyEngine
+from .agreement import Array
+from .bodies import RigidBodyEngine
 
 
 class LanesEngine(RigidBodyEngine):

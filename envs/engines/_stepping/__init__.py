@@ -7,8 +7,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .foreign import ASTRAY, ForeignEngine, Run, guarded, is_astray
     from .mapped import MappedEngine, lacks_integrator, refuse_arrays
-    from .quieting import quiet
     from .stepped import CONSTRAINT_VIOLATION, SteppedEngine
-    from .undisturbed import load_undisturbed
+    from .undisturbed import load_undisturbed, quiet
 else:
     __getattr__, __dir__ = lazy_door(__name__)

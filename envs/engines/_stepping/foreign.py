@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cache
 from math import hypot, nan
 from typing import Any, ClassVar
 
@@ -32,7 +33,7 @@ class ForeignEngine(MappedEngine):
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, integrator, dt)
-        self._runs: dict[int, Run] = {}
+        self._run = cache(self._safe_run)
 
     @abstractmethod
     def run(self, count: int) -> Run:
@@ -111,14 +112,12 @@ class ForeignEngine(MappedEngine):
         flat = ops.foreign(run, values, truths)
         return flat[:numbers], flat[numbers:] or (0, 0.0, True)
 
-    def _run(self, count: int) -> Run:
-        if count not in self._runs:
-            made = self.run(count)
-            lost = (nan,) * (2 * len(self.system.plant.coordinates))
-            report = (0, 0.0, False) if self.reports else ()
-            wrapped = count == 1 or self.guarded_strides
-            self._runs[count] = guarded(made, (*lost, *report)) if wrapped else made
-        return self._runs[count]
+    def _safe_run(self, count: int) -> Run:
+        made = self.run(count)
+        if count > 1 and not self.guarded_strides:
+            return made
+        report = (0, 0.0, False) if self.reports else ()
+        return guarded(made, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
 
 
 def guarded(run: Run, lost: tuple[Any, ...]) -> Run:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import package_version, suggestion
+from integ_gym.support import suggestion
 
 from ...mechanics import PlantSystem
 from .stepped import SteppedEngine
@@ -27,14 +27,10 @@ class MappedEngine(SteppedEngine):
     """
 
     batched: ClassVar[bool] = False
-    package: ClassVar[str]
-    """Distribution whose version is recorded."""
     modules: ClassVar[tuple[str, ...]]
     """Modules that it imports from other packages."""
     maps: ClassVar[Mapping[str, str]]
     """Integrator, as the engine calls it, to the one-step map that it applies."""
-    reports: bool = False
-    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
     stopless: ClassVar[frozenset[str]] = frozenset()
     """Integrators to which the joint stops of an engine that has them do nothing."""
 
@@ -50,7 +46,6 @@ class MappedEngine(SteppedEngine):
                 f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
             )
         self.integrator = integrator
-        self.version = package_version(self.package) or "unknown"
 
     @property
     def map(self) -> str:

@@ -6,6 +6,8 @@ import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
+from integ_gym.support import package_version
+
 from ...arithmetic import FLOAT32_MAX, Component, Components, Ops
 from ...integrators import Step
 from ...mechanics import PlantSystem
@@ -14,9 +16,6 @@ from ..interface import DIVERGENCE_SPEED, Motion, Segments
 
 CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"
 """Of engines whose joints are coordinates: there is no constraint that a step could violate."""
-
-HELD = "held over the step"
-WITHIN = "within the integrator's stages"
 
 
 class SteppedEngine(ABC):
@@ -31,12 +30,20 @@ class SteppedEngine(ABC):
     """
 
     name: ClassVar[str]
+    package: ClassVar[str]
+    """Distribution whose version is recorded."""
     width: ClassVar[int] = 64
     """Bits of the floats that it computes with outside JAX."""
     own_stops: ClassVar[bool] = False
     """Whether it has joint stops of its own, for ``contact="engine"``."""
     holds_resistance: ClassVar[bool] = False
     """Whether our stops and friction are forces taken at a step's start and held during it."""
+    reports: bool = False
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
+    solver_tolerance: float | None = None
+    """Of a solver, if it has one."""
+    solver_cap: int | None = None
+    """Most iterations of a solver, if it has one."""
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
@@ -47,6 +54,7 @@ class SteppedEngine(ABC):
             )
         self.system = system
         self.dt = dt
+        self.version = package_version(self.package) or "unknown"
 
     def at(self, system: PlantSystem, dt: Component) -> Self:
         """The same engine for other values of parameters and step, which are not looked at.
@@ -65,14 +73,15 @@ class SteppedEngine(ABC):
 
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""
-        return {"solver_tolerance": None, "solver_cap": None}
+        return {"solver_tolerance": self.solver_tolerance, "solver_cap": self.solver_cap}
 
     def describe(self) -> dict[str, Any]:
         """What the engine is, beyond its name, version and integrator, as plain data.
 
         `resistance` is where the force of our stops and friction acts, None without either.
         """
-        acts = HELD if self.holds_resistance else WITHIN
+        held = self.holds_resistance
+        acts = "held over the step" if held else "within the integrator's stages"
         return {
             "width": self.width,
             "constraint_violation": CONSTRAINT_VIOLATION,

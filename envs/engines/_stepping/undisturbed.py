@@ -1,4 +1,4 @@
-"""Importing a simulator without what its import does to the rest of the process."""
+"""Simulators kept from what their import and what they say would do to the rest of the process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from typing import Any
 
 from integ_gym.support import load
@@ -24,10 +24,27 @@ def load_undisturbed(module: str, extra: str, banner: str | None = None) -> Any:
     """
     if module in sys.modules:
         return load(module, extra)
-    quiet = nullcontext() if banner is None else _standard_error_without(banner.encode())
-    with _same_environment(), warnings.catch_warnings(), quiet:
+    heard = nullcontext() if banner is None else _standard_error_without(banner.encode())
+    with _same_environment(), warnings.catch_warnings(), heard:
         warnings.simplefilter("ignore")
         return load(module, extra)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Leave out what is written to stdout and stderr meanwhile, by compiled code too; and warnings.
+
+    Of the whole process: what another thread writes at that time is lost as well.
+    """
+    with (
+        open(os.devnull, "w", encoding="utf-8") as nothing,
+        _written_to(nothing.fileno(), 1, 2),
+        redirect_stdout(nothing),
+        redirect_stderr(nothing),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")
+        yield
 
 
 @contextmanager
@@ -45,15 +62,27 @@ def _same_environment() -> Iterator[None]:
 def _standard_error_without(banner: bytes) -> Iterator[None]:
     """Hold back what is written to file descriptor 2; then pass on all lines but the banner."""
     with tempfile.TemporaryFile() as held:
-        sys.stderr.flush()
-        terminal = os.dup(2)
-        os.dup2(held.fileno(), 2)
         try:
-            yield
+            with _written_to(held.fileno(), 2):
+                yield
         finally:
-            os.dup2(terminal, 2)
-            os.close(terminal)
             held.seek(0)
             for line in held:
                 if not line.startswith(banner):
                     os.write(2, line)
+
+
+@contextmanager
+def _written_to(target: int, *streams: int) -> Iterator[None]:
+    """Let one file descriptor stand for others of the process."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(stream) for stream in streams]
+    try:
+        for stream in streams:
+            os.dup2(target, stream)
+        yield
+    finally:
+        for stream, copy in zip(streams, kept, strict=True):
+            os.dup2(copy, stream)
+            os.close(copy)

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from integ_gym.support import load
 
-from ...arithmetic import SCALAR, Carry, Component, Components, repeat
+from ...arithmetic import SCALAR, Component, repeat
 
 casadi = load("casadi", "casadi")
 
@@ -96,20 +96,10 @@ class CasadiOps:
     def any(self, condition: Component, /) -> Component:
         return condition
 
-    def while_loop(
-        self,
-        condition: Callable[[Carry], Component],
-        body: Callable[[Carry], Carry],
-        carry: Carry,
-    ) -> NoReturn:
+    def while_loop(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression has no loops whose length it finds by itself."""
         raise TypeError("a plant with a `while_loop` cannot be told to CasADi; use engine 'native'")
 
-    def foreign(
-        self,
-        function: Callable[..., Components],
-        arguments: Components,
-        truths: tuple[bool, ...],
-    ) -> NoReturn:
+    def foreign(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression is made of CasADi's own operations."""
         raise TypeError("a plant with a `foreign` part cannot be told to CasADi")

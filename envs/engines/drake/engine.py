@@ -1,18 +1,21 @@
-"""Drake."""
+"""Drake: the plant as a `MultibodyPlant`, under its integrators or its contact solvers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support import load
+
 from ...arithmetic import Components
+from ...mechanics import Link
 from .._rigid import Array, RigidBodyEngine
 from .._stepping import Run
 from .implicit import ACCURACY, implicit_steps, rest_serves
-from .model import multibody_plant
 from .steps import discrete_steps, explicit_steps
 
 EXPLICIT = {
@@ -49,24 +52,30 @@ class DrakeEngine(RigidBodyEngine):
     name: ClassVar[str] = "drake"
     package: ClassVar[str] = "drake"
     modules: ClassVar[tuple[str, ...]] = ("pydrake",)
-    own_stops: ClassVar[bool] = True
     tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
 
     def build(self) -> None:
-        """Make the model."""
-        self.reports = self.integrator not in DISCRETE
-        if self.reports:
-            self._plant = multibody_plant(self.mechanism)
-        else:
-            stops = self.system.engine_stops
-            self._plant = multibody_plant(self.mechanism, self.dt, self.integrator, stops)
+        """Make the model, finalized, with generalized forces as its only input.
 
-    def solver(self) -> dict[str, Any]:
-        """Target accuracy of an implicit integrator; Drake's cap of iterations is not told."""
-        implicit = self.integrator in IMPLICIT
-        return {**super().solver(), "solver_tolerance": ACCURACY if implicit else None}
+        An implicit integrator tells its target accuracy; Drake's cap of iterations is not told.
+        """
+        self.reports = self.integrator not in DISCRETE
+        if self.integrator in IMPLICIT:
+            self.solver_tolerance = ACCURACY
+        plants = load("pydrake.multibody.plant", "drake")
+        self._plant = plant = plants.MultibodyPlant(0.0 if self.reports else self.dt)
+        if not self.reports:
+            approximations = plants.DiscreteContactApproximation.__members__
+            chosen = approximations[f"k{self.integrator.capitalize()}"]
+            plant.set_discrete_contact_approximation(chosen)
+            plant.SetUseSampledOutputPorts(False)
+        parent = plant.world_frame()
+        for link in self.mechanism.links:
+            parent = _added(plant, parent, link)
+        plant.mutable_gravity_field().set_gravity_vector((0.0, 0.0, -self.mechanism.gravity))
+        plant.Finalize()
 
     def stop_parameters(self) -> dict[str, Any]:
         """What its law is made of; stiffness and damping follow from the step and the masses."""
@@ -76,23 +85,19 @@ class DrakeEngine(RigidBodyEngine):
             known["sap_near_rigid_threshold"] = self._plant.get_sap_near_rigid_threshold()
         return known
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix."""
-        return np.array(self._plant.CalcMassMatrix(self._at_rest(q)))
-
-    def gravity(self, q: Components) -> Array:
-        """Generalized force of gravity."""
-        return np.array(self._plant.CalcGravityGeneralizedForces(self._at_rest(q)))
-
-    def run(self, count: int) -> Run:
-        """Take ``count`` steps."""
-        return self._steps(count)
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix and generalized force of gravity."""
+        plant, context = self._plant, self._plant.CreateDefaultContext()
+        plant.SetPositions(context, q)
+        gravity = plant.CalcGravityGeneralizedForces(context)
+        return np.array(plant.CalcMassMatrix(context)), np.array(gravity)
 
     def run_with_speeds(self, count: int) -> Run:
         """Take ``count`` steps and note the velocities of each."""
-        return self._steps(count, speeds=True)
+        return self.run(count, speeds=True)
 
-    def _steps(self, count: int, speeds: bool = False) -> Run:
+    def run(self, count: int, speeds: bool = False) -> Run:
+        """Take ``count`` steps."""
         if self.integrator in DISCRETE:
             return discrete_steps(self._plant, count, speeds)
         chosen = self._plant, self.integrator, self.dt, count
@@ -104,8 +109,20 @@ class DrakeEngine(RigidBodyEngine):
     def _from_rest(self) -> bool:
         return rest_serves(self._plant, self.integrator, self.dt)
 
-    def _at_rest(self, q: Components) -> Any:
-        """A context with the model at rest in ``q``."""
-        context = self._plant.CreateDefaultContext()
-        self._plant.SetPositions(context, q)
-        return context
+
+def _added(plant: Any, parent: Any, link: Link) -> Any:
+    """Hang a link on a frame; its own frame."""
+    tree = load("pydrake.multibody.tree", "drake")
+    inertia = tree.RotationalInertia(link.inertia, link.inertia, link.inertia)
+    body = plant.AddRigidBody(
+        link.coordinate,
+        tree.SpatialInertia.MakeFromCentralInertia(link.mass, (0.0, 0.0, link.centre), inertia),
+    )
+    kind, axis = {
+        "slide": (tree.PrismaticJoint, (1.0, 0.0, 0.0)),
+        "hinge": (tree.RevoluteJoint, (0.0, 1.0, 0.0)),
+    }[link.joint]
+    limit = inf if link.limit is None else link.limit
+    frame = body.body_frame()
+    plant.AddJoint(kind(link.coordinate, parent, frame, axis, -limit, limit, link.damping))
+    return frame

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arithmetic import Components
 from .._stepping import Run, is_astray
-from .simulator import SPAN, Clock, Log, force_setter, state_size
+from .steps import SPAN, Clock, Log, force_setter, state_size
 
 ACCURACY = 1e-12
 """Target accuracy of the implicit integrators, on which their Newton iterations stop."""

@@ -11,7 +11,7 @@ from integ_gym.support import load
 
 from ...arithmetic import SCALAR, Component, Components, Ops
 from ...mechanics import PlantSystem
-from .._rigid import MAPS, Array, LanesEngine
+from .._rigid import MAPS, Array, LanesEngine, stop_law
 from .._stepping import Run, quiet
 
 
@@ -26,7 +26,6 @@ class MjxEngine(LanesEngine):
     package: ClassVar[str] = "mujoco-mjx"
     modules: ClassVar[tuple[str, ...]] = ("mujoco.mjx", "jax")
     batched: ClassVar[bool] = True
-    own_stops: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
 
     def build(self) -> None:
@@ -37,12 +36,12 @@ class MjxEngine(LanesEngine):
         from .program import numbers, program_of
 
         self._jax, self._numbers = jax, numbers
-        stops = self.system.engine_stops
-        stopped = None if stops is None else stops.coordinate
-        self._program = program_of(self.mechanism, self.integrator, stopped)
-        self._cpu = jax.devices("cpu")[0]
-        self._values = self._placed(numbers(self.mechanism, self.dt, self._stop()))
-        self._still = self._placed(numbers(self.mechanism, 0.0, self._stop()))
+        self._program, stop = program_of(self.mechanism, self.integrator), self._stop()
+        with jax.enable_x64(True):
+            self._values, self._still = (
+                jax.device_put(np.array(numbers(self.mechanism, dt, stop)), jax.devices("cpu")[0])
+                for dt in (self.dt, 0.0)
+            )
 
     def at(self, system: PlantSystem, dt: Component) -> MjxEngine:
         """The same engine for other values of the parameters, traced or arrays of JAX's."""
@@ -53,18 +52,13 @@ class MjxEngine(LanesEngine):
 
     def stop_parameters(self) -> dict[str, Any]:
         """`solref` and `solimp` of the limited joint."""
-        assert self.system.engine_stops is not None
-        joint = self.system.engine_stops.coordinate
-        solref, solimp = self._program.solref[joint], self._program.solimp[joint]
-        return {"solref": solref.tolist(), "solimp": solimp.tolist()}
+        return stop_law(self._program.made, self.system.engine_stops)
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix."""
-        return self._resting(q)[0]
-
-    def gravity(self, q: Components) -> Array:
-        """Minus the bias force at rest."""
-        return -self._resting(q)[1]
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix and minus the bias force, of a step that takes no time."""
+        start = np.array([[*q, *(0.0,) * (2 * len(q))]])
+        _, mass, bias = self._called(self._still, start, 1)
+        return np.asarray(mass), -np.asarray(bias)
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps in one call."""
@@ -81,8 +75,8 @@ class MjxEngine(LanesEngine):
     def run_lanes(self, starts: Array, count: int) -> Array:
         """Take ``count`` steps, some dozens of lanes in one call."""
         size = self._program.lanes
-        ends = [self._called(starts[k : k + size], count) for k in range(0, len(starts), size)]
-        return np.concatenate(ends)
+        parts = [starts[k : k + size] for k in range(0, len(starts), size)]
+        return np.concatenate([self._called(self._values, part, count)[0] for part in parts])
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
@@ -107,21 +101,10 @@ class MjxEngine(LanesEngine):
         weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
         return stops.limit, float(weight)
 
-    def _placed(self, values: list[Component]) -> Any:
+    def _called(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:
+        """Ends of some lanes, and of the last the mass matrix and the bias force."""
+        filled, used = np.zeros((self._program.lanes, starts.shape[1])), len(starts)
+        filled[:used] = starts
         with self._jax.enable_x64(True):
-            return self._jax.device_put(np.array(values), self._cpu)
-
-    def _called(self, starts: Array, count: int) -> Array:
-        filled = np.zeros((self._program.lanes, starts.shape[1]))
-        filled[: len(starts)] = starts
-        with self._jax.enable_x64(True):
-            ends, _, _ = self._program.run(self._values, filled, count, len(starts))
-            return np.asarray(ends)[: len(starts)]
-
-    def _resting(self, q: Components) -> tuple[Array, Array]:
-        """Mass matrix and bias force at rest, of a step that takes no time."""
-        starts = np.zeros((self._program.lanes, 3 * len(q)))
-        starts[0, : len(q)] = q
-        with self._jax.enable_x64(True):
-            _, mass, bias = self._program.run(self._still, starts, 1, 1)
-            return np.asarray(mass), np.asarray(bias)
+            ends, mass, bias = self._program.run(values, filled, count, used)
+            return np.asarray(ends)[:used], mass, bias

@@ -14,7 +14,7 @@ from mujoco import mjx
 from mujoco.mjx._src import forward
 
 from ...arithmetic import Component
-from ...mechanics import Link, Mechanism, Stops
+from ...mechanics import Link, Mechanism
 from .._rigid import LEAST_SHARE, mjcf
 
 Array = Any
@@ -35,17 +35,19 @@ def numbers(mechanism: Mechanism, dt: Component, stop: Sequence[Component]) -> l
     return [dt, mechanism.gravity, *(number for link in links for number in link), *stop]
 
 
-def program_of(mechanism: Mechanism, integrator: str, stopped: int | None) -> Program:
+def program_of(mechanism: Mechanism, integrator: str) -> Program:
     """The program that serves all mechanisms of these joints.
 
     Args:
-        mechanism: how many joints there are, and of what kind.
+        mechanism: how many joints there are, of what kind, and which has MuJoCo's own stops.
         integrator: MuJoCo's name.
-        stopped: which joint has MuJoCo's own stops; or None.
     """
-    links = tuple(Link(x.coordinate, x.joint, 1.0, 1.0, 1.0, 1.0) for x in mechanism.links)
-    stops = None if stopped is None else Stops(stopped, 1.0, 1.0, 1.0)
-    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator, stops), stopped)
+    ones = (1.0,) * 4
+    links = tuple(
+        Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0)
+        for x in mechanism.links
+    )
+    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator))
 
 
 class Program:
@@ -53,15 +55,19 @@ class Program:
 
     Args:
         text: a model in MuJoCo's format; see :func:`numbers` for what is replaced in it.
-        stopped: which joint is limited; or None.
+
+    Attributes:
+        made: MuJoCo's model of it.
+        dof: number of joints.
+        lanes: of one call.
     """
 
-    def __init__(self, text: str, stopped: int | None) -> None:
-        made = mujoco.MjModel.from_xml_string(text)
+    def __init__(self, text: str) -> None:
+        self.made = made = mujoco.MjModel.from_xml_string(text)
         with jax.enable_x64(True):
             model, data = mjx.put_model(made, impl="jax"), mjx.make_data(made, impl="jax")
-        self.dof, self.lanes, self._stopped = made.nv, LANES, stopped
-        self.solref, self.solimp = made.jnt_solref.copy(), made.jnt_solimp.copy()
+        self.dof, self.lanes = made.nv, LANES
+        self._stopped = next(iter(made.jnt_limited.nonzero()[0].tolist()), None)
         self._model, self._data = jax.tree.map(np.asarray, (model, data))
 
     @cached_property
@@ -153,6 +159,4 @@ def _own(leaf: Any) -> Array:
     return jnp.asarray(leaf, float) if leaf.dtype.kind == "f" else jnp.asarray(leaf)
 
 
-@lru_cache(maxsize=64)
-def _program(text: str, stopped: int | None) -> Program:
-    return Program(text, stopped)
+_program = lru_cache(maxsize=64)(Program)

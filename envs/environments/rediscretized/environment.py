@@ -15,7 +15,7 @@ from integ_gym.support import load
 
 from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
-from ...plants import in_state_order
+from ...plants import join_state
 from .choice import Choice, integrator_numbers
 from .description import ModelEngine, TaskGoal, TaskSetup, observation_names, plant_of
 from .ledger import NOTHING, Ledger, is_lost
@@ -108,7 +108,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     def state_components(self) -> tuple[float, ...]:
         """The same as floats."""
         q, v = self._data.qpos.tolist(), self._data.qvel.tolist()
-        return in_state_order(tuple(q), tuple(v))
+        return join_state(tuple(q), tuple(v))
 
     @property
     def fresh(self) -> bool:

@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .dop853 import trial_step
     from .kink import time_of_kink
     from .linear import solve_linear
-    from .newton import CAP, TOLERANCE, differences, solve, solve_velocity
+    from .newton import Solved, differences, solve, solve_velocity
 else:
     __getattr__, __dir__ = lazy_door(__name__)

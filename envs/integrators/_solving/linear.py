@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...arithmetic import Component, Components, Ops
+from ...arithmetic import Components, Ops
 
 
 def solve_linear(ops: Ops, matrix: tuple[Components, ...], rhs: Components) -> Components:
@@ -12,7 +12,7 @@ def solve_linear(ops: Ops, matrix: tuple[Components, ...], rhs: Components) -> C
     away from zero. A vanishing pivot is replaced by one machine epsilon, so that the three worlds
     take the same path; the residual then tells.
     """
-    pivot = _nonzero(ops, matrix[0][0])
+    pivot = ops.where(matrix[0][0] == 0.0, ops.epsilon, matrix[0][0])
     if len(rhs) == 1:
         return (rhs[0] / pivot,)
     rows, reduced = [], []
@@ -23,7 +23,3 @@ def solve_linear(ops: Ops, matrix: tuple[Components, ...], rhs: Components) -> C
     rest = solve_linear(ops, tuple(rows), tuple(reduced))
     known = sum(a * x for a, x in zip(matrix[0][1:], rest, strict=True))
     return ((rhs[0] - known) / pivot, *rest)
-
-
-def _nonzero(ops: Ops, pivot: Component) -> Component:
-    return ops.where(pivot == 0.0, ops.epsilon, pivot)

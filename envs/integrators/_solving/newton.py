@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from ...arithmetic import Component, Components, Ops
 from ..interface import System, along
@@ -19,6 +19,13 @@ _ROUNDING = 16.0
 
 _IMPROVEMENT = 0.5
 """Below the tolerance, an iteration that gains less than this factor is the last."""
+
+
+class Solved:
+    """What integrators say of this method that solve their equations by it."""
+
+    solver_tolerance: ClassVar[float] = TOLERANCE
+    solver_cap: ClassVar[int] = CAP
 
 
 class Equation(Protocol):

@@ -12,7 +12,10 @@ from ...mechanics import PlantSystem
 
 
 class LinearlyImplicit(ABC):
-    """Kick implicitly in some of the forces, then drift; losses by the rates of the end."""
+    """Kick implicitly in some of the forces, then drift; losses by the rates of the end.
+
+    The kick is Δv with (I - h ∂a/∂v) Δv = h a.
+    """
 
     order: ClassVar[int] = 1
     losses_of: ClassVar[str] = "end"
@@ -35,21 +38,14 @@ class LinearlyImplicit(ABC):
         dt: Component,
     ) -> Step:
         acceleration, _ = system.rates(ops, q, v, control)
-        v = kicked(ops, self.slopes(ops, system, q, v, control), v, acceleration, dt)
+        matrix = [
+            tuple((1.0 if i == j else 0.0) - dt * slope for j, slope in enumerate(row))
+            for i, row in enumerate(self.slopes(ops, system, q, v, control))
+        ]
+        v = along(v, dt, solve_linear(ops, tuple(matrix), acceleration))
         q = along(q, dt, v)
         _, loss_rates = system.rates(ops, q, v, control)
         return Step(q, v, along(losses, dt, loss_rates))
-
-
-def kicked(
-    ops: Ops, slopes: tuple[Components, ...], v: Components, acceleration: Components, dt: Component
-) -> Components:
-    """v + Δv with (I - h ∂a/∂v) Δv = h a."""
-    n = len(v)
-    matrix = tuple(
-        tuple((1.0 if i == j else 0.0) - dt * slopes[i][j] for j in range(n)) for i in range(n)
-    )
-    return along(v, dt, solve_linear(ops, matrix, acceleration))
 
 
 def damping_slopes(
@@ -65,20 +61,4 @@ def damping_slopes(
         drag = (*none[:j], -plant.dissipation(ops, q, unit), *none[j + 1 :])
         slowed = plant.acceleration(ops, q, none, drag)
         columns.append([a - b for a, b in zip(slowed, free, strict=True)])
-    return _transposed(columns)
-
-
-def velocity_slopes(
-    ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
-) -> tuple[Components, ...]:
-    """∂a/∂v; the differences are exact, for accelerations are quadratic in the velocity."""
-    columns = []
-    for j, x in enumerate(v):
-        above, _ = system.rates(ops, q, (*v[:j], x + 0.5, *v[j + 1 :]), control)
-        below, _ = system.rates(ops, q, (*v[:j], x - 0.5, *v[j + 1 :]), control)
-        columns.append([a - b for a, b in zip(above, below, strict=True)])
-    return _transposed(columns)
-
-
-def _transposed(columns: list[list[Component]]) -> tuple[Components, ...]:
     return tuple(zip(*columns, strict=True))

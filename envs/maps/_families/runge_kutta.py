@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 
 from ...arithmetic import Component, Components, Ops
 from ...integrators import Step, System
-from ...integrators._solving import CAP, TOLERANCE, differences, solve
+from ...integrators._solving import Solved, differences, solve
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
@@ -22,10 +22,16 @@ class Tableau(NamedTuple):
     """b: weights of the slopes at the end."""
 
 
-class ExplicitRungeKutta:
-    """A method each of whose stages needs only those before; losses take the same weights."""
+class RungeKutta:
+    """What a method is made of; neither symplectic nor reversible where it does not say so."""
 
+    symplectic: ClassVar[bool] = False
+    reversible: ClassVar[bool] = False
     tableau: ClassVar[Tableau]
+
+
+class ExplicitRungeKutta(RungeKutta):
+    """A method each of whose stages needs only those before; losses take the same weights."""
 
     def step(
         self,
@@ -54,16 +60,12 @@ class ExplicitRungeKutta:
         )
 
 
-class ImplicitRungeKutta:
+class ImplicitRungeKutta(RungeKutta, Solved):
     """A method whose stages are solved for together by Newton's method.
 
     The unknowns are the velocities of all stages, from those at the start of the step. Losses take
     the same weights.
     """
-
-    tableau: ClassVar[Tableau]
-    solver_tolerance: ClassVar[float] = TOLERANCE
-    solver_cap: ClassVar[int] = CAP
 
     def step(
         self,
@@ -77,16 +79,14 @@ class ImplicitRungeKutta:
     ) -> Step:
         rows, weights = self.tableau
         equation = _StageEquation(ops, system, q, v, control, dt, rows)
-        end = solve(ops, equation, v * len(rows), system.steep)
-        accelerations, powers = zip(*equation.rates(end.v), strict=True)
+        velocities, *report = solve(ops, equation, v * len(rows), system.steep)
+        accelerations, powers = zip(*equation.rates(velocities), strict=True)
         speeds = [along_row(v, dt, row, accelerations) for row in rows]
         return Step(
             along_row(q, dt, weights, speeds),
             along_row(v, dt, weights, accelerations),
             along_row(losses, dt, weights, powers),
-            end.iterations,
-            end.residual,
-            end.converged,
+            *report,
         )
 
 
@@ -101,14 +101,10 @@ class _StageEquation(NamedTuple):
     h: Component
     rows: tuple[Row, ...]
 
-    def speeds(self, velocity: Components) -> list[Components]:
-        """V of each stage."""
-        n = len(self.v)
-        return [velocity[i * n : (i + 1) * n] for i in range(len(self.rows))]
-
     def points(self, velocity: Components) -> list[tuple[Components, Components]]:
         """(Q, V) of each stage."""
-        speeds = self.speeds(velocity)
+        n = len(self.v)
+        speeds = [velocity[i * n : (i + 1) * n] for i in range(len(self.rows))]
         positions = [along_row(self.q, self.h, row, speeds) for row in self.rows]
         return list(zip(positions, speeds, strict=True))
 

@@ -13,7 +13,7 @@ from own_plants import CentralSpring
 
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.engines.casadi import steps as _casadi_steps
+from integ_gym.envs.engines.casadi import engine as _casadi_engine
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
@@ -148,7 +148,7 @@ def test_one_step_is_one_element(casadi, integrator, monkeypatch):
     """CasADi's own default, 20 elements, is another map."""
     setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.1)
     step = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
-    monkeypatch.setattr(_casadi_steps, "_ONE_ELEMENT", {})
+    monkeypatch.setattr(_casadi_engine, "_ONE_ELEMENT", {})
     if integrator == "rk":
         engine = ENGINES.load("casadi")(setup.system, "rk", 0.1)
         divided = engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
@@ -175,7 +175,7 @@ def _integrated(casadi, system, integrator, options):
 @pytest.mark.parametrize("integrator", COLLOCATIONS)
 def test_a_step_that_newton_does_not_solve_is_not_converged(integrator, monkeypatch, capfd):
     """And says so in `info`, without an exception and without a word on the terminal."""
-    monkeypatch.setattr(_casadi_steps, "NEWTON_CAP", 1)
+    monkeypatch.setattr(_casadi_engine, "NEWTON_CAP", 1)
     env = gym.make(
         "IntegCartPole-v0", engine="casadi", integrator=integrator, dt=0.05,
         disable_env_checker=True,
@@ -195,7 +195,7 @@ def test_rounding_of_a_large_angle_is_not_taken_for_a_failure(integrator):
     step = setup.engine.move(SCALAR, (2.0e4,), (3.0,), (0.0,), 1.0)
     assert step.converged
     assert step.iterations < 50
-    assert step.residual < _casadi_steps.TOLERANCE
+    assert step.residual < _casadi_engine.TOLERANCE
 
 
 @pytest.mark.parametrize("integrator", ADAPTIVE)
@@ -203,7 +203,7 @@ def test_an_adaptive_integrator_that_gives_up_diverges(integrator, monkeypatch, 
     """And the next step is none the worse for it."""
     setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.0201)
     before = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
-    monkeypatch.setattr(_casadi_steps, "INNER_CAP", 10)
+    monkeypatch.setattr(_casadi_engine, "INNER_CAP", 10)
     engine = ENGINES.load("casadi")(setup.system, integrator, 0.0201)
     motion = engine.advance(SCALAR, (0.5,), (3.0,), ((1.0, 1),), None)
     assert not motion.finite
@@ -219,7 +219,7 @@ def test_adaptive_integrators_are_as_accurate_as_they_are_asked_to_be(integrator
     reference = one_step_map("reference").step(SCALAR, setup.system, *state, 0.0202)
     errors = []
     for asked in (1e-6, 1e-9, 1e-12):
-        monkeypatch.setattr(_casadi_steps, "TOLERANCE", asked)
+        monkeypatch.setattr(_casadi_engine, "TOLERANCE", asked)
         engine = ENGINES.load("casadi")(setup.system, integrator, 0.0202)
         step = engine.move(SCALAR, *state)
         assert step.iterations > 10

@@ -9,7 +9,7 @@ from engine_cases import FIRST, TOLERANCE, needs, setup_of, states
 from engine_checks import defect, new_setup
 
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.engines._rigid.mjcf_text import LEAST_INERTIA
+from integ_gym.envs.engines._rigid.formats import LEAST_INERTIA
 
 PENDULUM = "IntegPendulum-v0"
 FLOORED = ("mujoco", "mujoco_warp", "newton")

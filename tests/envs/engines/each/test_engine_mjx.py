@@ -13,7 +13,7 @@ from engine_checks import new_setup
 
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.engines._rigid.mjcf_text import mjcf
+from integ_gym.envs.engines._rigid.formats import mjcf
 
 ENGINE = ("mjx", "Euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
@@ -32,7 +32,7 @@ def test_mujocos_other_integrators_are_none_of_mjxs(program):
     mechanism = setup_of(*ENGINE, "IntegPendulum-v0").plant.mechanism
 
     def step(integrator):
-        made = program.program_of(mechanism, integrator, None)
+        made = program.program_of(mechanism, integrator)
         made.step(program.numbers(mechanism, 0.02, ()), np.zeros(3))
 
     for integrator in set(ENGINES.load("mujoco").maps) - set(ENGINES.load("mjx").maps):
@@ -92,7 +92,7 @@ def test_mjx_does_not_hand_out_its_solvers_iterations(program):
     from mujoco import mjx
 
     system = new_setup(*ENGINE, **STOPPED).system
-    text = mjcf(system.plant.mechanism, 0.001, "Euler", system.engine_stops)
+    text = mjcf(system.plant.mechanism.stopped(system.engine_stops), 0.001, "Euler")
     made = mujoco.MjModel.from_xml_string(text)
     state = {"qpos": np.array([2.41, 0.3]), "qvel": np.array([1.0, 5.0])}
     data = mujoco.MjData(made)

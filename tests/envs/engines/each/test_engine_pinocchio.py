@@ -8,7 +8,7 @@ import pytest
 from engine_cases import DAMPING, IDS, needs, setup_of, states
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines.pinocchio.aba import ArticulatedBodies
+from integ_gym.envs.engines.pinocchio import ArticulatedBodies
 from integ_gym.envs.episode.steps import traced_step
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving import newton as _newton

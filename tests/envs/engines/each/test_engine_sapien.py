@@ -9,8 +9,8 @@ from engine_checks import defect, new_setup, told_by_an_episode
 
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines import sapien as _sapien
 from integ_gym.envs.engines._stepping.undisturbed import load_undisturbed
-from integ_gym.envs.engines.sapien import articulation as _articulation
 from integ_gym.envs.maps import MAPS
 
 INTEGRATORS = tuple(ENGINES.load("sapien").maps)
@@ -48,7 +48,7 @@ def test_no_speed_is_clipped_below_divergence(sapien, integrator, env_id, speed)
 
 def test_what_sapien_adds_by_itself_would_act(sapien, monkeypatch):
     """Damping and limits of speed of each link, friction and a limit of speed of each joint."""
-    monkeypatch.setattr(_articulation, "_release", lambda _: None)
+    monkeypatch.setattr(_sapien, "_release", lambda _: None)
     with pytest.raises(ValueError, match="another mass matrix"):
         _setup()
     monkeypatch.setattr(ENGINES.load("sapien"), "_check", lambda _: None)

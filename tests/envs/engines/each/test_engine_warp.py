@@ -125,7 +125,7 @@ def test_without_room_for_constraints_forces_would_be_left_out(engine, integrato
 def test_newtons_own_damping_is_off():
     needs("newton")
     made = setup_of("newton", FEATHERSTONE, "IntegPendulum-v0").engine
-    _, solver, *_ = made._recorded(1, None)[0].simulation
+    _, solver, *_ = made._recorded(1, False)[0].simulation
     assert solver.angular_damping == 0.0
     assert type(solver)(solver.model).angular_damping == 0.05
 

@@ -1,19 +1,65 @@
-"""Pinocchio's model of a mechanism, called with floats."""
+"""Pinocchio: its forward dynamics under our integrators."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import copy
+from typing import Any, ClassVar
+
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.support import load
 
-from ...arithmetic import Components, Ops
-from ...mechanics import Mechanism
+from ..arithmetic import Components, Ops
+from ..integrators import INTEGRATORS
+from ..mechanics import Mechanism, PlantSystem
+from ._rigid import Array, check_agreement, mechanism_of
+from ._stepping import lacks_integrator, refuse_arrays
+from .native import NativeEngine
 
-Array = npt.NDArray[np.float64]
 Rows = tuple[Components, ...]
 
 _JOINTS = {"slide": "JointModelPX", "hinge": "JointModelRY"}
+
+
+class PinocchioEngine(NativeEngine):
+    """Our integrators over Pinocchio's articulated body algorithm `aba`, in float64.
+
+    Pinocchio has no integrators of its own. Damping is subtracted from the force, since `aba`
+    leaves `model.damping` out; stops and friction act within the integrator's stages, as in the
+    native engine. Implicit integrators take their Jacobian from `computeABADerivatives`.
+
+    Raises:
+        ValueError: for an unknown integrator, a plant without a mechanism, plant parameters given
+            as arrays, and a model whose mass matrix or gravity force is not the plant's.
+    """
+
+    name: ClassVar[str] = "pinocchio"
+    package: ClassVar[str] = "pin"
+    modules: ClassVar[tuple[str, ...]] = ("pinocchio",)
+    batched: ClassVar[bool] = False
+    maps: ClassVar[Mapping[str, str]] = {name: name for name in ("rk4", *INTEGRATORS.names())}
+    """Integrator to the one-step map that it applies: itself. The environments' default first."""
+
+    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+        if integrator not in self.maps and ":" not in integrator:
+            raise lacks_integrator(self.name, integrator, self.maps)
+        refuse_arrays(self.name, system)
+        self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
+        moved = copy(system.plant)
+        vars(moved).update(acceleration=bodies.accelerations, jacobian=bodies.slopes)
+        stopped = system.engine_stops is not None
+        super().__init__(PlantSystem(moved, system.max_speed, stopped), integrator, dt)
+        self.map = integrator
+        check_agreement(self, system.plant)
+
+    def describe(self) -> dict[str, Any]:
+        """What every engine says, and the map that is applied; no stops of its own."""
+        return {**super().describe(), "map": self.map, "stops": None}
+
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix, and minus the generalized force that holds the model."""
+        return self._bodies.at_rest(q)
 
 
 class ArticulatedBodies:
@@ -27,8 +73,7 @@ class ArticulatedBodies:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        pin = load("pinocchio", "pinocchio")
-        self._pin = pin
+        self._pin = pin = load("pinocchio", "pinocchio")
         self._model = pin.Model()
         self._model.gravity.linear = np.array([0.0, 0.0, -mechanism.gravity])
         joint = 0
@@ -59,14 +104,11 @@ class ArticulatedBodies:
         rows = tuple([flat[i : i + n] for i in range(0, 2 * n * n, n)])
         return rows[:n], rows[n:]
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix by the composite rigid body algorithm, (n, n)."""
-        return np.array(self._pin.crba(self._model, self._data, np.array(q)))
-
-    def gravity(self, q: Components) -> Array:
-        """Generalized force of gravity, (n,)."""
-        held = self._pin.computeGeneralizedGravity(self._model, self._data, np.array(q))
-        return -np.array(held)
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix by the composite rigid body algorithm, (n, n), and force of gravity, (n,)."""
+        place = self._model, self._data, np.array(q)
+        held = self._pin.computeGeneralizedGravity(*place)
+        return np.array(self._pin.crba(*place)), -np.array(held)
 
     def _aba(self, *values: float) -> Components:
         self._load(values)

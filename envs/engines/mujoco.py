@@ -1,4 +1,4 @@
-"""MuJoCo."""
+"""MuJoCo, called through its Python bindings."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-
 from integ_gym.support import load
 
-from ...arithmetic import Components
-from .._rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mjcf
-from .._stepping import Run
-from .quiet import silencer
+from ..arithmetic import Components
+from ._rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
+from ._stepping import Run
+
+_TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 
 
 class MujocoEngine(RigidBodyEngine):
@@ -28,7 +27,6 @@ class MujocoEngine(RigidBodyEngine):
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
     modules: ClassVar[tuple[str, ...]] = ("mujoco",)
-    own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = LEAST_INERTIA
     tells_speeds: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = MAPS
@@ -38,48 +36,31 @@ class MujocoEngine(RigidBodyEngine):
         self._mujoco = load("mujoco", "mujoco")
         self._model, self._data = self._made()
         self.reports = self.system.engine_stops is not None
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance and iteration cap of the constraint solver, where there are constraints."""
-        if not self.reports:
-            return super().solver()
-        option = self._model.opt
-        return {"solver_tolerance": option.tolerance, "solver_cap": option.iterations}
+        if self.reports:
+            option = self._model.opt
+            self.solver_tolerance, self.solver_cap = option.tolerance, option.iterations
 
     def stop_parameters(self) -> dict[str, Any]:
         """`solref` and `solimp` of the limited joint."""
-        assert self.system.engine_stops is not None
-        joint = self.system.engine_stops.coordinate
-        solref, solimp = self._model.jnt_solref[joint], self._model.jnt_solimp[joint]
-        return {"solref": solref.tolist(), "solimp": solimp.tolist()}
+        return stop_law(self._model, self.system.engine_stops)
 
-    def inertia(self, q: Components) -> Array:
-        """Mass matrix by the composite rigid body algorithm."""
-        data, size = self._forward(q), self._model.nv
-        full = np.zeros((size, size))
-        self._mujoco.mj_fullM(self._model, data, full)
-        return full
-
-    def gravity(self, q: Components) -> Array:
-        """Minus the bias force at rest."""
-        return -np.array(self._forward(q).qfrc_bias)
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """Mass matrix by the composite rigid body algorithm, and minus the bias force."""
+        data = self._mujoco.MjData(self._model)
+        data.qpos[:] = q
+        self._mujoco.mj_forward(self._model, data)
+        return mass_matrix(self._mujoco, self._model, data), -data.qfrc_bias
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps in one call, or one by one where there is a solver to report on."""
         model, data = self._model, self._data
         put, position, velocity = _setter(data), data.qpos, data.qvel
-        solved = self._solved if self.reports else None
-        step = self._stepper(model, data, count)
+        step = partial(self._solved, count) if self.reports else self._stepper(model, data, count)
 
         def run(*values: float) -> tuple[float, ...]:
             put(values)
-            report: tuple[float, ...] = ()
-            if solved is not None:
-                report = solved(count)
-            else:
-                step()
-            end: tuple[float, ...] = (*position.tolist(), *velocity.tolist(), *report)
-            return end
+            report = step() or ()
+            return (*position.tolist(), *velocity.tolist(), *report)
 
         return run
 
@@ -104,13 +85,13 @@ class MujocoEngine(RigidBodyEngine):
 
     def _made(self, history: int = 0) -> tuple[Any, Any]:
         """A model and its data."""
-        text = mjcf(self.mechanism, self.dt, self.integrator, self.system.engine_stops, history)
+        text = mjcf(self.mechanism, self.dt, self.integrator, history)
         model = self._mujoco.MjModel.from_xml_string(text)
         data = self._mujoco.MjData(model)
         silencer(self._mujoco, data)()
         return model, data
 
-    def _stepper(self, model: Any, data: Any, count: int) -> Callable[[], None]:
+    def _stepper(self, model: Any, data: Any, count: int) -> Callable[[], Any]:
         step = partial(self._mujoco.mj_step, model, data)
         return step if count == 1 else partial(step, nstep=count)
 
@@ -122,13 +103,6 @@ class MujocoEngine(RigidBodyEngine):
             self._mujoco.mj_step(model, data)
             most = max(most, int(data.solver_niter.max()))
         return most, 0.0, most < model.opt.iterations
-
-    def _forward(self, q: Components) -> Any:
-        """Data at rest in ``q``."""
-        data = self._mujoco.MjData(self._model)
-        data.qpos[:] = q
-        self._mujoco.mj_forward(self._model, data)
-        return data
 
 
 def _setter(data: Any) -> Callable[[tuple[float, ...]], None]:
@@ -144,3 +118,19 @@ def _setter(data: Any) -> Callable[[tuple[float, ...]], None]:
             applied[i] = values[2 * n + i]
 
     return put
+
+
+def silencer(mujoco: Any, data: Any) -> Callable[[], None]:
+    """A function that makes ``data`` one whose divergence is not written about.
+
+    MuJoCo writes to standard error and to the file MUJOCO_LOG.TXT when it counts the first warning
+    of a kind in ``data``; this counts one of each kind that a divergence is known by. It lasts
+    until ``mj_resetData``. Other data of the process, and other warnings, are as they were.
+    """
+    numbers = data.warning.number
+    kinds = [int(getattr(mujoco.mjtWarning, f"mjWARN_{kind}")) for kind in _TOLD_OF]
+
+    def silence() -> None:
+        numbers[kinds] += numbers[kinds] == 0
+
+    return silence

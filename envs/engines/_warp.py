@@ -1,4 +1,7 @@
-"""Engines that run on NVIDIA Warp: their step recorded once and replayed, on the CPU."""
+"""What engines on NVIDIA Warp share: worlds side by side, and MuJoCo Warp's model.
+
+Their step is recorded once and replayed, on the CPU.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -13,13 +17,17 @@ import numpy.typing as npt
 
 from integ_gym.support import load
 
-from ...arithmetic import Components
-from ...mechanics import Stops
-from .._rigid import Array, LanesEngine
-from .._stepping import Run, quiet
+from ..arithmetic import Components
+from ..mechanics import Mechanism
+from ._rigid import Array, LanesEngine, mass_matrix
+from ._stepping import Run, quiet
 
 FEWEST = 16
 """Worlds are made in this number or the next power of two above it, whatever lanes are moved."""
+
+ROWS = 2
+"""Constraints to make room for in a world: one side of a limited joint at a time, and no fewer than
+one, for without any MuJoCo Warp leaves the forces out of `Euler`, `implicitfast` and `implicit`."""
 
 Floats = npt.NDArray[np.float32]
 Counts = npt.NDArray[np.int32]
@@ -63,39 +71,29 @@ class WarpEngine(LanesEngine):
     """
 
     width: ClassVar[int] = 32
-    extra: ClassVar[str]
-
-    @property
-    def solves(self) -> bool:
-        """Whether its stops are constraints, with a solver that tells of itself."""
-        return True
 
     def build(self) -> None:
-        """Load the simulator."""
+        """Load the simulator; its stops are reported on where they are constraints."""
         with quiet():
-            self._warp = load("warp", self.extra)
+            self._warp = load("warp", self.name)
             self.open()
-        self.reports = self.system.engine_stops is not None and self.solves
-        self._made: dict[tuple[int, Stops | None], tuple[Worlds, Any]] = {}
+        self._recorded = cache(self._record)
+        solver = self._recorded(1, False)[0].solver
+        if self.system.engine_stops is not None and solver is not None:
+            self.reports = True
+            self.solver_tolerance, self.solver_cap = solver.tolerance, solver.cap
 
     @abstractmethod
     def open(self) -> None:
         """Import it."""
 
     @abstractmethod
-    def worlds(self, count: int, stops: Stops | None) -> Worlds:
-        """Make ``count`` worlds, with the simulator's own stops or without."""
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance and iteration cap of the constraint solver, where there are constraints."""
-        solver = self._recorded(1, None)[0].solver
-        if solver is None or not self.reports:
-            return super().solver()
-        return {"solver_tolerance": solver.tolerance, "solver_cap": solver.cap}
+    def worlds(self, count: int, mechanism: Mechanism) -> Worlds:
+        """Make ``count`` worlds with a mechanism each."""
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps of one world."""
-        worlds, graph = self._recorded(1, self.system.engine_stops)
+        worlds, graph = self._recorded(1, True)
         (q,), (v,), (force,) = worlds.q, worlds.v, worlds.force
         n, take = len(q), self._replayed(worlds, graph, count)
 
@@ -110,7 +108,7 @@ class WarpEngine(LanesEngine):
         """Take ``count`` steps of at least as many worlds as there are lanes."""
         lanes = len(starts)
         most = max(FEWEST, 1 << (lanes - 1).bit_length())
-        worlds, graph = self._recorded(most, self.system.engine_stops)
+        worlds, graph = self._recorded(most, True)
         memory = worlds.q, worlds.v, worlds.force
         for array, values in zip(memory, np.split(starts, 3, axis=1), strict=True):
             array[:lanes], array[lanes:] = values, 0.0
@@ -120,7 +118,7 @@ class WarpEngine(LanesEngine):
 
     def started(self, q: Components) -> Worlds:
         """A world without stops after a step from rest in ``q``."""
-        worlds, graph = self._recorded(1, None)
+        worlds, graph = self._recorded(1, False)
         worlds.q[:], worlds.v[:], worlds.force[:] = q, 0.0, 0.0
         self._warp.capture_launch(graph)
         return worlds
@@ -157,14 +155,40 @@ class WarpEngine(LanesEngine):
         with quiet(), self._warp.ScopedDevice("cpu"):
             yield
 
-    def _recorded(self, count: int, stops: Stops | None) -> tuple[Worlds, Any]:
-        """``count`` worlds, and their step as a graph of launches."""
-        key = count, stops
-        if key not in self._made:
-            with self.here():
-                worlds = self.worlds(count, stops)
+    def _record(self, count: int, stopped: bool) -> tuple[Worlds, Any]:
+        """``count`` worlds, with stops of their own or without, and their step as launches."""
+        with self.here():
+            worlds = self.worlds(count, self.mechanism if stopped else self.free)
+            worlds.step()
+            with self._warp.ScopedCapture(device="cpu") as capture:
                 worlds.step()
-                with self._warp.ScopedCapture(device="cpu") as capture:
-                    worlds.step()
-            self._made[key] = worlds, capture.graph
-        return self._made[key]
+        return worlds, capture.graph
+
+
+def constraint_solver(mjw: Any, model: Any, data: Any) -> ConstraintSolver:
+    """Of MuJoCo Warp's model and data; from now on it reaches its cap without printing it."""
+    option = model.opt
+    option.warn_overflow &= ~mjw.OverflowType.ITERATIONS
+    tolerance = float(option.tolerance.numpy()[0])
+    return ConstraintSolver(data.solver_niter.numpy(), tolerance, int(option.iterations))
+
+
+def forces_at_rest(
+    mujoco: Any, mjw: Any, made: Any, model: Any, data: Any, q: Components
+) -> tuple[Array, Array]:
+    """Mass matrix and all of the generalized force of MuJoCo Warp's first world at rest in ``q``.
+
+    Args:
+        mujoco: the module.
+        mjw: MuJoCo Warp's.
+        made: MuJoCo's model.
+        model: MuJoCo Warp's.
+        data: likewise.
+        q: configuration.
+    """
+    data.qpos.assign([q])
+    data.qvel.zero_()
+    mjw.forward(model, data)
+    packed = mujoco.MjData(made)
+    packed.M[:] = data.M.numpy()[0]
+    return mass_matrix(mujoco, made, packed), np.array(data.qfrc_smooth.numpy()[0], np.float64)
