@@ -27,13 +27,12 @@ class Dialect:
         smaller: of {0}, which may not be a number, and {1}.
         larger: likewise.
         floor: of {0}.
-        anywhere: whether {0} holds in any lane.
+        any: whether {0} holds in any lane.
         expectation: the statement that refuses to go on unless {0} holds.
-        raises: whether arithmetic may raise.
-        folds: whether numbers are taken to be finite, so that 0.0 times one of them is 0.0, and
-            the sign of a zero to mean nothing.
         owned: template of a copy where entries of dictionaries must be objects of their own.
-        masked: whether a loop goes on in the lanes where its condition holds, and in no other.
+        lanes: whether components are arrays. Then no arithmetic raises; numbers are taken to be
+            finite, so that 0.0 times one of them is 0.0, and the sign of a zero to mean nothing;
+            and a loop goes on in the lanes where its condition holds, and in no other.
     """
 
     names: Mapping[str, Any]
@@ -44,12 +43,10 @@ class Dialect:
     smaller: str
     larger: str
     floor: str
-    anywhere: str
+    any: str
     expectation: str
-    raises: bool
-    folds: bool
     owned: str
-    masked: bool
+    lanes: bool
 
 
 def _own(value: Any) -> Any:
@@ -57,17 +54,11 @@ def _own(value: Any) -> Any:
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
+_SHARED = ("sin", "cos", "sqrt", "tanh", "isfinite", "inf", "nan")
+_OF_ARRAYS = ("floor", "where", "minimum", "maximum", "logical_not")
+
 SCALARS = Dialect(
-    names={
-        "sin": math.sin,
-        "cos": math.cos,
-        "sqrt": math.sqrt,
-        "tanh": math.tanh,
-        "isfinite": math.isfinite,
-        "inf": math.inf,
-        "nan": math.nan,
-        "Unusual": Unusual,
-    },
+    names={**{name: getattr(math, name) for name in _SHARED}, "Unusual": Unusual},
     negation="not {0}",
     conjunction="{0} and {1}",
     disjunction="{0} or {1}",
@@ -75,26 +66,18 @@ SCALARS = Dialect(
     smaller="{0} if {0} <= {1} or {0} != {0} else {1}",
     larger="{0} if {0} >= {1} or {0} != {0} else {1}",
     floor="{0} // 1.0",
-    anywhere="{0}",
+    any="{0}",
     expectation="if not {0}: raise Unusual",
-    raises=True,
-    folds=False,
     owned="{0}",
-    masked=False,
+    lanes=False,
 )
 
 ARRAYS = Dialect(
     names={
-        **{name: getattr(np, name) for name in ("sin", "cos", "sqrt", "tanh", "floor", "isfinite")},
-        "where": np.where,
-        "minimum": np.minimum,
-        "maximum": np.maximum,
-        "logical_not": np.logical_not,
+        **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
         "all_lanes": np.all,
         "own": _own,
-        "inf": math.inf,
-        "nan": math.nan,
         "Unusual": Unusual,
     },
     negation="logical_not({0})",
@@ -104,10 +87,8 @@ ARRAYS = Dialect(
     smaller="minimum({0}, {1})",
     larger="maximum({0}, {1})",
     floor="floor({0})",
-    anywhere="any_lane({0})",
+    any="any_lane({0})",
     expectation="if not {0}.all(): raise Unusual",
-    raises=False,
-    folds=True,
     owned="own({0})",
-    masked=True,
+    lanes=True,
 )

@@ -11,12 +11,13 @@ from .trace import Trace
 
 
 def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
-    """A function of one number, in the scalar world where the number is known."""
+    """A function of one number, as the dialect writes it; of a known one in the scalar world."""
 
     def call(self: SymbolicOps, x: Any, /) -> Any:
-        if isinstance(x, Symbol):
-            return self._trace.note(f"{name}({{0}})", x, boolean=boolean)
-        return getattr(SCALAR, name)(x)
+        if not isinstance(x, Symbol):
+            return getattr(SCALAR, name)(x)
+        template = getattr(self._trace.dialect, name, f"{name}({{0}})")
+        return self._trace.note(template, x, boolean=boolean)
 
     return call
 
@@ -30,17 +31,8 @@ class SymbolicOps:
         self._trace = trace
 
     sin, cos, sqrt, tanh = _called("sin"), _called("cos"), _called("sqrt"), _called("tanh")
-    isfinite = _called("isfinite", boolean=True)
-
-    def floor(self, x: Any, /) -> Any:
-        if isinstance(x, Symbol):
-            return self._trace.note(self._trace.dialect.floor, x)
-        return SCALAR.floor(x)
-
-    def any(self, condition: Any, /) -> Any:
-        if isinstance(condition, Symbol):
-            return self._trace.note(self._trace.dialect.anywhere, condition, boolean=True)
-        return condition
+    floor = _called("floor")
+    isfinite, any = _called("isfinite", boolean=True), _called("any", boolean=True)
 
     def usually(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)
@@ -73,7 +65,7 @@ class SymbolicOps:
         self, function: Callable[..., Any], arguments: tuple[Any, ...], truths: tuple[bool, ...]
     ) -> tuple[Any, ...]:
         """One call that is made as it stands, and its results; of floats only."""
-        if not self._trace.dialect.raises:
+        if self._trace.dialect.lanes:
             raise NotTraceable("a call of floats is not traced for arrays")
         called = self._trace.call(function, arguments)
         return tuple(

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..ops import Carry
+from ..trees import leaves_of, rebuilt
 from .dialects import Dialect
 from .folding import folded
-from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same
-from .trees import leaves_of, rebuilt
+from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
 
 @dataclass
@@ -25,6 +25,11 @@ class Loop:
     """Made of the first :attr:`Block.split` items of ``inner``."""
     index: Symbol | None = None
     count: int = 0
+
+    @property
+    def wanted(self) -> list[Symbol]:
+        """What is computed inside for the next round, or to end."""
+        return symbols_in((*self.ends, self.condition))
 
 
 class Block:
@@ -48,7 +53,13 @@ class Block:
     def again(self, symbol: Symbol, others: Mapping[int, Symbol]) -> Symbol | None:
         """The symbol of the same operation on other operands, by identity, if it was noted."""
         operands = [others.get(id(a), a) for a in symbol.arguments]
-        return self.find((symbol.template, *(identity(operand) for operand in operands)))
+        return self.find((symbol.template, *map(identity, operands)))
+
+    def add(self, key: Any, symbol: Symbol) -> Symbol:
+        """Note an operation that is found by ``key``."""
+        self.known[key] = symbol
+        self.items.append(symbol)
+        return symbol
 
 
 class Trace:
@@ -73,26 +84,24 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        if self.dialect.folds:
-            known = folded(template, arguments)
-            if known is not None:
-                return known
-        key = (template, *(identity(argument) for argument in arguments))
+        known = folded(template, arguments) if self.dialect.lanes else None
+        if known is not None:
+            return known
+        key = (template, *map(identity, arguments))
         symbol = self.block.find(key)
         if symbol is None:
-            symbol = Symbol(self, template, arguments, boolean)
-            self.block.known[key] = symbol
-            self.block.items.append(symbol)
+            symbol = self.block.add(key, Symbol(self, template, arguments, boolean))
         return symbol
 
     def expect(self, condition: Any) -> bool:
         """True; the function that is written refuses to go on unless ``condition`` holds."""
-        if isinstance(condition, Symbol) and self.block.find(("expected", id(condition))) is None:
+        if not isinstance(condition, Symbol):
+            return bool(condition)
+        key = ("expected", id(condition))
+        if self.block.find(key) is None:
             template = self.dialect.expectation
-            symbol = Symbol(self, template, (condition,), statement=True)
-            self.block.known["expected", id(condition)] = symbol
-            self.block.items.append(symbol)
-        return isinstance(condition, Symbol) or bool(condition)
+            self.block.add(key, Symbol(self, template, (condition,), statement=True))
+        return True
 
     def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
         """The symbol of a call that is made as it stands, every time."""
