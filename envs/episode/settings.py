@@ -26,6 +26,7 @@ from ..engines import DIVERGENCE_SPEED, ENGINES, Engine
 from ..mechanics import PlantSystem
 from ..plants import Plant
 from ..tasks import Task
+from .discretization import NATIVE
 from .timing import Timing
 
 
@@ -44,7 +45,7 @@ class Settings:
         optional(positive),
     )
     engine: str = parameter(
-        "native", "", "what advances the plant: ours, or a simulator such as `mujoco`", text
+        NATIVE, "", "what advances the plant: ours, or a simulator such as `mujoco`", text
     )
     duration: float = parameter(
         10.0, "s", "truncation after ceil(duration / control_period) decisions", positive

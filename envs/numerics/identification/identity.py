@@ -8,9 +8,8 @@ from ...integrators import INTEGRATORS
 from ...plants import Pendulum, Plant
 from ..linear import stability_limit
 from ..order import convergence
-from ..phase_space import symplecticity_defect
+from ..phase_space import reversibility_errors, symplecticity_defect
 from ..probe import fastest_rate, probe_state
-from ..reversibility import reversibility_errors
 from ..stepping import Advance, State, advance
 
 ORDER_TOLERANCE = 0.05

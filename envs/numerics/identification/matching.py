@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -31,14 +30,9 @@ class Match:
     defects: dict[str, float]
 
     @property
-    def nearest(self) -> str:
-        """The map with the smallest defect."""
-        return min(self.defects, key=lambda name: self.defects[name])
-
-    @property
     def defect(self) -> float:
-        """That smallest defect."""
-        return self.defects[self.nearest]
+        """The smallest of them."""
+        return min(self.defects.values())
 
 
 def match(
@@ -60,13 +54,13 @@ def match(
         substeps: steps of dt / substeps that the maps take.
     """
     taken = [step(*case) for case in cases]
-    defects = {}
-    for name in names or map_names():
-        errors = [
+    defects = {
+        name: max(
             largest_error(got, mapped(name, plant, dt / substeps, substeps, case))
             for got, case in zip(taken, cases, strict=True)
-        ]
-        defects[name] = max(errors)
+        )
+        for name in names or map_names()
+    }
     return Match(defects)
 
 
@@ -80,6 +74,7 @@ def cases_of(plant: Plant, controlled: bool, count: int = 10, spread: float = 2.
     ]
 
 
+@lru_cache(maxsize=1 << 16)
 def mapped(
     name: str, plant: Plant, dt: float, substeps: int, case: Case, max_speed: float | None = None
 ) -> tuple[Components, Components]:
@@ -93,14 +88,6 @@ def mapped(
         case: where they begin.
         max_speed: limit on each velocity, acting where the map has it act.
     """
-    known: Any = plant
-    return _mapped(name, known, dt, substeps, case, max_speed)
-
-
-@lru_cache(maxsize=1 << 16)
-def _mapped(
-    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None
-) -> tuple[Components, Components]:
     q, v, control = case
     system, known = PlantSystem(plant, max_speed), one_step_map(name)
     try:
