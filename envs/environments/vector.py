@@ -35,6 +35,7 @@ from ..episode import (
     possible,
     put,
     quiet_status,
+    sensed,
     take,
     varied,
 )
@@ -401,10 +402,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         state, noise = self._current(), self.setup.settings.observation_noise
         for lane in np.flatnonzero(sampled):
             self._noise[lane] = noise * self._rngs[lane].standard_normal(self._noise.shape[1])
-        by_q, by_v = split_state(tuple(self._noise.T))
-        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
-        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
-        return self.setup.task.observe(ARRAY, q, v)
+        return self.setup.task.observe(ARRAY, *sensed(state, tuple(self._noise.T)))
 
     def _reset_same_step(self, observation: Array, info: Info) -> tuple[Array, dict[str, Any]]:
         done = self._done.copy()

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         Outcome,
         initial_state,
         quiet_status,
+        sensed,
         transition,
     )
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees

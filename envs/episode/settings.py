@@ -131,11 +131,6 @@ class Setup:
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
-def argument_names(plant: type[Any], task: type[Any]) -> tuple[str, ...]:
-    """Names of all constructor arguments but ``render_mode``."""
-    return tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
-
-
 def build_setup(
     plant: type[Any], task: type[Any], defaults: Mapping[str, Any], arguments: Mapping[str, Any]
 ) -> Setup:
@@ -151,13 +146,18 @@ def build_setup(
         TypeError: for an unknown argument, with the valid names.
         ValueError: for an impossible value, with the valid choices.
     """
-    names = argument_names(plant, task)
+    names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
     for name in arguments:
         if name not in names:
             raise TypeError(unknown_name("argument", name, names))
-    values = {name: _plain(value) for name, value in {**defaults, **arguments}.items()}
-    settings = _parse(Settings, values)
-    settings = _with_start(settings, task)
+    values = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in {**defaults, **arguments}.items()
+    }
+    given = _parse(Settings, values)
+    settings = replace(given, start=given.start or task.starts[0])
+    if settings.start not in task.starts:
+        raise ValueError(unknown_name("start", settings.start, task.starts))
     timing = Timing.of(
         settings.dt,
         settings.control_period,
@@ -173,47 +173,26 @@ def build_setup(
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
 
-def _plain(value: Any) -> Any:
-    """NumPy scalars as Python's own; integers stay integers."""
-    return value.item() if isinstance(value, np.generic) else value
-
-
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
     own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
-    if owner is Settings:
-        _refuse_arrays(own)
     for name, value in own.items():
+        if owner is Settings and isinstance(value, (np.ndarray, list, tuple)):
+            kind = "an array" if isinstance(value, np.ndarray) else repr(value)
+            raise ValueError(
+                f"`{name}` must be one value for all environments, got {kind}; parameters "
+                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
+                "list of discretizations"
+            )
         elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
         for element in elements:
             check_values(owner, {name: element})
     return owner(**{name: _as_float(value) for name, value in own.items()})
 
 
-def _refuse_arrays(values: Mapping[str, Any]) -> None:
-    for name, value in values.items():
-        if isinstance(value, (np.ndarray, list, tuple)):
-            raise ValueError(
-                f"`{name}` must be one value for all environments, got {_kind(value)}; parameters "
-                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
-                "list of discretizations"
-            )
-
-
-def _kind(value: Any) -> str:
-    return "an array" if isinstance(value, np.ndarray) else repr(value)
-
-
 def _as_float(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.astype(np.float64)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-def _with_start(settings: Settings, task: type[Any]) -> Settings:
-    start = settings.start or task.starts[0]
-    if start not in task.starts:
-        raise ValueError(unknown_name("start", start, task.starts))
-    return Settings(**{**vars(settings), "start": start})
 
 
 def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -10,17 +10,35 @@ import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
 from ...arithmetic import Component, Components, JaxOps, jax, jnp
-from ...episode import EnvState, Outcome, Setup, initial_state, step_info, transition
+from ...catalogue import environment_setup
+from ...episode import EnvState, Outcome, Setup, initial_state, sensed, step_info, transition
 from ...plants import join_state, split_state
 from ..environment import observation_space
-from .checking import checked_setup
-from .params import Params, params_of
-from .sensor_noise import renewed, standard_noise, with_noise
+from .params import Params, params_of, traced_setup
 from .state import FuncState, TimeStep
 from .structure import structure_of
-from .traced_setup import traced_setup
 
 DTYPES = ("float32", "float64")
+
+
+def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+    """The setup, if JAX can advance it.
+
+    Raises:
+        TypeError, ValueError: see :func:`integ_gym.envs.environments.functional.make`.
+    """
+    if arguments.get("contact") == "engine":
+        raise ValueError(
+            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
+            "in every engine, or gym.make or gym.make_vec"
+        )
+    setup = environment_setup(env_id, arguments)
+    if not setup.engine.batched:
+        raise ValueError(
+            "the functional environment needs an engine made of JAX's operations, 'native' or "
+            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
+        )
+    return setup
 
 
 class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
@@ -184,7 +202,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             noise: standard noise of the sample, one component per state component, or empty.
             params: scale of the noise.
         """
-        q, v = with_noise(env, noise, params.observation_noise)
+        q, v = sensed(env, tuple(params.observation_noise * x for x in noise))
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:
@@ -198,10 +216,9 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """The state after one control period under ``action``; ``rng`` is for sensor noise."""
         own = self.lane_params(self._default(params), state.member)
         env, outcome = self.advance(state.env, self._control(action), own)
-        noise = state.noise
-        if noise:
-            fresh = standard_noise(self.setup, rng, jnp.shape(outcome.sampled), self._dtype)
-            noise = renewed(noise, fresh, outcome.sampled)
+        fresh = self._standard_noise(rng, jnp.shape(outcome.sampled))
+        pairs = zip(fresh, state.noise, strict=True)
+        noise = tuple(jnp.where(outcome.sampled, new, held) for new, held in pairs)
         return FuncState(env, outcome, noise, state.member)
 
     def observation(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
@@ -294,8 +311,15 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         own = self.lane_params(params, member)
         _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
-        noise = standard_noise(self.setup, rng, jnp.shape(env.q[0]), self._dtype)
+        noise = self._standard_noise(rng, jnp.shape(env.q[0]))
         return FuncState(env, nothing, noise, member)
+
+    def _standard_noise(self, rng: Any, shape: tuple[int, ...]) -> Components:
+        """Standard normal noise, one component per state component; none without sensor noise."""
+        if not self.setup.settings.observation_noise:
+            return ()
+        size = 2 * len(self.setup.plant.coordinates)
+        return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
 
     def _control(self, action: Any) -> Component:
         values = jnp.asarray(action, self._dtype)

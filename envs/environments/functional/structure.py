@@ -31,11 +31,10 @@ class Structure:
 
 def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
     """What a setup decides of the program, with floats in the type ``dtype``."""
-    arguments = setup.arguments()
     choices = {
-        name: arguments[name]
-        for name in arguments
-        if isinstance(arguments[name], (str, bool)) and name != "start"
+        name: value
+        for name, value in setup.arguments().items()
+        if isinstance(value, (str, bool)) and name != "start"
     }
     present = {
         "sensor_period": setup.timing.sensor is not None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +11,17 @@ from integ_gym.support import package_version
 
 from ...episode import Settings, Timing
 
-_FREE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_FREE_UNITS = ("m", "m", "m", "1", "1", "1", "1")
-_FREE_RATES = ("vx", "vy", "vz", "wx", "wy", "wz")
-_FREE_RATE_UNITS = ("m/s", "m/s", "m/s", "rad/s", "rad/s", "rad/s")
-_BALL = ("qw", "qx", "qy", "qz")
-_BALL_RATES = ("wx", "wy", "wz")
-_UNITS = {"slide": "m", "hinge": "rad"}
+_PLACE = (("_x", "m"), ("_y", "m"), ("_z", "m"))
+_ATTITUDE = (("_qw", "1"), ("_qx", "1"), ("_qy", "1"), ("_qz", "1"))
+_VELOCITY = (("_vx", "m/s"), ("_vy", "m/s"), ("_vz", "m/s"))
+_SPIN = (("_wx", "rad/s"), ("_wy", "rad/s"), ("_wz", "rad/s"))
+_JOINTS = {
+    "slide": ((("", "m"),), (("_dot", "m/s"),)),
+    "hinge": ((("", "rad"),), (("_dot", "rad/s"),)),
+    "ball": (_ATTITUDE, _SPIN),
+    "free": (_PLACE + _ATTITUDE, _VELOCITY + _SPIN),
+}
+"""By kind of joint: what is put to its name, and the unit, of each coordinate and velocity."""
 
 
 @dataclass(frozen=True)
@@ -99,47 +102,15 @@ class TaskSetup:
 
 def plant_of(mujoco: Any, model: Any, name: str) -> ModelPlant:
     """Names and units of a compiled model's state and controls."""
-    coordinates, units, rates, rate_units = [], [], [], []
-    kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): k for k in _JOINTS}
+    kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): x for k, x in _JOINTS.items()}
+    of_q, of_v = [], []
     for index in range(model.njnt):
         joint = model.joint(index).name or f"joint{index}"
-        of_q, of_v = _JOINTS[kinds[int(model.jnt_type[index])]](joint)
-        coordinates += [n for n, _ in of_q]
-        units += [u for _, u in of_q]
-        rates += [n for n, _ in of_v]
-        rate_units += [u for _, u in of_v]
-    return ModelPlant(
-        name, tuple(coordinates), tuple(units), tuple(rates), tuple(rate_units),
-        tuple(_controls(mujoco, model)),
-    )  # fmt: skip
-
-
-def observation_names(size: int) -> tuple[str, ...]:
-    """Names of a task's observations, which Gymnasium numbers only."""
-    return tuple(f"obs{index}" for index in range(size))
-
-
-def _numbered(joint: str, names: Sequence[str], units: Sequence[str]) -> list[tuple[str, str]]:
-    return [(f"{joint}_{name}", unit) for name, unit in zip(names, units, strict=True)]
-
-
-def _single(kind: str) -> Any:
-    unit = _UNITS[kind]
-    return lambda joint: ([(joint, unit)], [(f"{joint}_dot", f"{unit}/s")])
-
-
-_JOINTS = {
-    "slide": _single("slide"),
-    "hinge": _single("hinge"),
-    "ball": lambda joint: (
-        _numbered(joint, _BALL, ("1",) * 4),
-        _numbered(joint, _BALL_RATES, ("rad/s",) * 3),
-    ),
-    "free": lambda joint: (
-        _numbered(joint, _FREE, _FREE_UNITS),
-        _numbered(joint, _FREE_RATES, _FREE_RATE_UNITS),
-    ),
-}
+        coordinates, velocities = kinds[int(model.jnt_type[index])]
+        of_q += [(f"{joint}{suffix}", unit) for suffix, unit in coordinates]
+        of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
+    columns = (*zip(*of_q, strict=True), *zip(*of_v, strict=True))
+    return ModelPlant(name, *columns, tuple(_controls(mujoco, model)))
 
 
 def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import in_state_order
 from .choice import Choice, integrator_numbers
-from .description import ModelEngine, TaskGoal, TaskSetup, observation_names, plant_of
+from .description import ModelEngine, TaskGoal, TaskSetup, plant_of
 from .ledger import NOTHING, Ledger, is_lost
 
 Array = npt.NDArray[Any]
@@ -282,11 +282,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
-        goal = (
-            SURVIVAL
-            if self._success_return is None
-            else (f"return of at least {self._success_return:g}")
-        )
+        names = tuple(f"obs{index}" for index in range(size))
+        wanted = self._success_return
+        goal = SURVIVAL if wanted is None else f"return of at least {wanted:g}"
         return TaskSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
@@ -294,7 +292,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             ),
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),
-            task=TaskGoal(goal, observation_names(size), ("",) * size),
+            task=TaskGoal(goal, names, ("",) * size),
             engine=ModelEngine(
                 chosen, float(model.opt.tolerance), int(model.opt.iterations),
                 Ledger(mujoco, model, chosen).accounted,
