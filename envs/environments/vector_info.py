@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import BLANK, STATUS_NAMES, Array, EnvState, full
+from ..episode import BLANK, STATUS_NAMES, EnvState
+from .lanes import Array, full
 
 Info = dict[str, Array]
 

@@ -10,27 +10,19 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .energy import BOUNDED, energies, energy_growth, ledger
-    from .identification import (
-        DAMPING,
-        IDENTICAL,
+    from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
+    from .identity import (
         ORDER_TOLERANCE,
         REVERSIBLE,
         SYMPLECTIC,
-        Case,
         Declared,
-        Fingerprint,
         Identity,
-        cases_of,
         classify,
-        damping_parameters,
         declared,
-        fingerprint,
-        largest_error,
-        mapped,
-        match,
     )
     from .independent import IndependentMotion, independent_motion
     from .linear import critical_step, linear_map, stability_limit
+    from .matching import Case, cases_of, largest_error, mapped, match
     from .order import ROUNDING, Convergence, convergence, slope
     from .phase_space import reversibility_errors, symplecticity_defect, volume_defect
     from .probe import fastest_mode, fastest_rate, linear_rates, probe_state

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .choice import mujoco_integrators
+    from .choice import integrator_numbers
     from .description import TaskSetup
     from .environment import RediscretizedEnv, rediscretize
     from .vector import RediscretizedVectorEnv

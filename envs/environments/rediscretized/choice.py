@@ -57,17 +57,9 @@ class Choice:
         return self.integrator
 
 
-def mujoco_integrators() -> tuple[str, ...]:
-    """Names of the integrators that the installed MuJoCo has."""
-    return tuple(integrator_numbers())
-
-
 def integrator_numbers() -> dict[str, int]:
-    """MuJoCo's integrators by the names that its model files use."""
+    """Integrators of the installed MuJoCo by the names that its model files use."""
     members = load("mujoco", "mujoco").mjtIntegrator.__members__.values()
-    names = {"EULER": "Euler", "RK4": "RK4", "IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast"}
-    found = {}
-    for member in members:
-        short = member.name.removeprefix("mjINT_")
-        found[names.get(short, short.lower())] = int(member)
-    return found
+    capitals = {"euler": "Euler", "rk4": "RK4"}
+    names = [member.name.removeprefix("mjINT_").lower() for member in members]
+    return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}

@@ -36,12 +36,12 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         self.setups = self.mixture.setups
         self.setup = self.setups[0]
 
-    @property
+    @property  # type: ignore[override]
     def state_components(self) -> npt.NDArray[np.float64]:
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.state_components for task in self._tasks]).T
 
-    @property
+    @property  # type: ignore[override]
     def status_codes(self) -> npt.NDArray[np.int64]:
         """See :class:`DiscretizedVectorEnv`."""
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
@@ -52,7 +52,7 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
             ]
         )
 
-    @property
+    @property  # type: ignore[override]
     def final_state(self) -> npt.NDArray[np.float64]:
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.final_state for task in self._tasks])

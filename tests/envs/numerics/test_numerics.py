@@ -10,7 +10,7 @@ import pytest
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.numerics.energy import energies, energy_growth
-from integ_gym.envs.numerics.identification.identity import Declared, classify, declared
+from integ_gym.envs.numerics.identity import Declared, classify, declared
 from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
 from integ_gym.envs.numerics.order import convergence, slope

@@ -18,7 +18,7 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving.newton import CAP, TOLERANCE
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.energy import ledger
-from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.linear import linear_map
 from integ_gym.envs.numerics.order import convergence
 from integ_gym.envs.numerics.phase_space import (

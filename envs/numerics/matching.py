@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...arithmetic import SCALAR, Components
-from ...maps import map_names, one_step_map
-from ...mechanics import PlantSystem
-from ...plants import Plant
-from ..stepping import OneStep
+from ..arithmetic import SCALAR, Components
+from ..maps import map_names, one_step_map
+from ..mechanics import PlantSystem
+from ..plants import Plant
+from .stepping import OneStep
 
 Case = tuple[Components, Components, float]
 """(q, v, control): where a step begins."""
