@@ -15,16 +15,9 @@ from ..episode import Setup
 Array = npt.NDArray[Any]
 
 
-def full(value: Component, lanes: int, dtype: Any = None) -> Array:
-    """A fresh array of shape (lanes,)."""
-    array = np.empty(lanes, dtype=np.asarray(value).dtype if dtype is None else dtype)
-    array[:] = value
-    return array
-
-
 def as_lanes(value: Component, lanes: int) -> Array:
     """``value`` itself if it is an array, else a fresh one of shape (lanes,)."""
-    return value if isinstance(value, np.ndarray) else full(value, lanes)
+    return value if isinstance(value, np.ndarray) else np.full(lanes, value)
 
 
 def blank(tree: Any, num_envs: int) -> Any:
@@ -41,7 +34,7 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
     """``tree`` as fresh arrays of shape (num_envs,), with ``values`` in some lanes."""
 
     def merged(old: Component, new: Component) -> Array:
-        array = old.copy() if isinstance(old, np.ndarray) else full(old, num_envs)
+        array = old.copy() if isinstance(old, np.ndarray) else np.full(num_envs, old)
         array[lanes] = new
         return array
 

@@ -166,8 +166,15 @@ def build_setup(
         settings.duration,
     )
     the_plant = _parse(plant, values)
-    _check_speed_limit(settings)
-    _check_contact(the_plant, settings)
+    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
+        raise ValueError(
+            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
+            "counts as diverged; give a smaller limit or None"
+        )
+    if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
+        raise ValueError(
+            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
+        )
     system = _system(the_plant, settings, settings.max_speed)
     engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
@@ -197,18 +204,3 @@ def _as_float(value: Any) -> Any:
 
 def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
     return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
-
-
-def _check_contact(plant: Plant, settings: Settings) -> None:
-    if settings.contact == "engine" and getattr(plant, "stops", None) is None:
-        raise ValueError(
-            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
-        )
-
-
-def _check_speed_limit(settings: Settings) -> None:
-    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
-        raise ValueError(
-            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
-            "counts as diverged; give a smaller limit or None"
-        )

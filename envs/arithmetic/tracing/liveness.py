@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import Any
 
 from ..trees import leaves_of
@@ -81,10 +82,9 @@ def _trim(loop: Loop, live: set[int]) -> bool:
         if more == needed:
             break
         needed = more
-    keep = [k for k, variable in enumerate(loop.variables) if id(variable) in needed]
-    loop.variables = [loop.variables[k] for k in keep]
-    loop.starts = [loop.starts[k] for k in keep]
-    loop.ends = [loop.ends[k] for k in keep]
+    keep = [id(variable) in needed for variable in loop.variables]
+    columns = (loop.variables, loop.starts, loop.ends)
+    loop.variables, loop.starts, loop.ends = (list(compress(x, keep)) for x in columns)
     return True
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 from ..ops import Carry
 from ..trees import leaves_of, rebuilt
 from .dialects import Dialect
-from .folding import folded
 from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
 
@@ -84,7 +84,7 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        known = folded(template, arguments) if self.dialect.lanes else None
+        known = _folded(template, arguments) if self.dialect.lanes else None
         if known is not None:
             return known
         key = (template, *map(identity, arguments))
@@ -155,11 +155,33 @@ class Trace:
             changing = now
         if isinstance(goes_on, bool) and not goes_on:
             return carry
-        kept = [i for i, changes in enumerate(changing) if changes]
-        self.block.items.append(
-            Loop(
-                [held[i] for i in kept], [starts[i] for i in kept], inner,
-                [ends[i] for i in kept], goes_on, index, count,
-            )
-        )  # fmt: skip
+        variables, before, after = (list(compress(x, changing)) for x in (held, starts, ends))
+        self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
         return rebuilt(carry, held)  # type: ignore[no-any-return]
+
+
+_NEUTRAL = {
+    "{0} + {1}": (0.0, 0.0),
+    "{0} - {1}": (None, 0.0),
+    "{0} * {1}": (1.0, 1.0),
+    "{0} / {1}": (None, 1.0),
+}
+"""Numbers that change nothing, by their place in an operation."""
+
+_ABSORBING = {"{0} * {1}": (0.0, 0.0), "{0} / {1}": (0.0, None)}
+"""Numbers that leave nothing."""
+
+
+def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
+    """What an operation with 0.0 or 1.0 on finite numbers comes to, or None if it must be done."""
+    if template not in _NEUTRAL:
+        return None
+    for place, number in enumerate(arguments):
+        other = arguments[1 - place]
+        if type(number) is not float or is_boolean(other):
+            continue
+        if number == _ABSORBING.get(template, (None, None))[place]:
+            return 0.0
+        if number == _NEUTRAL[template][place]:
+            return other
+    return None

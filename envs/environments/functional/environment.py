@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
@@ -14,11 +14,35 @@ from ...catalogue import environment_setup
 from ...episode import EnvState, Outcome, Setup, initial_state, sensed, step_info, transition
 from ...plants import join_state, split_state
 from ..environment import observation_space
-from .params import Params, params_of, traced_setup
-from .state import FuncState, TimeStep
-from .structure import structure_of
+from .params import Params, params_of, structure_of, traced_setup
 
 DTYPES = ("float32", "float64")
+
+
+class FuncState(NamedTuple):
+    """State of one environment, or of a batch of them."""
+
+    env: EnvState
+    outcome: Outcome
+    """What the last transition brought; zeros after a reset."""
+    noise: Components
+    """Noise of the last sample on each state component, SI; empty without sensor noise."""
+    member: Components = ()
+    """In a mixture: the member that each lane has drawn, int32; else empty."""
+
+
+class TimeStep(NamedTuple):
+    """What one step with automatic reset gives."""
+
+    observation: Any
+    """Of the next episode's start where an episode has ended, float32, shape (*lanes, obs)."""
+    reward: Any
+    terminated: Any
+    truncated: Any
+    final_observation: Any
+    """Before the reset, float32, shape (*lanes, obs)."""
+    info: dict[str, Any]
+    """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
 
 
 def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
@@ -165,17 +189,22 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """
         return self.begin(self.start(drawn, params), params), ()
 
-    def setup_of(self, params: Params) -> Setup:
-        """Plant, task, timing and engine with these values."""
-        return traced_setup(self.setup, params)
+    def common(self, params: Any) -> Params:
+        """The values that hold in all lanes, of what :meth:`lane_params` gives."""
+        return params  # type: ignore[no-any-return]
 
-    def start(self, drawn: Components, params: Params) -> Components:
+    def setup_of(self, params: Any) -> Setup:
+        """Plant, task, timing and engine with these values."""
+        return traced_setup(self.setup, self.common(params))
+
+    def start(self, drawn: Components, params: Any) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
-        limits = zip(drawn, params.start_low, params.start_high, strict=True)
+        own = self.common(params)
+        limits = zip(drawn, own.start_low, own.start_high, strict=True)
         q, v = split_state(tuple(low + x * (high - low) for x, low, high in limits))
         return join_state(self.setup_of(params).system.confined(self._ops, q), v)
 
-    def begin(self, start: Components, params: Params) -> EnvState:
+    def begin(self, start: Components, params: Any) -> EnvState:
         """Episodes that start in ``start``, in state order, components of one shape."""
         q, v = split_state(start)
         fresh = initial_state(self._ops, self.setup_of(params), q, v)
@@ -194,7 +223,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         after = transition(self._ops, self.setup_of(params), env, control)
         return self._typed(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
-    def observe(self, env: EnvState, noise: Components, params: Params) -> Components:
+    def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
         """The last sensor sample, one float32 component per observation.
 
         Args:
@@ -202,12 +231,13 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             noise: standard noise of the sample, one component per state component, or empty.
             params: scale of the noise.
         """
-        q, v = sensed(env, tuple(params.observation_noise * x for x in noise))
+        own = self.common(params)
+        q, v = sensed(env, tuple(own.observation_noise * x for x in noise))
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:
             return observed
-        limits = zip(observed, task.observation_limits(params.max_speed), strict=True)
+        limits = zip(observed, task.observation_limits(own.max_speed), strict=True)
         return tuple(jnp.clip(x, -limit, limit).astype(jnp.float32) for x, limit in limits)
 
     def transition(

@@ -16,8 +16,7 @@ from integ_gym.support import load
 from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import in_state_order
-from .choice import Choice, integrator_numbers
-from .description import ModelEngine, TaskGoal, TaskSetup, plant_of
+from .description import Choice, ModelEngine, TaskGoal, TaskSetup, integrator_numbers, plant_of
 from .ledger import NOTHING, Ledger, is_lost
 
 SURVIVAL = "not terminated within the time limit"
