@@ -197,19 +197,16 @@ class IntegEnv(gym.Env[Observation, Any]):
         return plain(state, action)
 
     def _observed(self, observation: Components) -> Observation:
-        if self._noise:
-            return self._noisy()
-        return np.array(observation, dtype=np.float32)
-
-    def _noisy(self) -> Observation:
-        """The last sample with the noise drawn for it, saturated at the space's bounds."""
+        """The last sample, with any noise drawn for it, saturated at the space's bounds."""
+        if not self._noise:
+            return np.array(observation, dtype=np.float32)
         state = self._current()
         if self._sampled:
             drawn = self.np_random.standard_normal(2 * len(state.q))
             self._sample_noise = tuple((self._noise * drawn).tolist())
         q, v = sensed(state, self._sample_noise)
-        observation = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
-        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
+        noisy = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
+        return np.clip(noisy, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
 
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:

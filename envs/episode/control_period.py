@@ -134,7 +134,11 @@ def transition(
     A diverged motion leaves the state at the start of the period, with nothing booked.
     """
     orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
-    motion = _advance(ops, setup, state, orders)
+    try:
+        motion = setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
+    except ArithmeticError:
+        q, v = state.q, state.v
+        motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
     motion = motion._replace(finite=ops.usually(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
@@ -167,14 +171,6 @@ def _segments(
         return (recent,), fallbacks[periods]
     used = fallbacks[periods + 1] | fallbacks[periods]
     return ((commands[periods + 1], rest), recent), used
-
-
-def _advance(ops: Ops, setup: Setup, state: EnvState, orders: _Orders) -> Motion:
-    try:
-        return setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
-    except ArithmeticError:
-        q, v = state.q, state.v
-        return Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
 
 
 def _next_state(

@@ -173,7 +173,7 @@ def build_setup(
         )
     if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
         raise ValueError(
-            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
+            f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
     system = _system(the_plant, settings, settings.max_speed)
     engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)

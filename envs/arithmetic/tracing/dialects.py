@@ -16,37 +16,30 @@ class Unusual(ArithmeticError):
 
 @dataclass(frozen=True)
 class Dialect:
-    """Templates of what the worlds write differently.
+    """What the worlds write differently.
 
     Attributes:
         names: what the source may refer to.
-        negation: of a truth value.
-        conjunction: of two.
-        disjunction: of two.
-        choice: {1} where {0} holds, else {2}.
-        smaller: of {0}, which may not be a number, and {1}.
-        larger: likewise.
-        floor: of {0}.
-        any: whether {0} holds in any lane.
-        expectation: the statement that refuses to go on unless {0} holds.
-        owned: template of a copy where entries of dictionaries must be objects of their own.
+        written: templates of operations that are not written as a call of their name. `expect` is
+            a statement, which refuses to go on unless {0} holds; `own` a copy, where entries of
+            dictionaries must be objects of their own.
         lanes: whether components are arrays. Then no arithmetic raises; numbers are taken to be
             finite, so that 0.0 times one of them is 0.0, and the sign of a zero to mean nothing;
             and a loop goes on in the lanes where its condition holds, and in no other.
     """
 
     names: Mapping[str, Any]
-    negation: str
-    conjunction: str
-    disjunction: str
-    choice: str
-    smaller: str
-    larger: str
-    floor: str
-    any: str
-    expectation: str
-    owned: str
+    written: Mapping[str, str]
     lanes: bool
+
+    def template(self, operation: str, count: int = 1) -> str:
+        """How an operation on so many operands is written."""
+        return self.written.get(operation, called(operation, count))
+
+
+def called(name: str, count: int) -> str:
+    """Template of a call with so many arguments."""
+    return f"{name}({', '.join(f'{{{place}}}' for place in range(count))})"
 
 
 def _own(value: Any) -> Any:
@@ -59,16 +52,18 @@ _OF_ARRAYS = ("floor", "where", "minimum", "maximum", "logical_not")
 
 SCALARS = Dialect(
     names={**{name: getattr(math, name) for name in _SHARED}, "Unusual": Unusual},
-    negation="not {0}",
-    conjunction="{0} and {1}",
-    disjunction="{0} or {1}",
-    choice="{1} if {0} else {2}",
-    smaller="{0} if {0} <= {1} or {0} != {0} else {1}",
-    larger="{0} if {0} >= {1} or {0} != {0} else {1}",
-    floor="{0} // 1.0",
-    any="{0}",
-    expectation="if not {0}: raise Unusual",
-    owned="{0}",
+    written={
+        "logical_not": "not {0}",
+        "and": "{0} and {1}",
+        "or": "{0} or {1}",
+        "where": "{1} if {0} else {2}",
+        "minimum": "{0} if {0} <= {1} or {0} != {0} else {1}",
+        "maximum": "{0} if {0} >= {1} or {0} != {0} else {1}",
+        "floor": "{0} // 1.0",
+        "any": "{0}",
+        "expect": "if not {0}: raise Unusual",
+        "own": "{0}",
+    },
     lanes=False,
 )
 
@@ -80,15 +75,11 @@ ARRAYS = Dialect(
         "own": _own,
         "Unusual": Unusual,
     },
-    negation="logical_not({0})",
-    conjunction="{0} & {1}",
-    disjunction="{0} | {1}",
-    choice="where({0}, {1}, {2})",
-    smaller="minimum({0}, {1})",
-    larger="maximum({0}, {1})",
-    floor="floor({0})",
-    any="any_lane({0})",
-    expectation="if not {0}.all(): raise Unusual",
-    owned="own({0})",
+    written={
+        "and": "{0} & {1}",
+        "or": "{0} | {1}",
+        "any": "any_lane({0})",
+        "expect": "if not {0}.all(): raise Unusual",
+    },
     lanes=True,
 )

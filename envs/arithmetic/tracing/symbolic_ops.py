@@ -16,8 +16,7 @@ def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
     def call(self: SymbolicOps, x: Any, /) -> Any:
         if not isinstance(x, Symbol):
             return getattr(SCALAR, name)(x)
-        template = getattr(self._trace.dialect, name, f"{name}({{0}})")
-        return self._trace.note(template, x, boolean=boolean)
+        return self._trace.note(self._trace.dialect.template(name), x, boolean=boolean)
 
     return call
 
@@ -43,13 +42,14 @@ class SymbolicOps:
         if same(a, b):
             return a
         boolean = is_boolean(a) and is_boolean(b)
-        return self._trace.note(self._trace.dialect.choice, condition, a, b, boolean=boolean)
+        template = self._trace.dialect.template("where", 3)
+        return self._trace.note(template, condition, a, b, boolean=boolean)
 
     def minimum(self, a: Any, b: Any, /) -> Any:
-        return self._extreme(self._trace.dialect.smaller, a, b, SCALAR.minimum)
+        return self._extreme("minimum", a, b)
 
     def maximum(self, a: Any, b: Any, /) -> Any:
-        return self._extreme(self._trace.dialect.larger, a, b, SCALAR.maximum)
+        return self._extreme("maximum", a, b)
 
     def while_loop(
         self, condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
@@ -72,11 +72,12 @@ class SymbolicOps:
             self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)
         )
 
-    def _extreme(self, template: str, a: Any, b: Any, known: Callable[[Any, Any], Any]) -> Any:
+    def _extreme(self, name: str, a: Any, b: Any) -> Any:
         if not isinstance(a, Symbol) and not isinstance(b, Symbol):
-            return known(a, b)
+            return getattr(SCALAR, name)(a, b)
         if same(a, b):
             return a
+        template = self._trace.dialect.template(name, 2)
         if not isinstance(a, Symbol) and a == a:
             template = template.replace(" or {0} != {0}", "")
         return self._trace.note(template, a, b)

@@ -79,7 +79,7 @@ class Symbol:
 
     def __eq__(self, other: Any) -> Any:
         if self.boolean and other is False:
-            return self.trace.note(self.trace.dialect.negation, self, boolean=True)
+            return self.trace.note(self.trace.dialect.template("logical_not"), self, boolean=True)
         return self.trace.note("{0} == {1}", self, other, boolean=True)
 
     def __neg__(self) -> Any:

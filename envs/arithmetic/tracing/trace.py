@@ -9,7 +9,7 @@ from typing import Any
 
 from ..ops import Carry
 from ..trees import leaves_of, rebuilt
-from .dialects import Dialect
+from .dialects import Dialect, called
 from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
 
@@ -99,7 +99,7 @@ class Trace:
             return bool(condition)
         key = ("expected", id(condition))
         if self.block.find(key) is None:
-            template = self.dialect.expectation
+            template = self.dialect.template("expect")
             self.block.add(key, Symbol(self, template, (condition,), statement=True))
         return True
 
@@ -107,8 +107,7 @@ class Trace:
         """The symbol of a call that is made as it stands, every time."""
         name = f"f{len(self.functions)}"
         self.functions[name] = function
-        places = ", ".join(f"{{{k}}}" for k in range(len(arguments)))
-        symbol = Symbol(self, f"{name}({places})", tuple(map(plain, arguments)))
+        symbol = Symbol(self, called(name, len(arguments)), tuple(map(plain, arguments)))
         symbol.raising = True
         self.block.items.append(symbol)
         return symbol
@@ -120,7 +119,7 @@ class Trace:
                 return known if known is absorbing else other
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
-        template = self.dialect.disjunction if absorbing else self.dialect.conjunction
+        template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
 
     def loop(
