@@ -126,7 +126,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._seed_if_needed()
         return tuple(self._seeds)
 
-    @property  # type: ignore[override]
+    @property
     def state_components(self) -> Components:
         """The same component by component, each of shape (num_envs,), which takes less time."""
         current = self._current()

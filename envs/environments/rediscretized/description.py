@@ -165,8 +165,9 @@ def plant_of(mujoco: Any, model: Any, name: str) -> ModelPlant:
         coordinates, velocities = kinds[int(model.jnt_type[index])]
         of_q += [(f"{joint}{suffix}", unit) for suffix, unit in coordinates]
         of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
-    columns = (*zip(*of_q, strict=True), *zip(*of_v, strict=True))
-    return ModelPlant(name, *columns, tuple(_controls(mujoco, model)))
+    names, units = zip(*of_q, strict=True)
+    rates, rate_units = zip(*of_v, strict=True)
+    return ModelPlant(name, names, units, rates, rate_units, tuple(_controls(mujoco, model)))
 
 
 def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:

@@ -36,13 +36,13 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         self.setups = self.mixture.setups
         self.setup = self.setups[0]
 
-    @property  # type: ignore[override]
+    @property
     def state_components(self) -> npt.NDArray[np.float64]:
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.state_components for task in self._tasks]).T
 
-    @property  # type: ignore[override]
-    def status_codes(self) -> npt.NDArray[np.int64]:
+    @property
+    def status_codes(self) -> npt.NDArray[np.int64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         return np.array(
@@ -52,7 +52,7 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
             ]
         )
 
-    @property  # type: ignore[override]
-    def final_state(self) -> npt.NDArray[np.float64]:
+    @property
+    def final_state(self) -> npt.NDArray[np.float64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.final_state for task in self._tasks])
