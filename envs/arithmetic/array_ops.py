@@ -40,8 +40,10 @@ class ArrayOps:
         """Masked loop: lanes that have finished keep their values."""
         active = condition(carry)
         while np.any(active):
-            proposed = body(carry)
-            carry = proposed if np.all(active) else _select(active, proposed, carry)
+            kept, carry = carry, body(carry)
+            if not np.all(active):
+                pairs = zip(carry, kept, strict=True)
+                carry = tuple(np.where(active, new, old) for new, old in pairs)  # type: ignore[assignment]
             active = condition(carry)
         return carry
 
@@ -55,12 +57,6 @@ class ArrayOps:
         return tuple(
             [np.array(x, dtype=bool if t else float) for x, t in zip(results, truths, strict=True)]
         )
-
-
-def _select(active: Array, proposed: Carry, carry: Carry) -> Carry:
-    return tuple(  # type: ignore[return-value]
-        np.where(active, new, old) for new, old in zip(proposed, carry, strict=True)
-    )
 
 
 ARRAY = ArrayOps()

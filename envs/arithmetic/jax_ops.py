@@ -40,7 +40,6 @@ class JaxOps:
 
     def __init__(self, dtype: str = "float64") -> None:
         self.epsilon = float(np.finfo(dtype).eps)
-        self.dtype = dtype
 
     @staticmethod
     def usually(condition: Component, /) -> Component:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -132,8 +131,8 @@ class IntegCartPoleEnv(IntegEnv):
     * v0: initial version.
     """
 
-    task_name: ClassVar[str] = "cart_pole_balance"
-    defaults: ClassVar[Mapping[str, Any]] = {"integrator": "explicit_euler", "dt": 0.02}
+    task_name = "cart_pole_balance"
+    defaults: ClassVar = {"integrator": "explicit_euler", "dt": 0.02}
 
 
 class IntegCartPoleVectorEnv(IntegVectorEnv):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -136,8 +135,8 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     * v0: initial version.
     """
 
-    task_name: ClassVar[str] = "cart_pole_swing_up"
-    defaults: ClassVar[Mapping[str, Any]] = {"integrator": "rk4", "dt": 0.02, "track_limit": 2.4}
+    task_name = "cart_pole_swing_up"
+    defaults: ClassVar = {"integrator": "rk4", "dt": 0.02, "track_limit": 2.4}
 
 
 class IntegCartPoleSwingUpVectorEnv(IntegVectorEnv):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -124,8 +123,8 @@ class IntegElasticPendulumEnv(IntegEnv):
     * v0: initial version.
     """
 
-    task_name: ClassVar[str] = "elastic_pendulum_quiet"
-    defaults: ClassVar[Mapping[str, Any]] = {"integrator": "rk4", "dt": 0.02}
+    task_name = "elastic_pendulum_quiet"
+    defaults: ClassVar = {"integrator": "rk4", "dt": 0.02}
 
 
 class IntegElasticPendulumVectorEnv(IntegVectorEnv):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -128,8 +127,8 @@ class IntegPendulumEnv(IntegEnv):
     * v0: initial version.
     """
 
-    task_name: ClassVar[str] = "pendulum_swing_up"
-    defaults: ClassVar[Mapping[str, Any]] = {"integrator": "symplectic_euler", "dt": 0.05}
+    task_name = "pendulum_swing_up"
+    defaults: ClassVar = {"integrator": "symplectic_euler", "dt": 0.05}
 
 
 class IntegPendulumVectorEnv(IntegVectorEnv):

@@ -25,6 +25,7 @@ from ..episode import (
     plain_start,
     plain_step,
     quiet_status,
+    sensed,
     traced_start,
     traced_step,
 )
@@ -196,21 +197,16 @@ class IntegEnv(gym.Env[Observation, Any]):
         return plain(state, action)
 
     def _observed(self, observation: Components) -> Observation:
-        if self._noise:
-            return self._noisy()
-        return np.array(observation, dtype=np.float32)
-
-    def _noisy(self) -> Observation:
-        """The last sample with the noise drawn for it, saturated at the space's bounds."""
+        """The last sample, with any noise drawn for it, saturated at the space's bounds."""
+        if not self._noise:
+            return np.array(observation, dtype=np.float32)
         state = self._current()
         if self._sampled:
-            size = 2 * len(state.q)
-            self._sample_noise = (self._noise * self.np_random.standard_normal(size)).tolist()
-        by_q, by_v = split_state(self._sample_noise)
-        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
-        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
-        observation = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
-        return np.clip(observation, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
+            drawn = self.np_random.standard_normal(2 * len(state.q))
+            self._sample_noise = tuple((self._noise * drawn).tolist())
+        q, v = sensed(state, self._sample_noise)
+        noisy = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
+        return np.clip(noisy, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
 
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:

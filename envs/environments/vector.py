@@ -16,31 +16,35 @@ from gymnasium.vector.utils import batch_space
 from ..arithmetic import ARRAY, Components
 from ..episode import (
     RESULTS,
-    Array,
     EnvState,
     LanesStep,
     LaneStarts,
     Setup,
-    as_lanes,
-    blank,
-    check_lanes,
     check_options,
     checked_state,
     draw_start,
     initial_state,
-    lane_seeds,
     make_mixture,
     numbers_per_start,
-    of_lanes,
     possible,
-    put,
     quiet_status,
-    take,
-    varied,
+    sensed,
 )
 from ..plants import join_state, split_state
 from .discretized_vector import DiscretizedVectorEnv
 from .environment import IntegEnv, checked_render_mode, make_setup, observation_space
+from .lanes import (
+    Array,
+    as_lanes,
+    blank,
+    check_lanes,
+    fill,
+    lane_seeds,
+    of_lanes,
+    put,
+    take,
+    varied,
+)
 from .vector_info import Info, LaneInfo, kept
 
 
@@ -104,8 +108,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._member = np.zeros(num_envs, dtype=np.int64)
         self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
         self._control = np.zeros(num_envs)
-        self._codes = np.full(num_envs, quiet_status(self.setup))
-        self._final_state = np.zeros_like(self._noise)
+        self.status_codes = np.full(num_envs, quiet_status(self.setup))
+        self.final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
 
     @property  # type: ignore[misc]
@@ -127,19 +131,6 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         """The same component by component, each of shape (num_envs,), which takes less time."""
         current = self._current()
         return join_state(current.q, current.v)
-
-    @property
-    def status_codes(self) -> Array:
-        """The solver's status in every lane's last step, as a code of `STATUS_NAMES`; read-only.
-
-        Of a lane that was reset in place of a step, that of the reset.
-        """
-        return self._codes
-
-    @property
-    def final_state(self) -> npt.NDArray[np.float64]:
-        """With ``SAME_STEP``, true states before the last step's resets, shape (num_envs, n)."""
-        return self._final_state.copy()
 
     def reset(
         self,
@@ -195,7 +186,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
             self._look_anew(observation, waiting)
             sampled[waiting] = True
-        self._codes = info["solver_status"]
+        self.status_codes = info["solver_status"]
         observation = self._with_noise(observation, sampled)
         self._done = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
@@ -256,7 +247,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _reset_mask(self, mask: Any) -> Array:
         if mask is None:
-            return np.ones(self.num_envs, dtype=bool)
+            mask = np.ones(self.num_envs, dtype=bool)
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
             raise ValueError(
                 "reset option `reset_mask` must be a boolean array of shape "
@@ -370,51 +361,40 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
         return of_lanes(setup, lanes) if self._lanes_differ else setup
 
-    def _observed(self) -> Components:
-        """Observations of all lanes, without noise."""
-        state = self._current()
-        return self.setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
+    def _observed(self, noise: Components = ()) -> Components:
+        """Observations of all lanes."""
+        return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
         """Observations as float32, shape (num_envs, …)."""
-        observation = np.empty((self.num_envs, len(observed)), dtype=np.float32)
-        for column, values in enumerate(observed):
-            observation[:, column] = values
-        return observation
+        return fill(np.empty((self.num_envs, len(observed)), dtype=np.float32), observed)
 
     def _look_anew(self, observation: Array, lanes: Array) -> None:
         """Fill in the observations, without noise, of lanes that have just been reset."""
         state, task = self._current(), self._for_lanes(self.setup, lanes).task
         q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
-        for column, values in enumerate(task.observe(ARRAY, q, v)):
-            observation[lanes, column] = values
+        fill(observation, task.observe(ARRAY, q, v), lanes)
 
     def _with_noise(self, observation: Array, sampled: Array) -> Array:
         """Observations with noise, drawn anew where the sensor has just sampled."""
-        if not self.setup.settings.observation_noise:
+        noise = self.setup.settings.observation_noise
+        if not noise:
             return observation
         space = self.single_observation_space
-        noisy = self._table(self._noisy(sampled))
-        return np.clip(noisy, space.low, space.high)  # type: ignore[attr-defined]
-
-    def _noisy(self, sampled: Array) -> Components:
-        state, noise = self._current(), self.setup.settings.observation_noise
         for lane in np.flatnonzero(sampled):
             self._noise[lane] = noise * self._rngs[lane].standard_normal(self._noise.shape[1])
-        by_q, by_v = split_state(tuple(self._noise.T))
-        q = tuple(a + b for a, b in zip(state.sensed_q, by_q, strict=True))
-        v = tuple(a + b for a, b in zip(state.sensed_v, by_v, strict=True))
-        return self.setup.task.observe(ARRAY, q, v)
+        noisy = self._table(self._observed(tuple(self._noise.T)))
+        return np.clip(noisy, space.low, space.high)  # type: ignore[attr-defined]
 
     def _reset_same_step(self, observation: Array, info: Info) -> tuple[Array, dict[str, Any]]:
         done = self._done.copy()
         lanes = np.flatnonzero(done)
-        self._final_state = self.state
+        self.final_state = self.state
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()
         final_info = self._info.told(kept(self._arrays(info), done), done)
-        self._codes = self._codes.copy()
+        self.status_codes = self.status_codes.copy()
         self._begin(lanes, {}, info)
         self._look_anew(observation, lanes)
         told = {

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import BLANK, STATUS_NAMES, Array, EnvState, full
+from ..episode import BLANK, STATUS_NAMES, EnvState
+from .lanes import Array
 
 Info = dict[str, Array]
 
@@ -89,9 +90,9 @@ class LaneInfo:
         """One value for all lanes."""
         dtype = _DTYPES[kind]
         if type(value) not in _DTYPES:
-            return full(value, self._lanes, dtype)
+            return np.full(self._lanes, value, dtype)
         if (name, value) not in self._constants:
-            array = full(value, self._lanes, dtype)
+            array = np.full(self._lanes, value, dtype)
             array.flags.writeable = False
             self._constants[name, value] = array
         return self._constants[name, value]

@@ -18,22 +18,11 @@ if TYPE_CHECKING:
         Outcome,
         initial_state,
         quiet_status,
+        sensed,
         transition,
     )
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees
     from .info import BLANK, reset_info, step_info
-    from .lanes import (
-        Array,
-        as_lanes,
-        blank,
-        check_lanes,
-        full,
-        lane_seeds,
-        of_lanes,
-        put,
-        take,
-        varied,
-    )
     from .mixture import WEIGHT, Mixture, make_mixture
     from .settings import Settings, Setup, build_setup
     from .starts import (

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ..arithmetic import Component, Components, Ops
 from ..engines import DIVERGENCE_SPEED, Motion, Segments
+from ..plants import split_state
 from ..tasks import Command
 from .settings import Setup
 from .timing import Timing
@@ -44,31 +45,31 @@ class EnvState(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What one control period brought; energies in J over the period."""
+    """What one control period brought, by default nothing; energies in J over the period."""
 
-    reward: Component
-    terminated: Component
-    truncated: Component
-    success: Component
-    sampled: Component
+    reward: Component = 0.0
+    terminated: Component = False
+    truncated: Component = False
+    success: Component = False
+    sampled: Component = True
     """Whether the sensor took a new sample."""
-    work: Component
-    dissipated: Component
-    contact_loss: Component
-    clip_loss: Component
-    residual_energy: Component
-    control: Component
+    work: Component = 0.0
+    dissipated: Component = 0.0
+    contact_loss: Component = 0.0
+    clip_loss: Component = 0.0
+    residual_energy: Component = 0.0
+    control: Component = 0.0
     """Control in force at the end of the period."""
-    commanded: Component
+    commanded: Component = 0.0
     """Control asked for by this decision, after saturation and fallback."""
-    saturated: Component
-    fallback_used: Component
-    iterations: Component
-    solver_residual: Component
-    status: Component
-    penetration: Component
+    saturated: Component = False
+    fallback_used: Component = False
+    iterations: Component = 0
+    solver_residual: Component = 0.0
+    status: Component = OK
+    penetration: Component = 0.0
     """Deepest at the end of any sub-step, m or rad."""
-    contact_force: Component
+    contact_force: Component = 0.0
     """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
 
 
@@ -96,6 +97,21 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
     )
 
 
+def sensed(state: EnvState, noise: Components) -> tuple[Components, Components]:
+    """Coordinates and velocities at the sensor's last sample.
+
+    Args:
+        state: of the episode.
+        noise: added to them, in state order, SI units; empty: none.
+    """
+    q, v = state.sensed_q, state.sensed_v
+    if noise:
+        by_q, by_v = split_state(noise)
+        q = tuple(a + b for a, b in zip(q, by_q, strict=True))
+        v = tuple(a + b for a, b in zip(v, by_v, strict=True))
+    return q, v
+
+
 class _Orders(NamedTuple):
     """What is asked of the engine in one control period."""
 
@@ -118,7 +134,11 @@ def transition(
     A diverged motion leaves the state at the start of the period, with nothing booked.
     """
     orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
-    motion = _advance(ops, setup, state, orders)
+    try:
+        motion = setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
+    except ArithmeticError:
+        q, v = state.q, state.v
+        motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
     motion = motion._replace(finite=ops.usually(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
@@ -126,19 +146,16 @@ def transition(
 
 def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
     timing = setup.timing
-    control, fell_back = _with_fallback(ops, setup, state, command)
-    commands, fallbacks = (control, *state.commands), (fell_back, *state.fallbacks)
-    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
-    sample_at = _sample_at(setup, state.steps)
-    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
-
-
-def _with_fallback(
-    ops: Ops, setup: Setup, state: EnvState, command: Command
-) -> tuple[Component, Component]:
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
     valid = ops.usually(command.valid)
-    return ops.where(valid, command.control, held), _negated(valid)
+    commands = (ops.where(valid, command.control, held), *state.commands)
+    fallbacks = (_negated(valid), *state.fallbacks)
+    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
+    sample_at = None
+    if timing.sensor is not None:
+        end = (state.steps + 1) * timing.substeps
+        sample_at = end - end % timing.sensor - state.steps * timing.substeps
+    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
 
 
 def _segments(
@@ -154,22 +171,6 @@ def _segments(
         return (recent,), fallbacks[periods]
     used = fallbacks[periods + 1] | fallbacks[periods]
     return ((commands[periods + 1], rest), recent), used
-
-
-def _sample_at(setup: Setup, steps: Component) -> Component | None:
-    timing = setup.timing
-    if timing.sensor is None:
-        return None
-    end = (steps + 1) * timing.substeps
-    return end - end % timing.sensor - steps * timing.substeps
-
-
-def _advance(ops: Ops, setup: Setup, state: EnvState, orders: _Orders) -> Motion:
-    try:
-        return setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
-    except ArithmeticError:
-        q, v = state.q, state.v
-        return Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
 
 
 def _next_state(
@@ -215,8 +216,12 @@ def _outcome(
     stayed = after.steps * timing.control_period - after.goal_since
     rounding = max(1e-9, 64.0 * ops.epsilon)
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
+    period, mean_square = timing.control_period, _mean_square(orders.segments, timing.substeps)
+    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
+    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
+    solved = ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
     return Outcome(
-        reward=_reward(ops, setup, before, orders.segments, failed, ok),
+        reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
         success=truncated & reached & _negated(terminated),
@@ -232,25 +237,10 @@ def _outcome(
         fallback_used=orders.fallback_used,
         iterations=motion.iterations,
         solver_residual=ops.where(ok, motion.residual, 0.0),
-        status=ops.where(ok, _solved(ops, setup, motion), DIVERGED),
+        status=ops.where(ok, solved, DIVERGED),
         penetration=penetration,
         contact_force=contact_force,
     )
-
-
-def _solved(ops: Ops, setup: Setup, motion: Motion) -> Component:
-    """Status of a motion that has not diverged."""
-    return ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
-
-
-def _reward(
-    ops: Ops, setup: Setup, before: EnvState, segments: Segments, failed: Component, ok: Component
-) -> Component:
-    timing, task, period = setup.timing, setup.task, setup.timing.control_period
-    mean_square = _mean_square(segments, timing.substeps)
-    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
-    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
-    return ops.where(ok, earned, worst)
 
 
 def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:

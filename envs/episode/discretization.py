@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-NATIVE = "native"
+from ..engines import NativeEngine
+
+NATIVE = NativeEngine.name
 """Name of integ-gym's own engine."""
 
 

@@ -4,43 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..arithmetic import Component
 from .control_period import AWAY, OK, EnvState, Outcome
 from .settings import Setup
 
 
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
-    return {
-        "time": 0.0,
-        "energy": state.energy,
-        "actuator_work": 0.0,
-        "dissipated": 0.0,
-        "contact_loss": 0.0,
-        "clip_loss": 0.0,
-        "energy_residual": 0.0,
-        "control": 0.0,
-        "commanded": 0.0,
-        "saturated": False,
-        "fallback_used": False,
-        "sensor_time": 0.0,
-        "penetration": 0.0,
-        "contact_force": 0.0,
-        "goal_since": state.goal_since,
-        "success": False,
-        "solver_iterations": 0,
-        "solver_residual": 0.0,
-        "solver_status": status,
-    }
-
-
-BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
-"""What is told about a reset, but for what depends on the start."""
+    return {**_told(0.0, state, Outcome(status=status)), "sensor_time": 0.0}
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
-    """`info` of a step, in the order of :func:`reset_info`."""
+    """`info` of a step."""
+    return _told(state.steps * setup.timing.control_period, state, outcome)
+
+
+def _told(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     return {
-        "time": state.steps * setup.timing.control_period,
+        "time": time,
         "energy": state.energy,
         "actuator_work": outcome.work,
         "dissipated": outcome.dissipated,
@@ -60,3 +41,7 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
         "solver_residual": outcome.solver_residual,
         "solver_status": outcome.status,
     }
+
+
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
+"""What is told about a reset, but for what depends on the start."""

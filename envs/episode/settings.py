@@ -26,6 +26,7 @@ from ..engines import DIVERGENCE_SPEED, ENGINES, Engine
 from ..mechanics import PlantSystem
 from ..plants import Plant
 from ..tasks import Task
+from .discretization import NATIVE
 from .timing import Timing
 
 
@@ -44,7 +45,7 @@ class Settings:
         optional(positive),
     )
     engine: str = parameter(
-        "native", "", "what advances the plant: ours, or a simulator such as `mujoco`", text
+        NATIVE, "", "what advances the plant: ours, or a simulator such as `mujoco`", text
     )
     duration: float = parameter(
         10.0, "s", "truncation after ceil(duration / control_period) decisions", positive
@@ -130,11 +131,6 @@ class Setup:
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
-def argument_names(plant: type[Any], task: type[Any]) -> tuple[str, ...]:
-    """Names of all constructor arguments but ``render_mode``."""
-    return tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
-
-
 def build_setup(
     plant: type[Any], task: type[Any], defaults: Mapping[str, Any], arguments: Mapping[str, Any]
 ) -> Setup:
@@ -150,13 +146,18 @@ def build_setup(
         TypeError: for an unknown argument, with the valid names.
         ValueError: for an impossible value, with the valid choices.
     """
-    names = argument_names(plant, task)
+    names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
     for name in arguments:
         if name not in names:
             raise TypeError(unknown_name("argument", name, names))
-    values = {name: _plain(value) for name, value in {**defaults, **arguments}.items()}
-    settings = _parse(Settings, values)
-    settings = _with_start(settings, task)
+    values = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in {**defaults, **arguments}.items()
+    }
+    given = _parse(Settings, values)
+    settings = replace(given, start=given.start or task.starts[0])
+    if settings.start not in task.starts:
+        raise ValueError(unknown_name("start", settings.start, task.starts))
     timing = Timing.of(
         settings.dt,
         settings.control_period,
@@ -165,41 +166,34 @@ def build_setup(
         settings.duration,
     )
     the_plant = _parse(plant, values)
-    _check_speed_limit(settings)
-    _check_contact(the_plant, settings)
+    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
+        raise ValueError(
+            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
+            "counts as diverged; give a smaller limit or None"
+        )
+    if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
+        raise ValueError(
+            f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
+        )
     system = _system(the_plant, settings, settings.max_speed)
     engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
 
-def _plain(value: Any) -> Any:
-    """NumPy scalars as Python's own; integers stay integers."""
-    return value.item() if isinstance(value, np.generic) else value
-
-
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
     own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
-    if owner is Settings:
-        _refuse_arrays(own)
     for name, value in own.items():
+        if owner is Settings and isinstance(value, (np.ndarray, list, tuple)):
+            kind = "an array" if isinstance(value, np.ndarray) else repr(value)
+            raise ValueError(
+                f"`{name}` must be one value for all environments, got {kind}; parameters "
+                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
+                "list of discretizations"
+            )
         elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
         for element in elements:
             check_values(owner, {name: element})
     return owner(**{name: _as_float(value) for name, value in own.items()})
-
-
-def _refuse_arrays(values: Mapping[str, Any]) -> None:
-    for name, value in values.items():
-        if isinstance(value, (np.ndarray, list, tuple)):
-            raise ValueError(
-                f"`{name}` must be one value for all environments, got {_kind(value)}; parameters "
-                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
-                "list of discretizations"
-            )
-
-
-def _kind(value: Any) -> str:
-    return "an array" if isinstance(value, np.ndarray) else repr(value)
 
 
 def _as_float(value: Any) -> Any:
@@ -208,27 +202,5 @@ def _as_float(value: Any) -> Any:
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-def _with_start(settings: Settings, task: type[Any]) -> Settings:
-    start = settings.start or task.starts[0]
-    if start not in task.starts:
-        raise ValueError(unknown_name("start", start, task.starts))
-    return Settings(**{**vars(settings), "start": start})
-
-
 def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
     return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
-
-
-def _check_contact(plant: Plant, settings: Settings) -> None:
-    if settings.contact == "engine" and getattr(plant, "stops", None) is None:
-        raise ValueError(
-            f"`contact`='engine' needs stops, and this {plant.name} has none; give its limit"
-        )
-
-
-def _check_speed_limit(settings: Settings) -> None:
-    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
-        raise ValueError(
-            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
-            "counts as diverged; give a smaller limit or None"
-        )

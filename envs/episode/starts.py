@@ -105,20 +105,15 @@ class GivenNumbers:
 
     def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
         """As ``numpy.random.Generator.uniform``, with a list where that has a vector."""
-        lows, highs = np.ravel(low).tolist(), np.ravel(high).tolist()
         if size is None and np.ndim(low) == np.ndim(high) == 0:
-            return self._between(lows[0], highs[0])
-        count = max(len(lows), len(highs)) if size is None else int(np.prod(size))
-        ends = zip(_repeated(lows, count), _repeated(highs, count), strict=True)
-        return [self._between(a, b) for a, b in ends]
+            return self._between(low, high)
+        count = max(np.size(low), np.size(high)) if size is None else int(np.prod(size))
+        lows, highs = (np.broadcast_to(end, count).tolist() for end in (low, high))
+        return [self._between(a, b) for a, b in zip(lows, highs, strict=True)]
 
     def _between(self, low: float, high: float) -> Component:
         self.taken += 1
         return low + (high - low) * next(self._numbers)
-
-
-def _repeated(values: list[float], count: int) -> list[float]:
-    return values * count if len(values) == 1 else values
 
 
 def numbers_per_start(setup: Setup) -> int | None:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops
-from ..arithmetic.tracing import ARRAYS, SCALARS, Dialect, Repeated, Unusual, compiled, repeated
+from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves
+from ..arithmetic.tracing import ARRAYS, SCALARS, Repeated, Unusual, compiled, repeated
 from .control_period import EnvState, initial_state, quiet_status, transition
 from .info import reset_info, step_info
 from .settings import Setup
@@ -53,7 +53,7 @@ def traced_step(setup: Setup) -> ScalarStep | None:
     Returns:
         None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
     """
-    step: ScalarStep | None = _traced(_Key(setup, SCALARS, _scalar_step))
+    step: ScalarStep | None = _traced(_Key(setup, _scalar_step))
     return step
 
 
@@ -64,7 +64,7 @@ def plain_start(setup: Setup) -> ScalarStart:
 
 def traced_start(setup: Setup) -> ScalarStart | None:
     """The same as one function without calls; as :func:`traced_step`."""
-    start: ScalarStart | None = _traced(_Key(setup, SCALARS, _scalar_start))
+    start: ScalarStart | None = _traced(_Key(setup, _scalar_start))
     return start
 
 
@@ -81,7 +81,7 @@ def traced_array_step(setup: Setup) -> Repeated | None:
     Returns:
         None where a part cannot be traced, such as parameters that differ between lanes.
     """
-    return _traced(_Key(setup, ARRAYS, _array_step)) if setup.engine.batched else None
+    return _traced(_Key(setup, _array_step)) if setup.engine.batched else None
 
 
 class LanesStep:
@@ -162,25 +162,17 @@ def _array_step(
 
 
 class _Key:
-    """A function of a setup in a world; equals others made of the same classes and arguments.
+    """A function of a setup; equals others made of the same classes and arguments.
 
     One with an engine that keeps a simulator's data of its own equals itself alone.
     """
 
-    def __init__(self, setup: Setup, dialect: Dialect, function: Callable[..., Any]) -> None:
+    def __init__(self, setup: Setup, function: Callable[..., Any]) -> None:
         self.setup = setup
-        self.dialect = dialect
         self.function = function
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
         own = None if setup.engine.batched else id(setup.engine)
         self._parts = (function, *map(type, parts), repr(setup.arguments()), own)
-
-    def patterns(self) -> tuple[Any, ...]:
-        """Where numbers and where truth values stand in the function's arguments."""
-        rest = (0.0,) * len(self.setup.plant.coordinates)
-        if self.function is _scalar_start:
-            return _truths(rest), _truths(rest)
-        return _truths(tuple(initial_state(SCALAR, self.setup, rest, rest))), False
 
     def __hash__(self) -> int:
         return hash(self._parts)
@@ -191,15 +183,19 @@ class _Key:
 
 @lru_cache(maxsize=_KEPT)
 def _traced(key: _Key) -> Any:
-    make = repeated if key.dialect is ARRAYS else compiled
+    function = partial(key.function, key.setup)
+    rest = (0.0,) * len(key.setup.plant.coordinates)
     try:
-        return make(key.dialect, partial(key.function, key.setup), *key.patterns())
+        if key.function is _scalar_start:
+            return compiled(SCALARS, function, _truths(rest), _truths(rest))
+        state = _truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
+        if key.function is _scalar_step:
+            return compiled(SCALARS, function, state, False)
+        return repeated(ARRAYS, function, state, False)
     except Exception:  # whatever a part of the user's own does with what is not a float
         return None
 
 
-def _truths(value: Any) -> Any:
+def _truths(values: tuple[Any, ...]) -> Any:
     """True where a truth value stands, False where a number does."""
-    if isinstance(value, tuple):
-        return tuple(_truths(part) for part in value)
-    return isinstance(value, bool)
+    return map_leaves(lambda value: isinstance(value, bool), values)

@@ -31,10 +31,9 @@ def dividing_step(arguments: Mapping[str, Any]) -> float:
     """
     dt = float(arguments["dt"])
     delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
-    for parts in range(1, FINEST_DIVISION + 1):
-        if all(is_multiple(float(delay), dt / parts) for delay in delays if delay):
-            return dt / parts
-    return dt
+    parts = (dt / count for count in range(1, FINEST_DIVISION + 1))
+    fits = (part for part in parts if all(is_multiple(float(x), part) for x in delays if x))
+    return next(fits, dt)
 
 
 def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: int = 1) -> int:

@@ -9,34 +9,23 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .closed_loop import critical_step
-    from .energy import BOUNDED, EnergyGrowth, energies, energy_growth
-    from .energy_balance import Ledger, ledger
-    from .identification import (
-        DAMPING,
-        IDENTICAL,
+    from .energy import BOUNDED, energies, energy_growth, ledger
+    from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
+    from .identity import (
         ORDER_TOLERANCE,
         REVERSIBLE,
         SYMPLECTIC,
-        Case,
         Declared,
-        Fingerprint,
         Identity,
-        cases_of,
         classify,
-        damping_parameters,
         declared,
-        fingerprint,
-        largest_error,
-        mapped,
-        match,
     )
     from .independent import IndependentMotion, independent_motion
-    from .linear import LinearMap, linear_map, stability_limit
+    from .linear import critical_step, linear_map, stability_limit
+    from .matching import Case, cases_of, largest_error, mapped, match
     from .order import ROUNDING, Convergence, convergence, slope
-    from .phase_space import canonical_jacobian, symplecticity_defect, volume_defect
+    from .phase_space import reversibility_errors, symplecticity_defect, volume_defect
     from .probe import fastest_mode, fastest_rate, linear_rates, probe_state
-    from .reversibility import reversibility_defect
     from .stepping import Advance, OneStep, advance, advance_lanes, engine_of, jacobian, one_step
 else:
     __getattr__, __dir__ = lazy_door(__name__)

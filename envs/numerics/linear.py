@@ -1,23 +1,25 @@
-"""One step on the harmonic oscillator, as a matrix."""
+"""Linear stability: of the harmonic oscillator, and of a plant under a linear feedback."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..plants import Oscillator
-from .stepping import Array, advance_lanes
+from ..plants import Oscillator, Plant
+from .stepping import Array, advance_lanes, jacobian
 
 LARGEST = 100.0
 """hω up to which stability is examined; a method stable so far counts as stable at any step."""
 
-_SMALLEST = 1e-2
-_SCAN = 801
 _TOLERANCE = 1e-10
 """Growth per step that counts as rounding."""
+
+_LOOP_TOLERANCE = 1e-9
+"""The same of a closed loop, whose step is measured by differences."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +76,56 @@ def stability_limit(integrator: str) -> float:
 
     Source: Hairer, Lubich and Wanner, *Geometric Numerical Integration*, 2nd ed., I.5.2.
     """
-    grid = np.geomspace(_SMALLEST, LARGEST, _SCAN)
-    unstable = np.flatnonzero(~_stable(integrator, grid))
+    grid = np.geomspace(1e-2, LARGEST, 801)
+    return _edge(lambda steps: _stable(integrator, steps), grid, 1e-12)[0]
+
+
+def critical_step(
+    integrator: str, plant: Plant, gain: Array, smallest: float = 1e-3, largest: float = 1.0
+) -> float:
+    """Smallest step at which the loop of a plant and a fixed feedback is unstable upright.
+
+    The control period is the step: u = −K x is taken at the start of each step and held.
+
+    Args:
+        integrator: a registered name or ``"module:Class"``.
+        plant: with numbers as parameters.
+        gain: K, shape (1, n), in the plant's state order and SI units.
+        smallest: where the scan begins, s.
+        largest: where it ends, s.
+
+    Returns:
+        The step, s; ``smallest`` where the loop is unstable there, ``inf`` where it is stable up
+        to ``largest``.
+    """
+
+    def stable(steps: Array) -> npt.NDArray[np.bool_]:
+        return np.array([_loop_stable(integrator, plant, gain, dt) for dt in steps])
+
+    return _edge(stable, np.geomspace(smallest, largest, 60), 1e-6)[1]
+
+
+def _edge(
+    stable: Callable[[Array], npt.NDArray[np.bool_]], grid: Array, tolerance: float
+) -> tuple[float, float]:
+    """Where stability first ends on a grid: a stable value and an unstable one, by bisection.
+
+    (0, the first) where none is stable before it, (``inf``, ``inf``) where all are.
+    """
+    unstable = np.flatnonzero(~stable(grid))
     if not len(unstable):
-        return math.inf
+        return math.inf, math.inf
+    high = grid[unstable[0]]
     if unstable[0] == 0:
-        return 0.0
-    low, high = grid[unstable[0] - 1], grid[unstable[0]]
-    while high - low > 1e-12 * high:
+        return 0.0, float(high)
+    low = grid[unstable[0] - 1]
+    while high - low > tolerance * high:
         middle = 0.5 * (low + high)
-        if _stable(integrator, np.array([middle]))[0]:
+        if stable(np.array([middle]))[0]:
             low = middle
         else:
             high = middle
-    return float(low)
+    return float(low), float(high)
 
 
 def _matrices(integrator: str, h_omega: Array) -> Array:
@@ -112,3 +150,11 @@ def _stable(integrator: str, h_omega: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(
         (determinant <= 1.0 + _TOLERANCE) & (np.abs(trace) <= 1.0 + determinant + _TOLERANCE)
     )
+
+
+def _loop_stable(integrator: str, plant: Plant, gain: Array, dt: float) -> bool:
+    def one_step(points: Array) -> Array:
+        return advance_lanes(integrator, plant, points, dt, -(points @ gain[0]))
+
+    roots = np.linalg.eigvals(jacobian(one_step, np.zeros(gain.shape[1])))
+    return bool(np.abs(roots).max() <= 1.0 + _LOOP_TOLERANCE)

@@ -1,4 +1,4 @@
-"""What one step does to phase space: volume and the canonical form."""
+"""What steps do to phase space: volume, the canonical form, and the way back."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arithmetic import ARRAY
 from ..plants import Plant, split_state
-from .stepping import WIDTH, Array, State, advance_lanes, jacobian
+from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 
 def canonical_jacobian(
@@ -69,6 +69,43 @@ def symplecticity_defect(
     zero, one = np.zeros((len(step) // 2,) * 2), np.eye(len(step) // 2)
     form = np.block([[zero, one], [-one, zero]])
     return float(np.abs(step.T @ form @ step - form).max())
+
+
+def reversibility_errors(
+    integrator: str,
+    plant: Plant,
+    state: State,
+    dt: float,
+    duration_s: float = 10.0,
+    control: float = 0.0,
+    follow: Advance = advance,
+) -> Array:
+    """|state − start| after going forward, turning all velocities round, and coming back.
+
+    Rounding for a reversible integrator on a plant without damping.
+
+    Args:
+        integrator: a registered name or ``"module:Class"``.
+        plant: with numbers as parameters.
+        state: start, shape (n,), in state order.
+        dt: step, s.
+        duration_s: length of the way out.
+        control: held throughout, in the plant's unit.
+        follow: what takes the steps.
+
+    Returns:
+        Shape (n,), in state order and SI units; NaN where the arithmetic fails.
+
+    Source: Hairer, Lubich and Wanner, *Geometric Numerical Integration*, 2nd ed., V.1.
+    """
+    start = np.asarray(state, dtype=np.float64)
+    turn = np.tile([1.0, -1.0], len(start) // 2)
+    steps = round(duration_s / dt)
+    away = follow(integrator, plant, start, dt, steps, control)
+    if not np.isfinite(away).all():
+        return away
+    back: Array = turn * follow(integrator, plant, turn * away, dt, steps, control)
+    return np.abs(back - start)
 
 
 def _mass_matrices(plant: Plant, q: Array) -> Array:

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 from integ_gym.support import parameter, positive
 
 from ..arithmetic import Component, Components, Ops
+from ._box import BoxTask
 from ._reset_options import uniform
-from ._saturation import saturated
-from .interface import Command
 from .pendulum_swing_up import NEAR_UPRIGHT, wrapped
 
 REWARD_STEP = 0.02
@@ -20,7 +19,7 @@ REWARD_STEP = 0.02
 
 
 @dataclass(frozen=True)
-class CartPoleSwingUp:
+class CartPoleSwingUp(BoxTask):
     """Reward rate up to 1 / 0.02 s, the more the higher the pole, the nearer to the middle and the
     smaller the force."""
 
@@ -30,7 +29,6 @@ class CartPoleSwingUp:
     plant: ClassVar[str] = "cart_pole"
     starts: ClassVar[tuple[str, ...]] = ("hanging", "upright")
     start_options: ClassVar[tuple[str, ...]] = ("low", "high")
-    discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = (
         "|theta| < 0.2 rad (wrapped) throughout the last 2 s, cart within the track"
     )
@@ -49,10 +47,6 @@ class CartPoleSwingUp:
         """Infinity for x, as the stops give way; 1 and 1; the speed limit or infinity."""
         speed = inf if max_speed is None else max_speed
         return inf, speed, 1.0, 1.0, speed
-
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The force, saturated."""
-        return saturated(ops, action, self.max_force)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(x, ẋ, cos θ, sin θ, θ̇)."""
@@ -73,16 +67,6 @@ class CartPoleSwingUp:
         effort = mean_square_control / (self.max_force * self.max_force)
         share = height * (1.0 - 0.5 * away * away) * (1.0 - 0.1 * effort)
         return share * (control_period / REWARD_STEP)
-
-    def worst_return(
-        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
-    ) -> Component:
-        """No further reward."""
-        return 0.0 * remaining
-
-    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Never, not even at the stops."""
-        return False
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright, with the cart within the track."""

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 from integ_gym.support import parameter, positive
 
 from ..arithmetic import Component, Components, Ops
+from ._box import BoxTask
 from ._reset_options import number
-from ._saturation import saturated
-from .interface import Command
 
 REWARD_STEP = 0.02
 """Time that earns at most 1, s."""
@@ -25,7 +24,7 @@ SWING_TIME = 0.3
 
 
 @dataclass(frozen=True)
-class ElasticPendulumQuiet:
+class ElasticPendulumQuiet(BoxTask):
     """Reward rate up to 1 / 0.02 s, the more the nearer the bob is to rest below its pivot."""
 
     max_force: float = parameter(2.0, "N", "limit of the horizontal force", positive)
@@ -33,7 +32,6 @@ class ElasticPendulumQuiet:
     plant: ClassVar[str] = "elastic_pendulum"
     starts: ClassVar[tuple[str, ...]] = ("pushed",)
     start_options: ClassVar[tuple[str, ...]] = ("push",)
-    discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "|x| < 0.1 m throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0
     observation_names: ClassVar[tuple[str, ...]] = ("x", "x_dot", "y", "y_dot")
@@ -48,10 +46,6 @@ class ElasticPendulumQuiet:
         """Infinity for both distances; the speed limit or infinity for both speeds."""
         speed = inf if max_speed is None else max_speed
         return inf, speed, inf, speed
-
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The force, saturated."""
-        return saturated(ops, action, self.max_force)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(x, ẋ, y, ẏ)."""
@@ -71,16 +65,6 @@ class ElasticPendulumQuiet:
         effort = mean_square_control / (self.max_force * self.max_force)
         share = (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)
         return share * (control_period / REWARD_STEP)
-
-    def worst_return(
-        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
-    ) -> Component:
-        """No further reward."""
-        return 0.0 * remaining
-
-    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Never."""
-        return False
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near the vertical through the pivot."""

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 from integ_gym.support import parameter, positive
 
 from ..arithmetic import Component, Components, Ops
+from ._box import BoxTask
 from ._reset_options import number
-from ._saturation import saturated
-from .interface import Command
 
 GYMNASIUM_STEP = 0.05
 """Control period of ``Pendulum-v1``, s: the rewards are equal there."""
@@ -22,7 +21,7 @@ NEAR_UPRIGHT = 0.2
 
 
 @dataclass(frozen=True)
-class PendulumSwingUp:
+class PendulumSwingUp(BoxTask):
     """Reward rate -(θ² + 0.1 θ̇² + 0.001 τ²) / 0.05 s with θ wrapped, as in ``Pendulum-v1``."""
 
     max_torque: float = parameter(2.0, "N m", "torque limit of the motor", positive)
@@ -30,7 +29,6 @@ class PendulumSwingUp:
     plant: ClassVar[str] = "pendulum"
     starts: ClassVar[tuple[str, ...]] = ("uniform", "hanging")
     start_options: ClassVar[tuple[str, ...]] = ("x_init", "y_init")
-    discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "|theta| < 0.2 rad (wrapped) throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0
     observation_names: ClassVar[tuple[str, ...]] = ("cos_theta", "sin_theta", "theta_dot")
@@ -44,10 +42,6 @@ class PendulumSwingUp:
     def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
         """(1, 1, speed limit or infinity)."""
         return 1.0, 1.0, inf if max_speed is None else max_speed
-
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The torque, saturated."""
-        return saturated(ops, action, self.max_torque)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(cos θ, sin θ, θ̇)."""
@@ -74,10 +68,6 @@ class PendulumSwingUp:
         limit = self.max_torque
         cost = pi * pi + 0.1 * (top_speed * top_speed) + 0.001 * (limit * limit)
         return -cost * (control_period / GYMNASIUM_STEP) * remaining
-
-    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Never."""
-        return False
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright."""

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .finding import testbed_of
     from .interface import Applied, Success, Testbed
-    from .making import make_checked, make_training_environments
+    from .making import make_checked, make_training_environments, testbed_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

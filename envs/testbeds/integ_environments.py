@@ -11,10 +11,7 @@ from ..engines import ENGINES
 from ..environments import DiscretizedVectorEnv
 from ..episode import Discretization, dividing_step
 from ..integrators import TRUTH
-from .interface import Applied, Success
-
-REFINEMENTS = (1, 2, 4)
-"""Parts of the coarsest step that are evaluated where no steps are given."""
+from .interface import REFINEMENTS, Applied, Success
 
 
 class IntegTestbed:

@@ -9,6 +9,9 @@ from typing import Any, Protocol
 from ..environments import DiscretizedVectorEnv
 from ..episode import Discretization
 
+REFINEMENTS = (1, 2, 4)
+"""Parts of a home's coarsest step that are evaluated where no steps are given."""
+
 
 @dataclass(frozen=True)
 class Applied:

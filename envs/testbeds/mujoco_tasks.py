@@ -17,16 +17,13 @@ from ..environments.rediscretized import (
     RediscretizedEnv,
     RediscretizedVectorEnv,
     TaskSetup,
-    mujoco_integrators,
+    integrator_numbers,
     rediscretize,
 )
 from ..episode import Discretization
-from .interface import Applied, Success
+from .interface import REFINEMENTS, Applied, Success
 
 ENGINE = "mujoco"
-
-REFINEMENTS = (1, 2, 4)
-"""Parts of the home's step that are evaluated where no steps are given."""
 
 OWN = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}
 """Gymnasium's environments that ours are at their defaults."""
@@ -72,7 +69,7 @@ class MujocoTestbed:
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """MuJoCo's."""
-        return mujoco_integrators()
+        return tuple(integrator_numbers())
 
     def steps(self, home: Discretization) -> tuple[float, ...]:
         """The home's, half and a quarter of it."""

@@ -12,6 +12,6 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .compiling import Repeated, compiled, repeated
-    from .dialects import ARRAYS, SCALARS, Dialect, Unusual
+    from .dialects import ARRAYS, SCALARS, Unusual
 else:
     __getattr__, __dir__ = lazy_door(__name__)

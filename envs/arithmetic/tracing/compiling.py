@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ..trees import leaves_of, rebuilt
 from .dialects import Dialect
 from .liveness import carried
 from .symbolic_ops import SymbolicOps
 from .symbols import Symbol, symbols_in
 from .trace import Trace
-from .trees import leaves_of, rebuilt
 from .writer import Writer, target
 
 Function = Callable[..., Any]

@@ -16,40 +16,30 @@ class Unusual(ArithmeticError):
 
 @dataclass(frozen=True)
 class Dialect:
-    """Templates of what the worlds write differently.
+    """What the worlds write differently.
 
     Attributes:
         names: what the source may refer to.
-        negation: of a truth value.
-        conjunction: of two.
-        disjunction: of two.
-        choice: {1} where {0} holds, else {2}.
-        smaller: of {0}, which may not be a number, and {1}.
-        larger: likewise.
-        floor: of {0}.
-        anywhere: whether {0} holds in any lane.
-        expectation: the statement that refuses to go on unless {0} holds.
-        raises: whether arithmetic may raise.
-        folds: whether numbers are taken to be finite, so that 0.0 times one of them is 0.0, and
-            the sign of a zero to mean nothing.
-        owned: template of a copy where entries of dictionaries must be objects of their own.
-        masked: whether a loop goes on in the lanes where its condition holds, and in no other.
+        written: templates of operations that are not written as a call of their name. `expect` is
+            a statement, which refuses to go on unless {0} holds; `own` a copy, where entries of
+            dictionaries must be objects of their own.
+        lanes: whether components are arrays. Then no arithmetic raises; numbers are taken to be
+            finite, so that 0.0 times one of them is 0.0, and the sign of a zero to mean nothing;
+            and a loop goes on in the lanes where its condition holds, and in no other.
     """
 
     names: Mapping[str, Any]
-    negation: str
-    conjunction: str
-    disjunction: str
-    choice: str
-    smaller: str
-    larger: str
-    floor: str
-    anywhere: str
-    expectation: str
-    raises: bool
-    folds: bool
-    owned: str
-    masked: bool
+    written: Mapping[str, str]
+    lanes: bool
+
+    def template(self, operation: str, count: int = 1) -> str:
+        """How an operation on so many operands is written."""
+        return self.written.get(operation, called(operation, count))
+
+
+def called(name: str, count: int) -> str:
+    """Template of a call with so many arguments."""
+    return f"{name}({', '.join(f'{{{place}}}' for place in range(count))})"
 
 
 def _own(value: Any) -> Any:
@@ -57,57 +47,39 @@ def _own(value: Any) -> Any:
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
+_SHARED = ("sin", "cos", "sqrt", "tanh", "isfinite", "inf", "nan")
+_OF_ARRAYS = ("floor", "where", "minimum", "maximum", "logical_not")
+
 SCALARS = Dialect(
-    names={
-        "sin": math.sin,
-        "cos": math.cos,
-        "sqrt": math.sqrt,
-        "tanh": math.tanh,
-        "isfinite": math.isfinite,
-        "inf": math.inf,
-        "nan": math.nan,
-        "Unusual": Unusual,
+    names={**{name: getattr(math, name) for name in _SHARED}, "Unusual": Unusual},
+    written={
+        "logical_not": "not {0}",
+        "and": "{0} and {1}",
+        "or": "{0} or {1}",
+        "where": "{1} if {0} else {2}",
+        "minimum": "{0} if {0} <= {1} or {0} != {0} else {1}",
+        "maximum": "{0} if {0} >= {1} or {0} != {0} else {1}",
+        "floor": "{0} // 1.0",
+        "any": "{0}",
+        "expect": "if not {0}: raise Unusual",
+        "own": "{0}",
     },
-    negation="not {0}",
-    conjunction="{0} and {1}",
-    disjunction="{0} or {1}",
-    choice="{1} if {0} else {2}",
-    smaller="{0} if {0} <= {1} or {0} != {0} else {1}",
-    larger="{0} if {0} >= {1} or {0} != {0} else {1}",
-    floor="{0} // 1.0",
-    anywhere="{0}",
-    expectation="if not {0}: raise Unusual",
-    raises=True,
-    folds=False,
-    owned="{0}",
-    masked=False,
+    lanes=False,
 )
 
 ARRAYS = Dialect(
     names={
-        **{name: getattr(np, name) for name in ("sin", "cos", "sqrt", "tanh", "floor", "isfinite")},
-        "where": np.where,
-        "minimum": np.minimum,
-        "maximum": np.maximum,
-        "logical_not": np.logical_not,
+        **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
         "all_lanes": np.all,
         "own": _own,
-        "inf": math.inf,
-        "nan": math.nan,
         "Unusual": Unusual,
     },
-    negation="logical_not({0})",
-    conjunction="{0} & {1}",
-    disjunction="{0} | {1}",
-    choice="where({0}, {1}, {2})",
-    smaller="minimum({0}, {1})",
-    larger="maximum({0}, {1})",
-    floor="floor({0})",
-    anywhere="any_lane({0})",
-    expectation="if not {0}.all(): raise Unusual",
-    raises=False,
-    folds=True,
-    owned="own({0})",
-    masked=True,
+    written={
+        "and": "{0} & {1}",
+        "or": "{0} | {1}",
+        "any": "any_lane({0})",
+        "expect": "if not {0}.all(): raise Unusual",
+    },
+    lanes=True,
 )

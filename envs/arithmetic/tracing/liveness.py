@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import Any
 
+from ..trees import leaves_of
 from .symbols import Symbol, symbols_in
 from .trace import Block, Loop
-from .trees import leaves_of
 
 
 def needed(item: Symbol | Loop) -> list[Symbol]:
     """Symbols whose source an operation, or what surrounds a loop, holds."""
     if isinstance(item, Loop):
-        return [start for start in item.starts if isinstance(start, Symbol)]
-    repeated = [
-        argument
+        return symbols_in(tuple(item.starts))
+    return [
+        symbol
         for place, argument in enumerate(item.arguments)
-        for _ in range(item.template.count(f"{{{place}}}"))
+        for symbol in symbols_in(argument) * item.template.count(f"{{{place}}}")
     ]
-    return [argument for argument in repeated if isinstance(argument, Symbol)]
 
 
 def live_items(block: Block, wanted: Sequence[Symbol]) -> list[Symbol | Loop]:
@@ -33,7 +33,7 @@ def live_items(block: Block, wanted: Sequence[Symbol]) -> list[Symbol | Loop]:
         if isinstance(item, Loop):
             if _raising_within(item.inner) or _trim(item, live):
                 kept.append(item)
-                live |= {id(s) for s in (*needed(item), *_outer_needs(item))}
+                live |= {id(symbol) for symbol in needed(item)} | _reach_inside(item, {}).keys()
         elif item.raising or id(item) in live:
             kept.append(item)
             live |= {id(symbol) for symbol in needed(item)}
@@ -51,24 +51,22 @@ def carried(block: Block, state: Any, result: Any) -> dict[int, Symbol]:
     Returns:
         By identity of an operation on the state that others need: the same on the next state.
     """
-    live: dict[int, Symbol] = {}
-    _reach(block, [*symbols_in(result), *_raising_within(block)], live)
+    live = _reach(block, [*symbols_in(result), *_raising_within(block)], {})
     pairs = zip(leaves_of(state), leaves_of(result[0]), strict=True)
     next_of = {id(old): new for old, new in pairs if isinstance(new, Symbol)}
     repeated: dict[int, Symbol] = {}
     for item in block.items:
         if isinstance(item, Loop) or item.raising or id(item) not in live:
             continue
-        known = [id(a) in next_of for a in item.arguments if isinstance(a, Symbol)]
+        known = [id(symbol) in next_of for symbol in symbols_in(item.arguments)]
         same = block.again(item, next_of) if known and all(known) else None
         if same is not None and same is not item and id(same) in live:
             next_of[id(item)] = repeated[id(item)] = same
     users = [symbol for key, symbol in live.items() if key not in repeated]
     needed_by_others = {id(argument) for user in users for argument in user.arguments}
     needed_by_others |= {id(symbol) for symbol in symbols_in(result)}
-    needed_by_others |= {
-        id(start) for x in block.items if isinstance(x, Loop) for start in x.starts
-    }
+    loops = [item for item in block.items if isinstance(item, Loop)]
+    needed_by_others |= {id(start) for loop in loops for start in loop.starts}
     return {key: same for key, same in repeated.items() if key in needed_by_others}
 
 
@@ -79,24 +77,20 @@ def _trim(loop: Loop, live: set[int]) -> bool:
         return False
     while True:
         ends = [e for v, e in zip(loop.variables, loop.ends, strict=True) if id(v) in needed]
-        inside = _reached(loop.inner, [*ends, loop.condition])
+        inside = _reach(loop.inner, symbols_in((*ends, loop.condition)), {})
         more = needed | {id(v) for v in loop.variables if id(v) in inside}
         if more == needed:
             break
         needed = more
-    keep = [k for k, variable in enumerate(loop.variables) if id(variable) in needed]
-    loop.variables = [loop.variables[k] for k in keep]
-    loop.starts = [loop.starts[k] for k in keep]
-    loop.ends = [loop.ends[k] for k in keep]
+    keep = [id(variable) in needed for variable in loop.variables]
+    columns = (loop.variables, loop.starts, loop.ends)
+    loop.variables, loop.starts, loop.ends = (list(compress(x, keep)) for x in columns)
     return True
 
 
-def _outer_needs(loop: Loop) -> list[Symbol]:
-    """Symbols from outside that the inside of a loop uses."""
-    wanted = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
-    found: dict[int, Symbol] = {}
-    _reach(loop.inner, [*wanted, *_raising_within(loop.inner)], found)
-    return list(found.values())
+def _reach_inside(loop: Loop, found: dict[int, Symbol]) -> dict[int, Symbol]:
+    """As :func:`_reach`, of all that is computed inside a loop."""
+    return _reach(loop.inner, [*loop.wanted, *_raising_within(loop.inner)], found)
 
 
 def _raising_within(block: Block) -> list[Symbol]:
@@ -110,14 +104,8 @@ def _raising_within(block: Block) -> list[Symbol]:
     return found
 
 
-def _reached(block: Block, wanted: Sequence[Any]) -> set[int]:
-    found: dict[int, Symbol] = {}
-    _reach(block, [s for s in wanted if isinstance(s, Symbol)], found)
-    return set(found)
-
-
-def _reach(block: Block, wanted: Sequence[Symbol], found: dict[int, Symbol]) -> None:
-    """Collect everything that the wanted symbols are made of."""
+def _reach(block: Block, wanted: Sequence[Symbol], found: dict[int, Symbol]) -> dict[int, Symbol]:
+    """``found``, by identity, with everything added that the wanted symbols are made of."""
     loops = {
         id(variable): item
         for item in block.items
@@ -130,9 +118,8 @@ def _reach(block: Block, wanted: Sequence[Symbol], found: dict[int, Symbol]) -> 
         if id(symbol) in found:
             continue
         found[id(symbol)] = symbol
-        waiting += [argument for argument in symbol.arguments if isinstance(argument, Symbol)]
+        waiting += symbols_in(symbol.arguments)
         if id(symbol) in loops:
-            loop = loops[id(symbol)]
-            waiting += [s for s in loop.starts if isinstance(s, Symbol)]
-            inner = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
-            _reach(loop.inner, [*inner, *_raising_within(loop.inner)], found)
+            waiting += needed(loops[id(symbol)])
+            _reach_inside(loops[id(symbol)], found)
+    return found

@@ -11,12 +11,12 @@ from .trace import Trace
 
 
 def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
-    """A function of one number, in the scalar world where the number is known."""
+    """A function of one number, as the dialect writes it; of a known one in the scalar world."""
 
     def call(self: SymbolicOps, x: Any, /) -> Any:
-        if isinstance(x, Symbol):
-            return self._trace.note(f"{name}({{0}})", x, boolean=boolean)
-        return getattr(SCALAR, name)(x)
+        if not isinstance(x, Symbol):
+            return getattr(SCALAR, name)(x)
+        return self._trace.note(self._trace.dialect.template(name), x, boolean=boolean)
 
     return call
 
@@ -30,17 +30,8 @@ class SymbolicOps:
         self._trace = trace
 
     sin, cos, sqrt, tanh = _called("sin"), _called("cos"), _called("sqrt"), _called("tanh")
-    isfinite = _called("isfinite", boolean=True)
-
-    def floor(self, x: Any, /) -> Any:
-        if isinstance(x, Symbol):
-            return self._trace.note(self._trace.dialect.floor, x)
-        return SCALAR.floor(x)
-
-    def any(self, condition: Any, /) -> Any:
-        if isinstance(condition, Symbol):
-            return self._trace.note(self._trace.dialect.anywhere, condition, boolean=True)
-        return condition
+    floor = _called("floor")
+    isfinite, any = _called("isfinite", boolean=True), _called("any", boolean=True)
 
     def usually(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)
@@ -51,13 +42,14 @@ class SymbolicOps:
         if same(a, b):
             return a
         boolean = is_boolean(a) and is_boolean(b)
-        return self._trace.note(self._trace.dialect.choice, condition, a, b, boolean=boolean)
+        template = self._trace.dialect.template("where", 3)
+        return self._trace.note(template, condition, a, b, boolean=boolean)
 
     def minimum(self, a: Any, b: Any, /) -> Any:
-        return self._extreme(self._trace.dialect.smaller, a, b, SCALAR.minimum)
+        return self._extreme("minimum", a, b)
 
     def maximum(self, a: Any, b: Any, /) -> Any:
-        return self._extreme(self._trace.dialect.larger, a, b, SCALAR.maximum)
+        return self._extreme("maximum", a, b)
 
     def while_loop(
         self, condition: Callable[[Carry], Any], body: Callable[[Carry], Carry], carry: Carry
@@ -73,18 +65,19 @@ class SymbolicOps:
         self, function: Callable[..., Any], arguments: tuple[Any, ...], truths: tuple[bool, ...]
     ) -> tuple[Any, ...]:
         """One call that is made as it stands, and its results; of floats only."""
-        if not self._trace.dialect.raises:
+        if self._trace.dialect.lanes:
             raise NotTraceable("a call of floats is not traced for arrays")
         called = self._trace.call(function, arguments)
         return tuple(
             self._trace.note(f"{{0}}[{k}]", called, boolean=truth) for k, truth in enumerate(truths)
         )
 
-    def _extreme(self, template: str, a: Any, b: Any, known: Callable[[Any, Any], Any]) -> Any:
+    def _extreme(self, name: str, a: Any, b: Any) -> Any:
         if not isinstance(a, Symbol) and not isinstance(b, Symbol):
-            return known(a, b)
+            return getattr(SCALAR, name)(a, b)
         if same(a, b):
             return a
+        template = self._trace.dialect.template(name, 2)
         if not isinstance(a, Symbol) and a == a:
             template = template.replace(" or {0} != {0}", "")
         return self._trace.note(template, a, b)

@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from .dialects import Dialect
+if TYPE_CHECKING:
+    from .trace import Trace
 
 
 class NotTraceable(TypeError):
     """A function that needs to know the value of a component while it is traced."""
-
-
-class Notebook(Protocol):
-    """Where operations on symbols are noted."""
-
-    dialect: Dialect
-
-    @property
-    def block(self) -> object:
-        """What is being noted: a loop, or all that is around loops."""
-
-    def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
-        """The symbol of an operation, or what it comes to."""
-
-    def both(self, a: Any, b: Any, *, absorbing: bool) -> Any:
-        """``a or b`` where True is ``absorbing``, else ``a and b``."""
 
 
 Operator = Callable[["Symbol", Any], Any]
@@ -58,7 +43,7 @@ class Symbol:
 
     def __init__(
         self,
-        trace: Notebook,
+        trace: Trace,
         template: str,
         arguments: tuple[Any, ...] = (),
         boolean: bool = False,
@@ -72,7 +57,7 @@ class Symbol:
         self.boolean = boolean
         self.name = name
         self.statement = statement
-        self.raising = statement or (trace.dialect.raises and _can_raise(template, arguments))
+        self.raising = statement or (not trace.dialect.lanes and _can_raise(template, arguments))
         self.uses = 0
         self.depth = 0
 
@@ -94,7 +79,7 @@ class Symbol:
 
     def __eq__(self, other: Any) -> Any:
         if self.boolean and other is False:
-            return self.trace.note(self.trace.dialect.negation, self, boolean=True)
+            return self.trace.note(self.trace.dialect.template("logical_not"), self, boolean=True)
         return self.trace.note("{0} == {1}", self, other, boolean=True)
 
     def __neg__(self) -> Any:
@@ -130,10 +115,8 @@ def plain(value: Any) -> Any:
     Raises:
         NotTraceable: for a constant that is none of a number, a truth value and a text.
     """
-    if isinstance(value, Symbol) or type(value) in (bool, int, float, str):
-        return value
     own = value.item() if getattr(value, "shape", None) == () else value
-    if type(own) not in (bool, int, float, str):
+    if not isinstance(own, Symbol) and type(own) not in (bool, int, float, str):
         raise NotTraceable(f"a constant of type {type(value).__name__} is not traced")
     return own
 

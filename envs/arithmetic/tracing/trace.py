@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 from ..ops import Carry
-from .dialects import Dialect
-from .folding import folded
-from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same
-from .trees import leaves_of, rebuilt
+from ..trees import leaves_of, rebuilt
+from .dialects import Dialect, called
+from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
 
 @dataclass
@@ -25,6 +25,11 @@ class Loop:
     """Made of the first :attr:`Block.split` items of ``inner``."""
     index: Symbol | None = None
     count: int = 0
+
+    @property
+    def wanted(self) -> list[Symbol]:
+        """What is computed inside for the next round, or to end."""
+        return symbols_in((*self.ends, self.condition))
 
 
 class Block:
@@ -48,7 +53,13 @@ class Block:
     def again(self, symbol: Symbol, others: Mapping[int, Symbol]) -> Symbol | None:
         """The symbol of the same operation on other operands, by identity, if it was noted."""
         operands = [others.get(id(a), a) for a in symbol.arguments]
-        return self.find((symbol.template, *(identity(operand) for operand in operands)))
+        return self.find((symbol.template, *map(identity, operands)))
+
+    def add(self, key: Any, symbol: Symbol) -> Symbol:
+        """Note an operation that is found by ``key``."""
+        self.known[key] = symbol
+        self.items.append(symbol)
+        return symbol
 
 
 class Trace:
@@ -73,33 +84,30 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        if self.dialect.folds:
-            known = folded(template, arguments)
-            if known is not None:
-                return known
-        key = (template, *(identity(argument) for argument in arguments))
+        known = _folded(template, arguments) if self.dialect.lanes else None
+        if known is not None:
+            return known
+        key = (template, *map(identity, arguments))
         symbol = self.block.find(key)
         if symbol is None:
-            symbol = Symbol(self, template, arguments, boolean)
-            self.block.known[key] = symbol
-            self.block.items.append(symbol)
+            symbol = self.block.add(key, Symbol(self, template, arguments, boolean))
         return symbol
 
     def expect(self, condition: Any) -> bool:
         """True; the function that is written refuses to go on unless ``condition`` holds."""
-        if isinstance(condition, Symbol) and self.block.find(("expected", id(condition))) is None:
-            template = self.dialect.expectation
-            symbol = Symbol(self, template, (condition,), statement=True)
-            self.block.known["expected", id(condition)] = symbol
-            self.block.items.append(symbol)
-        return isinstance(condition, Symbol) or bool(condition)
+        if not isinstance(condition, Symbol):
+            return bool(condition)
+        key = ("expected", id(condition))
+        if self.block.find(key) is None:
+            template = self.dialect.template("expect")
+            self.block.add(key, Symbol(self, template, (condition,), statement=True))
+        return True
 
     def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
         """The symbol of a call that is made as it stands, every time."""
         name = f"f{len(self.functions)}"
         self.functions[name] = function
-        places = ", ".join(f"{{{k}}}" for k in range(len(arguments)))
-        symbol = Symbol(self, f"{name}({places})", tuple(map(plain, arguments)))
+        symbol = Symbol(self, called(name, len(arguments)), tuple(map(plain, arguments)))
         symbol.raising = True
         self.block.items.append(symbol)
         return symbol
@@ -111,7 +119,7 @@ class Trace:
                 return known if known is absorbing else other
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
-        template = self.dialect.disjunction if absorbing else self.dialect.conjunction
+        template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
 
     def loop(
@@ -146,11 +154,33 @@ class Trace:
             changing = now
         if isinstance(goes_on, bool) and not goes_on:
             return carry
-        kept = [i for i, changes in enumerate(changing) if changes]
-        self.block.items.append(
-            Loop(
-                [held[i] for i in kept], [starts[i] for i in kept], inner,
-                [ends[i] for i in kept], goes_on, index, count,
-            )
-        )  # fmt: skip
+        variables, before, after = (list(compress(x, changing)) for x in (held, starts, ends))
+        self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
         return rebuilt(carry, held)  # type: ignore[no-any-return]
+
+
+_NEUTRAL = {
+    "{0} + {1}": (0.0, 0.0),
+    "{0} - {1}": (None, 0.0),
+    "{0} * {1}": (1.0, 1.0),
+    "{0} / {1}": (None, 1.0),
+}
+"""Numbers that change nothing, by their place in an operation."""
+
+_ABSORBING = {"{0} * {1}": (0.0, 0.0), "{0} / {1}": (0.0, None)}
+"""Numbers that leave nothing."""
+
+
+def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
+    """What an operation with 0.0 or 1.0 on finite numbers comes to, or None if it must be done."""
+    if template not in _NEUTRAL:
+        return None
+    for place, number in enumerate(arguments):
+        other = arguments[1 - place]
+        if type(number) is not float or is_boolean(other):
+            continue
+        if number == _ABSORBING.get(template, (None, None))[place]:
+            return 0.0
+        if number == _NEUTRAL[template][place]:
+            return other
+    return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any, Final
 
 from .liveness import live_items, needed
@@ -26,13 +27,9 @@ class Writer:
     def block(self, block: Block, wanted: Sequence[Symbol]) -> list[str]:
         """The statements that compute the ``wanted`` symbols."""
         live = live_items(block, wanted)
-        for item in live:
-            for symbol in needed(item):
-                symbol.uses += 1 if symbol.block is block else 2
-        for symbol in wanted:
+        for symbol in (*wanted, *chain.from_iterable(map(needed, live))):
             symbol.uses += 1 if symbol.block is block else 2
         lines: list[str] = []
-        self._cut = 0
         first = {id(item) for item in block.items[: block.split]}
         cut = 0
         for item in live:
@@ -60,7 +57,7 @@ class Writer:
     def _entry(self, value: Any) -> str:
         text = self._display(value)
         shared = isinstance(value, Symbol) and (id(value) in self._shared or not value.template)
-        return self._trace.dialect.owned.format(text) if shared else text
+        return self._trace.dialect.template("own").format(text) if shared else text
 
     def _operation(self, symbol: Symbol) -> list[str]:
         symbol.depth = 1 + max((a.depth for a in symbol.arguments if _inlined(a)), default=0)
@@ -77,14 +74,13 @@ class Writer:
             f"{variable.name} = {self._operand(start, bare=True)}"
             for variable, start in zip(loop.variables, loop.starts, strict=True)
         ]
-        wanted = [s for s in (*loop.ends, loop.condition) if isinstance(s, Symbol)]
-        inside = self.block(loop.inner, wanted)
+        inside = self.block(loop.inner, loop.wanted)
         names = [variable.name for variable in loop.variables]
         ends = [self._operand(end, bare=True) for end in loop.ends]
         if loop.index is not None:
             opening = f"for {loop.index.name} in range({loop.count}):"
             inside += _assigned(names, ends)
-        elif self._trace.dialect.masked:
+        elif self._trace.dialect.lanes:
             opening, active = "while True:", self._trace.new_name()
             inside[self._cut : self._cut] = [
                 f"{active} = {self._operand(loop.condition, bare=True)}",

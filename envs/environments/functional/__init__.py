@@ -10,10 +10,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .environment import FunctionalEnv
-    from .making import make
-    from .params import Params
-    from .starts import start_range
-    from .state import FuncState, TimeStep
-    from .structure import Structure
+    from .mixture import make
+    from .params import Params, start_range
 else:
     __getattr__, __dir__ = lazy_door(__name__)

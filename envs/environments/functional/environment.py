@@ -2,25 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
 from ...arithmetic import Component, Components, JaxOps, jax, jnp
-from ...episode import EnvState, Outcome, Setup, initial_state, step_info, transition
+from ...catalogue import environment_setup
+from ...episode import EnvState, Outcome, Setup, initial_state, sensed, step_info, transition
 from ...plants import join_state, split_state
 from ..environment import observation_space
-from .checking import checked_setup
-from .params import Params, params_of
-from .sensor_noise import renewed, standard_noise, with_noise
-from .state import FuncState, TimeStep
-from .structure import structure_of
-from .traced_setup import traced_setup
+from .params import Params, params_of, structure_of, traced_setup
 
 DTYPES = ("float32", "float64")
+
+
+class FuncState(NamedTuple):
+    """State of one environment, or of a batch of them."""
+
+    env: EnvState
+    outcome: Outcome
+    """What the last transition brought; zeros after a reset."""
+    noise: Components
+    """Noise of the last sample on each state component, SI; empty without sensor noise."""
+    member: Components = ()
+    """In a mixture: the member that each lane has drawn, int32; else empty."""
+
+
+class TimeStep(NamedTuple):
+    """What one step with automatic reset gives."""
+
+    observation: Any
+    """Of the next episode's start where an episode has ended, float32, shape (*lanes, obs)."""
+    reward: Any
+    terminated: Any
+    truncated: Any
+    final_observation: Any
+    """Before the reset, float32, shape (*lanes, obs)."""
+    info: dict[str, Any]
+    """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
+
+
+def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+    """The setup, if JAX can advance it.
+
+    Raises:
+        TypeError, ValueError: see :func:`integ_gym.envs.environments.functional.make`.
+    """
+    if arguments.get("contact") == "engine":
+        raise ValueError(
+            "the functional environment has no `contact`='engine'; use 'compliant', the same law "
+            "in every engine, or gym.make or gym.make_vec"
+        )
+    setup = environment_setup(env_id, arguments)
+    if not setup.engine.batched:
+        raise ValueError(
+            "the functional environment needs an engine made of JAX's operations, 'native' or "
+            f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
+        )
+    return setup
 
 
 class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
@@ -147,17 +189,22 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """
         return self.begin(self.start(drawn, params), params), ()
 
-    def setup_of(self, params: Params) -> Setup:
-        """Plant, task, timing and engine with these values."""
-        return traced_setup(self.setup, params)
+    def common(self, params: Any) -> Params:
+        """The values that hold in all lanes, of what :meth:`lane_params` gives."""
+        return params  # type: ignore[no-any-return]
 
-    def start(self, drawn: Components, params: Params) -> Components:
+    def setup_of(self, params: Any) -> Setup:
+        """Plant, task, timing and engine with these values."""
+        return traced_setup(self.setup, self.common(params))
+
+    def start(self, drawn: Components, params: Any) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
-        limits = zip(drawn, params.start_low, params.start_high, strict=True)
+        own = self.common(params)
+        limits = zip(drawn, own.start_low, own.start_high, strict=True)
         q, v = split_state(tuple(low + x * (high - low) for x, low, high in limits))
         return join_state(self.setup_of(params).system.confined(self._ops, q), v)
 
-    def begin(self, start: Components, params: Params) -> EnvState:
+    def begin(self, start: Components, params: Any) -> EnvState:
         """Episodes that start in ``start``, in state order, components of one shape."""
         q, v = split_state(start)
         fresh = initial_state(self._ops, self.setup_of(params), q, v)
@@ -176,7 +223,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         after = transition(self._ops, self.setup_of(params), env, control)
         return self._typed(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
-    def observe(self, env: EnvState, noise: Components, params: Params) -> Components:
+    def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
         """The last sensor sample, one float32 component per observation.
 
         Args:
@@ -184,12 +231,13 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             noise: standard noise of the sample, one component per state component, or empty.
             params: scale of the noise.
         """
-        q, v = with_noise(env, noise, params.observation_noise)
+        own = self.common(params)
+        q, v = sensed(env, tuple(own.observation_noise * x for x in noise))
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:
             return observed
-        limits = zip(observed, task.observation_limits(params.max_speed), strict=True)
+        limits = zip(observed, task.observation_limits(own.max_speed), strict=True)
         return tuple(jnp.clip(x, -limit, limit).astype(jnp.float32) for x, limit in limits)
 
     def transition(
@@ -198,10 +246,9 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """The state after one control period under ``action``; ``rng`` is for sensor noise."""
         own = self.lane_params(self._default(params), state.member)
         env, outcome = self.advance(state.env, self._control(action), own)
-        noise = state.noise
-        if noise:
-            fresh = standard_noise(self.setup, rng, jnp.shape(outcome.sampled), self._dtype)
-            noise = renewed(noise, fresh, outcome.sampled)
+        fresh = self._standard_noise(rng, jnp.shape(outcome.sampled))
+        pairs = zip(fresh, state.noise, strict=True)
+        noise = tuple(jnp.where(outcome.sampled, new, held) for new, held in pairs)
         return FuncState(env, outcome, noise, state.member)
 
     def observation(self, state: FuncState, rng: Any = None, params: Params | None = None) -> Any:
@@ -294,8 +341,15 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         own = self.lane_params(params, member)
         _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
-        noise = standard_noise(self.setup, rng, jnp.shape(env.q[0]), self._dtype)
+        noise = self._standard_noise(rng, jnp.shape(env.q[0]))
         return FuncState(env, nothing, noise, member)
+
+    def _standard_noise(self, rng: Any, shape: tuple[int, ...]) -> Components:
+        """Standard normal noise, one component per state component; none without sensor noise."""
+        if not self.setup.settings.observation_noise:
+            return ()
+        size = 2 * len(self.setup.plant.coordinates)
+        return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
 
     def _control(self, action: Any) -> Component:
         values = jnp.asarray(action, self._dtype)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arithmetic import Component, Components, jax, jnp
 from ...catalogue import environment_mixture
-from ...episode import WEIGHT, EnvState, Outcome, Setup
+from ...episode import WEIGHT, EnvState, Outcome
 from .environment import FunctionalEnv
 from .params import Params
 
@@ -132,13 +132,10 @@ class FunctionalMixture(FunctionalEnv):
         Raises:
             ValueError: if a share is no whole number of lanes, with the numbers that would do.
         """
-        shares = [group.share for group in self._groups]
-        unit = math.lcm(*(share.denominator for share in shares))
+        unit = math.lcm(*(group.share.denominator for group in self._groups))
         if count % unit or not count:
-            parts = ", ".join(
-                f"{group.env.setup.settings.integrator} {share}"
-                for group, share in zip(self._groups, shares, strict=True)
-            )
+            names = (f"{g.env.setup.settings.integrator} {g.share}" for g in self._groups)
+            parts = ", ".join(names)
             raise ValueError(
                 f"{count} environments cannot be shared out among the integrators of the mixture "
                 f"({parts}); their number (`n_envs`) must be a multiple of {unit}"
@@ -161,33 +158,16 @@ class FunctionalMixture(FunctionalEnv):
     def fresh(self, drawn: Components, params: Any) -> tuple[EnvState, Components]:
         """Episodes that start anew: the last number draws the member of each lane's group."""
         *numbers, last = drawn
-        member = jnp.concatenate(
-            [
-                _member(part, group.members, bounds)
-                for group, bounds, part in zip(
-                    self._groups, params.bounds, self._parts(last), strict=True
-                )
-            ],
-            axis=-1,
-        )
+        parts = zip(self._groups, params.bounds, self._parts(last), strict=True)
+        drawn_by = [_member(part, group.members, bounds) for group, bounds, part in parts]
+        member = jnp.concatenate(drawn_by, axis=-1)
         own = self.lane_params(params, (member,))
         return self.begin(self.start(tuple(numbers), own), own), (member,)
 
-    def setup_of(self, params: Any) -> Setup:
-        """As that of a single discretization; all but the engine is common to the members."""
-        return self._groups[0].env.setup_of(params[0])
-
-    def start(self, drawn: Components, params: Any) -> Components:
-        """As that of a single discretization, which is common to the members."""
-        return self._groups[0].env.start(drawn, params[0])
-
-    def begin(self, start: Components, params: Any) -> EnvState:
-        """As that of a single discretization, which is common to the members."""
-        return self._groups[0].env.begin(start, params[0])
-
-    def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
-        """As that of a single discretization, which is common to the members."""
-        return self._groups[0].env.observe(env, noise, params[0])
+    def common(self, params: Any) -> Params:
+        """Those of the first group: all but the discretization is common to the members."""
+        first: Params = params[0]
+        return first
 
     def advance(self, env: EnvState, control: Component, params: Any) -> tuple[EnvState, Outcome]:
         """One control period, each part of the lanes by its group's integrator alone.
@@ -215,6 +195,34 @@ class FunctionalMixture(FunctionalEnv):
         if jnp.ndim(values) == 0:
             raise ValueError("a mixture needs a batch of environments; give lanes=(n,)")
         return [values[..., lanes] for lanes in self._slices(values.shape[-1])]
+
+
+def make(
+    env_id: str,
+    *,
+    dtype: str = "float32",
+    mixture: Sequence[Mapping[str, Any]] | None = None,
+    **arguments: Any,
+) -> FunctionalEnv:
+    """The functional form of an environment.
+
+    Args:
+        env_id: a registered id.
+        dtype: float type of the physics, ``"float32"`` or ``"float64"``; observations are float32.
+        mixture: as for ``gym.make_vec``; see
+            :class:`integ_gym.envs.environments.functional.mixture.FunctionalMixture` for what is
+            drawn when.
+        arguments: those of ``gym.make``, but for ``render_mode``.
+
+    Raises:
+        TypeError: for an unknown argument.
+        ValueError: for an impossible value, an engine outside JAX or its own stops, or float64
+            outside JAX's 64-bit mode.
+        ModuleNotFoundError: without JAX, with the command that installs it.
+    """
+    if mixture is None:
+        return FunctionalEnv(env_id, dtype=dtype, **arguments)
+    return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
 
 
 def _grouped(

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .choice import mujoco_integrators
-    from .description import TaskSetup
+    from .description import TaskSetup, integrator_numbers
     from .environment import RediscretizedEnv, rediscretize
     from .vector import RediscretizedVectorEnv
 else:

@@ -1,24 +1,83 @@
-"""What a MuJoCo task is made of, in the terms in which integ-gym describes its own."""
+"""What may be chosen for a MuJoCo task, and what it is made of, as integ-gym says of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.support import package_version
+from integ_gym.support import (
+    check_values,
+    finite_number,
+    load,
+    package_version,
+    parameter,
+    positive,
+    text,
+    unknown_name,
+)
 
-from ...episode import Settings, Timing
+from ...episode import Settings, Timing, check_divides
 
-_FREE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_FREE_UNITS = ("m", "m", "m", "1", "1", "1", "1")
-_FREE_RATES = ("vx", "vy", "vz", "wx", "wy", "wz")
-_FREE_RATE_UNITS = ("m/s", "m/s", "m/s", "rad/s", "rad/s", "rad/s")
-_BALL = ("qw", "qx", "qy", "qz")
-_BALL_RATES = ("wx", "wy", "wz")
-_UNITS = {"slide": "m", "hinge": "rad"}
+_PLACE = (("_x", "m"), ("_y", "m"), ("_z", "m"))
+_ATTITUDE = (("_qw", "1"), ("_qx", "1"), ("_qy", "1"), ("_qz", "1"))
+_VELOCITY = (("_vx", "m/s"), ("_vy", "m/s"), ("_vz", "m/s"))
+_SPIN = (("_wx", "rad/s"), ("_wy", "rad/s"), ("_wz", "rad/s"))
+_JOINTS = {
+    "slide": ((("", "m"),), (("_dot", "m/s"),)),
+    "hinge": ((("", "rad"),), (("_dot", "rad/s"),)),
+    "ball": (_ATTITUDE, _SPIN),
+    "free": (_PLACE + _ATTITUDE, _VELOCITY + _SPIN),
+}
+"""By kind of joint: what is put to its name, and the unit, of each coordinate and velocity."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The arguments of :func:`integ_gym.rediscretize`; None leaves the task as it is.
+
+    Raises:
+        ValueError: for a value of another kind or range, with what was expected.
+    """
+
+    integrator: str | None = parameter(None, "", "MuJoCo's name", text)
+    dt: float | None = parameter(None, "s", "timestep", positive)
+    success_return: float | None = parameter(None, "", "return of a success", finite_number)
+
+    def __post_init__(self) -> None:
+        check_values(Choice, {name: x for name, x in vars(self).items() if x is not None})
+
+    def step_of(self, model: Any, period: float) -> float:
+        """The timestep, s.
+
+        Raises:
+            ValueError: if the control period ``period``, s, is no whole multiple of it.
+        """
+        step = float(model.opt.timestep) if self.dt is None else float(self.dt)
+        check_divides("dt", step, "the control period", period)
+        return step
+
+    def integrator_of(self, model: Any) -> str:
+        """MuJoCo's name of the integrator.
+
+        Raises:
+            ValueError: for one that MuJoCo lacks, with those it has.
+        """
+        known = integrator_numbers()
+        if self.integrator is None:
+            return next(own for own, number in known.items() if number == model.opt.integrator)
+        if self.integrator not in known:
+            raise ValueError(unknown_name("integrator of MuJoCo", self.integrator, known))
+        return self.integrator
+
+
+def integrator_numbers() -> dict[str, int]:
+    """Integrators of the installed MuJoCo by the names that its model files use."""
+    members = load("mujoco", "mujoco").mjtIntegrator.__members__.values()
+    capitals = {"euler": "Euler", "rk4": "RK4"}
+    names = [member.name.removeprefix("mjINT_").lower() for member in members]
+    return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -99,47 +158,16 @@ class TaskSetup:
 
 def plant_of(mujoco: Any, model: Any, name: str) -> ModelPlant:
     """Names and units of a compiled model's state and controls."""
-    coordinates, units, rates, rate_units = [], [], [], []
-    kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): k for k in _JOINTS}
+    kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): x for k, x in _JOINTS.items()}
+    of_q, of_v = [], []
     for index in range(model.njnt):
         joint = model.joint(index).name or f"joint{index}"
-        of_q, of_v = _JOINTS[kinds[int(model.jnt_type[index])]](joint)
-        coordinates += [n for n, _ in of_q]
-        units += [u for _, u in of_q]
-        rates += [n for n, _ in of_v]
-        rate_units += [u for _, u in of_v]
-    return ModelPlant(
-        name, tuple(coordinates), tuple(units), tuple(rates), tuple(rate_units),
-        tuple(_controls(mujoco, model)),
-    )  # fmt: skip
-
-
-def observation_names(size: int) -> tuple[str, ...]:
-    """Names of a task's observations, which Gymnasium numbers only."""
-    return tuple(f"obs{index}" for index in range(size))
-
-
-def _numbered(joint: str, names: Sequence[str], units: Sequence[str]) -> list[tuple[str, str]]:
-    return [(f"{joint}_{name}", unit) for name, unit in zip(names, units, strict=True)]
-
-
-def _single(kind: str) -> Any:
-    unit = _UNITS[kind]
-    return lambda joint: ([(joint, unit)], [(f"{joint}_dot", f"{unit}/s")])
-
-
-_JOINTS = {
-    "slide": _single("slide"),
-    "hinge": _single("hinge"),
-    "ball": lambda joint: (
-        _numbered(joint, _BALL, ("1",) * 4),
-        _numbered(joint, _BALL_RATES, ("rad/s",) * 3),
-    ),
-    "free": lambda joint: (
-        _numbered(joint, _FREE, _FREE_UNITS),
-        _numbered(joint, _FREE_RATES, _FREE_RATE_UNITS),
-    ),
-}
+        coordinates, velocities = kinds[int(model.jnt_type[index])]
+        of_q += [(f"{joint}{suffix}", unit) for suffix, unit in coordinates]
+        of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
+    names, units = zip(*of_q, strict=True)
+    rates, rate_units = zip(*of_v, strict=True)
+    return ModelPlant(name, names, units, rates, rate_units, tuple(_controls(mujoco, model)))
 
 
 def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:

@@ -16,11 +16,8 @@ from integ_gym.support import load
 from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
-from .choice import Choice, integrator_numbers
-from .description import ModelEngine, TaskGoal, TaskSetup, observation_names, plant_of
+from .description import Choice, ModelEngine, TaskGoal, TaskSetup, integrator_numbers, plant_of
 from .ledger import NOTHING, Ledger, is_lost
-
-Array = npt.NDArray[Any]
 
 SURVIVAL = "not terminated within the time limit"
 
@@ -161,7 +158,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         self._least = min(self._least, float(reward))
         self._return += float(reward)
         self._energy = before if self._diverged else self._ledger.energy(self._data)
-        residual = self._residual(before)
+        booked = self._booked
+        residual = self._energy - before - booked.work + booked.dissipated
+        residual = math.nan if booked.constrained else residual
         success = self._note_goal(bool(terminated), bool(truncated))
         told = self._info(residual, self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
@@ -193,38 +192,25 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
                 f"a task must be advanced by one control period at once, {self._stock[1]} of its "
                 f"own timesteps, got {count}"
             )
-        with self._timed(timing.dt, timing.substeps):
-            self._advance(control, timing.substeps)
-
-    def _advance(self, control: Any, count: int) -> None:
-        """Take ``count`` steps under a control."""
         control = np.asarray(control, dtype=np.float64)
         if control.shape != (self._model.nu,):
             raise ValueError(f"an action must have shape ({self._model.nu},), got {control.shape}")
-        data = self._data
+        data, model = self._data, self._model
         q, v = data.qpos.copy(), data.qvel.copy()
         data.ctrl[:] = control
-        self._applied = self._clamped(control)
+        low, high = model.actuator_ctrlrange.T
+        limited = model.actuator_ctrllimited.astype(bool)
+        self._applied = np.where(limited, np.clip(control, low, high), control)
         self._saturated = bool((self._applied != control).any())
         self._silence()
-        self._booked = self._ledger.step(data, count)
-        self._diverged = is_lost(data)
-        if self._diverged:
-            data.qpos[:], data.qvel[:] = q, v
-            self._mujoco.mj_forward(self._model, data)
-            self._booked = self._ledger.put_back(self._booked)
-        self._mujoco.mj_rnePostConstraint(self._model, data)
-
-    def _clamped(self, control: Array) -> Array:
-        """The control within the actuators' ranges, as MuJoCo clamps it."""
-        low, high = self._model.actuator_ctrlrange.T
-        limited = self._model.actuator_ctrllimited.astype(bool)
-        return np.where(limited, np.clip(control, low, high), control)
-
-    def _residual(self, before: float) -> float:
-        if self._booked.constrained:
-            return math.nan
-        return self._energy - before - self._booked.work + self._booked.dissipated
+        with self._timed(timing.dt, timing.substeps):
+            self._booked = self._ledger.step(data, timing.substeps)
+            self._diverged = is_lost(data)
+            if self._diverged:
+                data.qpos[:], data.qvel[:] = q, v
+                self._mujoco.mj_forward(model, data)
+                self._booked = self._ledger.put_back(self._booked)
+            self._mujoco.mj_rnePostConstraint(model, data)
 
     def _note_goal(self, terminated: bool, truncated: bool) -> bool:
         """Keep since when the goal has held; whether the episode has just ended in success."""
@@ -282,11 +268,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
-        goal = (
-            SURVIVAL
-            if self._success_return is None
-            else (f"return of at least {self._success_return:g}")
-        )
+        names = tuple(f"obs{index}" for index in range(size))
+        wanted = self._success_return
+        goal = SURVIVAL if wanted is None else f"return of at least {wanted:g}"
         return TaskSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
@@ -294,7 +278,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             ),
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),
-            task=TaskGoal(goal, observation_names(size), ("",) * size),
+            task=TaskGoal(goal, names, ("",) * size),
             engine=ModelEngine(
                 chosen, float(model.opt.tolerance), int(model.opt.iterations),
                 Ledger(mujoco, model, chosen).accounted,

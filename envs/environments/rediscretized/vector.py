@@ -42,7 +42,7 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         return np.array([task.state_components for task in self._tasks]).T
 
     @property
-    def status_codes(self) -> npt.NDArray[np.int64]:
+    def status_codes(self) -> npt.NDArray[np.int64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         return np.array(
@@ -53,6 +53,6 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         )
 
     @property
-    def final_state(self) -> npt.NDArray[np.float64]:
+    def final_state(self) -> npt.NDArray[np.float64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.final_state for task in self._tasks])

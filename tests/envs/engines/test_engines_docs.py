@@ -11,7 +11,7 @@ from engine_cases import DAMPING, FOREIGN, mapped, native_name, needs, setup_of,
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.maps import map_names, one_step_map
-from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.envs.numerics.fingerprinting import fingerprint
 
 ROOT = Path(__file__).parents[3]
 ENGINES_TABLE = (ROOT / "docs" / "engines.md").read_text("utf-8").split("\n## ")[1]

@@ -12,7 +12,7 @@ from checks import APPROXIMATE, POINT
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.phase_space import symplecticity_defect
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 

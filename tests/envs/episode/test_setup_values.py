@@ -12,9 +12,8 @@ from engine_cases import STOPPED, needs
 import integ_gym  # noqa: F401
 from integ_gym.envs.catalogue.registration import environment_setup
 from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.environments.functional.params import params_of
-from integ_gym.envs.environments.functional.traced_setup import traced_setup
-from integ_gym.envs.episode.lanes import of_lanes
+from integ_gym.envs.environments.functional.params import params_of, traced_setup
+from integ_gym.envs.environments.lanes import of_lanes
 from integ_gym.eval.diagnosis.bench.counting import counted
 
 SWING_UP = "IntegCartPoleSwingUp-v0"

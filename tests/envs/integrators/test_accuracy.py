@@ -18,8 +18,8 @@ import integ_gym
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.energy_balance import ledger
-from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.energy import ledger
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.order import slope
 from integ_gym.envs.numerics.probe import fastest_rate
 from integ_gym.envs.plants import PLANTS

@@ -21,7 +21,7 @@ from integ_gym.envs.maps._families.runge_kutta import (
     Tableau,
 )
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.cart_pole import CartPole
 

@@ -23,8 +23,8 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.episode.control_period import initial_state, transition
 from integ_gym.envs.mechanics.contact import Stops
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.energy_balance import ledger
-from integ_gym.envs.numerics.identification.identity import declared
+from integ_gym.envs.numerics.energy import ledger
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 

@@ -10,13 +10,12 @@ import pytest
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.numerics.energy import energies, energy_growth
-from integ_gym.envs.numerics.identification.identity import Declared, classify, declared
+from integ_gym.envs.numerics.identity import Declared, classify, declared
 from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
 from integ_gym.envs.numerics.order import convergence, slope
-from integ_gym.envs.numerics.phase_space import volume_defect
+from integ_gym.envs.numerics.phase_space import reversibility_errors, volume_defect
 from integ_gym.envs.numerics.probe import fastest_mode, fastest_rate, linear_rates, probe_state
-from integ_gym.envs.numerics.reversibility import reversibility_defect
 from integ_gym.envs.numerics.stepping import advance, jacobian
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
@@ -149,7 +148,7 @@ def test_arithmetic_errors_are_not_a_number():
     own = f"{__name__}:Overflowing"
     assert np.isnan(advance(own, Pendulum(), (1.0, 0.0), 0.05)).all()
     assert np.isnan(energies(own, Pendulum(), (1.0, 0.0), 0.05, 3)[1:]).all()
-    assert math.isnan(reversibility_defect(own, Pendulum(), (1.0, 0.0), 0.05))
+    assert math.isnan(reversibility_errors(own, Pendulum(), (1.0, 0.0), 0.05).max())
     assert energy_growth(energies(own, Pendulum(), (1.0, 0.0), 0.05, 30)).drift == math.inf
 
 

@@ -177,7 +177,7 @@ def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
 
     saturated = open_loop.saturated
     monkeypatch.setattr(open_loop, "saturated", uncounted)
-    monkeypatch.setattr("integ_gym.envs.tasks.pendulum_swing_up.saturated", uncounted)
+    monkeypatch.setattr("integ_gym.envs.tasks._box.saturated", uncounted)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "counted as saturated") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}

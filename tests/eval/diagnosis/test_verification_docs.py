@@ -12,7 +12,7 @@ from checks import ROD, elliptic_pendulum
 
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.energy import energies, energy_growth
-from integ_gym.envs.numerics.identification.identity import classify
+from integ_gym.envs.numerics.identity import classify
 from integ_gym.envs.numerics.order import convergence
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole

@@ -11,7 +11,7 @@ from engine_cases import FIRST, needs
 
 from integ_gym.cli import main
 from integ_gym.envs.engines import ENGINES, missing_modules
-from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.envs.numerics.fingerprinting import fingerprint
 
 
 def _table(printed):

@@ -16,7 +16,7 @@ from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.casadi import engine as _casadi_engine
 from integ_gym.envs.maps import one_step_map
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.envs.numerics.fingerprinting import fingerprint
 from integ_gym.support.packages.extras import load
 
 INTEGRATORS = tuple(ENGINES.load("casadi").maps)

@@ -16,7 +16,7 @@ from integ_gym.envs.engines.drake.engine import DISCRETE, EXPLICIT, IMPLICIT, Dr
 from integ_gym.envs.engines.drake.implicit import Stepper, implicit_steps, rest_serves
 from integ_gym.envs.engines.drake.steps import SPAN, Clock
 from integ_gym.envs.maps import one_step_map
-from integ_gym.envs.numerics.identification.fingerprinting import fingerprint
+from integ_gym.envs.numerics.fingerprinting import fingerprint
 from integ_gym.support.packages.extras import load
 
 ALL = tuple(DrakeEngine.maps)

@@ -12,7 +12,7 @@ from house import ROOT
 from small_panel import small_data
 
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
-from integ_gym.envs.testbeds import finding
+from integ_gym.envs.testbeds import making
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.train.baselines.making import has_handmade, make_baseline, possible_baselines
@@ -38,7 +38,7 @@ def settle(request, tmp_path, monkeypatch) -> str:
     monkeypatch.syspath_prepend(tmp_path)
     importlib.import_module("my_task")
     monkeypatch.setitem(ENVIRONMENTS, "Settle-v0", "my_task:Settle")
-    finding._found.cache_clear()
+    making._found.cache_clear()
     yield "Settle-v0"
     gym.registry.pop("Settle-v0", None)
     for name, _ in BLOCKS:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...arithmetic import SCALAR, Components
-from ...maps import map_names, one_step_map
-from ...mechanics import PlantSystem
-from ...plants import Plant
-from ..stepping import OneStep
+from ..arithmetic import SCALAR, Components
+from ..maps import map_names, one_step_map
+from ..mechanics import PlantSystem
+from ..plants import Plant
+from .stepping import OneStep
 
 Case = tuple[Components, Components, float]
 """(q, v, control): where a step begins."""
@@ -31,14 +31,9 @@ class Match:
     defects: dict[str, float]
 
     @property
-    def nearest(self) -> str:
-        """The map with the smallest defect."""
-        return min(self.defects, key=lambda name: self.defects[name])
-
-    @property
     def defect(self) -> float:
-        """That smallest defect."""
-        return self.defects[self.nearest]
+        """The smallest of them."""
+        return min(self.defects.values())
 
 
 def match(
@@ -60,13 +55,13 @@ def match(
         substeps: steps of dt / substeps that the maps take.
     """
     taken = [step(*case) for case in cases]
-    defects = {}
-    for name in names or map_names():
-        errors = [
+    defects = {
+        name: max(
             largest_error(got, mapped(name, plant, dt / substeps, substeps, case))
             for got, case in zip(taken, cases, strict=True)
-        ]
-        defects[name] = max(errors)
+        )
+        for name in names or map_names()
+    }
     return Match(defects)
 
 

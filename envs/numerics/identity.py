@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...integrators import INTEGRATORS
-from ...plants import Pendulum, Plant
-from ..linear import stability_limit
-from ..order import convergence
-from ..phase_space import symplecticity_defect
-from ..probe import fastest_rate, probe_state
-from ..reversibility import reversibility_errors
-from ..stepping import Advance, State, advance
+from ..integrators import INTEGRATORS
+from ..plants import Pendulum, Plant
+from .linear import stability_limit
+from .order import convergence
+from .phase_space import reversibility_errors, symplecticity_defect
+from .probe import fastest_rate, probe_state
+from .stepping import Advance, State, advance
 
 ORDER_TOLERANCE = 0.05
 """A measured order this far from the declared one contradicts it."""

@@ -2,59 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import Component
-from .settings import Setup
+from ..arithmetic import Component, Components, map_leaves
+from ..episode import Setup
 
 Array = npt.NDArray[Any]
-Tree = TypeVar("Tree", bound=tuple[Any, ...])
-
-
-def full(value: Component, lanes: int, dtype: Any = None) -> Array:
-    """A fresh array of shape (lanes,)."""
-    array = np.empty(lanes, dtype=np.asarray(value).dtype if dtype is None else dtype)
-    array[:] = value
-    return array
 
 
 def as_lanes(value: Component, lanes: int) -> Array:
     """``value`` itself if it is an array, else a fresh one of shape (lanes,)."""
-    return value if isinstance(value, np.ndarray) else full(value, lanes)
+    return value if isinstance(value, np.ndarray) else np.full(lanes, value)
 
 
-def map_leaves(function: Callable[[Component], Any], tree: Tree) -> Tree:
-    """Apply ``function`` to every component in nested (named) tuples."""
-    values = [map_leaves(function, x) if isinstance(x, tuple) else function(x) for x in tree]
-    return type(tree)(*values) if hasattr(tree, "_fields") else tuple(values)  # type: ignore[return-value]
-
-
-def blank(tree: Tree, num_envs: int) -> Tree:
+def blank(tree: Any, num_envs: int) -> Any:
     """Zeros of shape (num_envs,) in place of the components of ``tree``."""
     return map_leaves(lambda x: np.zeros(num_envs, np.asarray(x).dtype), tree)
 
 
-def take(tree: Tree, lanes: Array) -> Tree:
+def take(tree: Any, lanes: Array) -> Any:
     """``tree``, whose components are of shape (num_envs,) or one for all, of some lanes."""
     return map_leaves(lambda x: x[lanes] if np.ndim(x) else x, tree)
 
 
-def put(tree: Tree, lanes: Array, values: Tree, num_envs: int) -> Tree:
+def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
     """``tree`` as fresh arrays of shape (num_envs,), with ``values`` in some lanes."""
-    merged: list[Any] = []
-    for old, new in zip(tree, values, strict=True):
-        if isinstance(old, tuple):
-            merged.append(put(old, lanes, new, num_envs))
-        else:
-            array = old.copy() if isinstance(old, np.ndarray) else full(old, num_envs)
-            array[lanes] = new
-            merged.append(array)
-    return type(tree)(*merged) if hasattr(tree, "_fields") else tuple(merged)  # type: ignore[return-value]
+
+    def merged(old: Component, new: Component) -> Array:
+        array = old.copy() if isinstance(old, np.ndarray) else np.full(num_envs, old)
+        array[lanes] = new
+        return array
+
+    return map_leaves(merged, tree, values)
+
+
+def fill(table: Array, components: Components, lanes: Any = slice(None)) -> Array:
+    """``table``, shape (num_envs, n), with components, one number or one per lane, as columns."""
+    for column, values in enumerate(components):
+        table[lanes, column] = values
+    return table
 
 
 def varied(setup: Setup) -> dict[str, Array]:

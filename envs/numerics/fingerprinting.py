@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...maps import map_names
-from ...mechanics import PlantSystem
-from ...plants import PLANTS, Plant, join_state
-from ..order import ROUNDING, convergence
-from ..phase_space import volume_defect
-from ..probe import fastest_rate, probe_state
-from ..stepping import SINGLE_WIDTH, WIDTH, advance_lanes, engine_of, jacobian, one_step
+from ..maps import map_names
+from ..mechanics import PlantSystem
+from ..plants import PLANTS, Plant, join_state
 from .matching import Case, Match, cases_of, match
+from .order import ROUNDING, convergence
+from .phase_space import volume_defect
+from .probe import fastest_rate, probe_state
+from .stepping import SINGLE_WIDTH, WIDTH, advance_lanes, engine_of, jacobian, one_step
 
 Array = npt.NDArray[np.float64]
 
