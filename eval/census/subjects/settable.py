@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, product
-from typing import Any
 
 import numpy as np
 
@@ -102,8 +101,3 @@ def _rounded(case: numerics.Case, width: int) -> numerics.Case:
 
 def _single(value: float) -> float:
     return float(np.float32(value))
-
-
-def single_precision(*values: float) -> Any:
-    """Values as a float32 array, as JAX takes them by default."""
-    return np.array(values, dtype=np.float32)
