@@ -6,7 +6,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .bench import Bench, Commands
-    from .handmade import success, success_line
+    from .handmade import success_lines
     from .impact import PHASES, Impact, impact_of
     from .rollout import Array, Rollout
     from .subject import RELEASE, Subject, subjects

@@ -12,8 +12,6 @@ from ..bench import Array
 from ..lines import ANY, Expectation, below, near
 from ..section import Diagnosis
 
-SECTION = "plant"
-
 STATES = 32
 """Random states around rest at which the plant is asked."""
 

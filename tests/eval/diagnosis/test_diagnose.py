@@ -281,7 +281,7 @@ def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkey
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Bench, "commit", no_space)
-    monkeypatch.setattr(run, "SECTIONS", {plant_section.SECTION: plant_section.diagnose_plant})
+    monkeypatch.setattr(run, "SECTIONS", {"plant": plant_section.diagnose_plant})
     out = str(tmp_path / "out")
     assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", "1"]) == 2
     assert f"cannot write to {out}: No space left on device" in capsys.readouterr().err
