@@ -46,10 +46,6 @@ class Rollout:
         sums: Array = np.abs(self.info["energy_residual"]).sum(axis=0)
         return sums
 
-    def largest_energy(self) -> float:
-        """J, over all instants and lanes."""
-        return float(np.nanmax(self.info["energy"]))
-
     def diverged(self) -> Array:
         """Whether an episode ended before its time, shape (lanes,)."""
         ended: Array = ~np.isfinite(self.info["energy"][-1])

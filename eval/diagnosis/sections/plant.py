@@ -25,7 +25,7 @@ _RESISTANCE = 0.3
 def diagnose_plant(diagnosis: Diagnosis) -> None:
     """Compare what the plant says of itself with differences of what it says elsewhere."""
     subject = diagnosis.subject
-    names = (*subject.resistances("damping"), *subject.resistances("friction"))
+    names = subject.resistances("damping", "friction")
     plant = subject.varied(**dict.fromkeys(names, _RESISTANCE))
     states = states_around(subject.rest)
     _share(

@@ -25,9 +25,9 @@ from integ_gym.eval.diagnosis import run
 from integ_gym.eval.diagnosis import worked_example as drift_example
 from integ_gym.eval.diagnosis.bench.bench import Bench, Commands
 from integ_gym.eval.diagnosis.bench.impact import impact_of
+from integ_gym.eval.diagnosis.bench.integrators import theory_of
 from integ_gym.eval.diagnosis.bench.rest import rest_state
 from integ_gym.eval.diagnosis.bench.subject import subjects
-from integ_gym.eval.diagnosis.bench.theory import theory_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.terminal import print_diagnosis

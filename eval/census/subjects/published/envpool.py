@@ -136,16 +136,9 @@ def _gymnasium_cart_pole(seen: Any) -> list[State]:
 
 
 def _suite_pendulum(seen: Any) -> list[State]:
-    upright, spins = seen["orientation"].tolist(), seen["velocity"].tolist()
-    return [
-        ((math.atan2(sine, cosine),), (spin,))
-        for (cosine, sine), (spin,) in zip(upright, spins, strict=True)
-    ]
+    return _gymnasium_pendulum(np.concatenate([seen["orientation"], seen["velocity"]], axis=1))
 
 
 def _suite_cart_pole(seen: Any) -> list[State]:
-    places, speeds = seen["position"].tolist(), seen["velocity"].tolist()
-    return [
-        ((x, math.atan2(sine, cosine)), (speed, spin))
-        for (x, cosine, sine), (speed, spin) in zip(places, speeds, strict=True)
-    ]
+    rows = np.concatenate([seen["position"], seen["velocity"]], axis=1).tolist()
+    return [((x, math.atan2(sine, cosine)), (speed, spin)) for x, cosine, sine, speed, spin in rows]
