@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         Home,
         Layout,
         Replays,
+        plain,
         record_table,
     )
     from .recorders import RecordEvidence, RecordVectorEvidence, now

@@ -11,7 +11,7 @@ from typing import Any
 from integ_gym.envs import TRUTH, integrators_of, map_names, missing_modules, one_step_map
 from integ_gym.support import installed_versions
 
-from .measuring import Line, measure
+from .line import Line, measure
 from .subjects import COAST, Subject, engine_subjects
 from .subjects.published import PUBLISHED, installed
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
@@ -11,29 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from integ_gym.envs import INTEGRATORS
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence import EvidenceStore, plain
 from integ_gym.support import Progress, cannot_write, make_folder, replace_file
 
 from ..panel.running import package_versions
+from . import sections
 from .bench import Bench, Subject, check_integrator, subjects
 from .figures import write_diagnosis_figures
 from .section import Diagnosis
-from .sections import (
-    actuation,
-    contact,
-    damping,
-    free_motion,
-    friction,
-    identity,
-    latency,
-    plant,
-    refinement,
-    stiffness,
-)
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""
@@ -41,20 +28,20 @@ SCHEMA_VERSION = 1
 RESULT = "diagnose.json"
 
 SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
-    plant.SECTION: plant.diagnose_plant,
-    identity.SECTION: identity.diagnose_identity,
-    free_motion.SECTION: free_motion.diagnose_free_motion,
-    stiffness.SECTION: stiffness.diagnose_stiffness,
-    damping.SECTION: damping.diagnose_damping,
-    friction.SECTION: friction.diagnose_friction,
-    contact.SECTION: contact.diagnose_contact,
-    actuation.SECTION: actuation.diagnose_actuation,
-    refinement.SECTION: refinement.diagnose_refinement,
-    latency.SECTION: latency.diagnose_latency,
+    "plant": sections.plant.diagnose_plant,
+    "integrator": sections.identity.diagnose_identity,
+    "free motion": sections.free_motion.diagnose_free_motion,
+    "stiffness": sections.stiffness.diagnose_stiffness,
+    "damping": sections.damping.diagnose_damping,
+    "friction": sections.friction.diagnose_friction,
+    "contact": sections.contact.diagnose_contact,
+    "actuation": sections.actuation.diagnose_actuation,
+    "timestep refinement": sections.refinement.diagnose_refinement,
+    "latency": sections.latency.diagnose_latency,
 }
 """Sections in the order in which they are shown."""
 
-_LONGEST = (refinement.SECTION, latency.SECTION)
+_LONGEST = ("timestep refinement", "latency")
 """Sections that are begun first, so that no worker is left alone with one at the end."""
 
 _DIGITS = 9
@@ -169,16 +156,13 @@ def diagnose(
     try:
         with tqdm(total=len(jobs), unit=" sections", desc="diagnose", disable=not progress) as bar:
             parts = _all(jobs, workers, bar.update)
+        unfinished.rename(directory / "evidence")
     except OSError as error:
-        shutil.rmtree(unfinished, ignore_errors=True)
         raise cannot_write(directory, error) from error
     except DiagnosisError as error:
-        shutil.rmtree(unfinished, ignore_errors=True)
         raise DiagnosisError(str(error)) from error
-    except BaseException:
+    finally:
         shutil.rmtree(unfinished, ignore_errors=True)
-        raise
-    unfinished.rename(directory / "evidence")
     result = _result(parts, plants, names, command)
     result["records"] = EvidenceStore(directory / "evidence").count()
     text = json.dumps(result, indent=1, allow_nan=False)
@@ -212,37 +196,25 @@ def _result(
     for part in parts:
         for figure, found in part.curves.items():
             curves.setdefault(figure, []).extend(found)
-    return {
+    result: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "command": command,
         "versions": package_versions(),
         "plants": [
             {
                 "name": s.name,
-                "environments": list(s.environments),
-                "dt_s": list(s.steps),
+                "environments": s.environments,
+                "dt_s": s.steps,
                 "control_period_s": s.control_period,
-                "rest_state": s.rest.tolist(),
+                "rest_state": s.rest,
                 "frequency_rad_s": s.frequency,
                 "slowest_rad_s": s.slowest,
             }
             for s in plants
         ],
-        "integrators": list(names),
+        "integrators": names,
         "identities": [told for part in parts for told in part.told],
         "findings": [finding.row() for part in parts for finding in part.findings],
-        "curves": plain(curves),
+        "curves": plain(curves, _DIGITS),
     }
-
-
-def plain(value: Any) -> Any:
-    """Nested arrays, lists and dicts as JSON: null for what is not finite, few digits."""
-    if isinstance(value, dict):
-        return {name: plain(x) for name, x in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(x) for x in value]
-    if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
-    return value
+    return {name: plain(value) for name, value in result.items()}

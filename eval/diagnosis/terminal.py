@@ -24,18 +24,15 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO) -> None:
     for title, topic in _topics(lines):
         print(file=file)
         say(title, file)
-        rows = [(line["integrator"], *_cells(line)) for line in topic]
-        print_aligned(("integrator", *_COLUMNS), rows, file)
+        rows = [
+            (line["integrator"], line["shown"], line["expected"], line["tolerance"],
+             VERDICTS[line["holds"]])
+            for line in topic
+        ]  # fmt: skip
+        print_aligned(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
     _print_identities(result["identities"], file)
     _print_counts(lines, file)
     _print_failures(lines, file)
-
-
-_COLUMNS = ("measured", "expected", "tolerance", "holds")
-
-
-def _cells(line: Line) -> tuple[str, ...]:
-    return line["shown"], line["expected"], line["tolerance"], VERDICTS[line["holds"]]
 
 
 def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
@@ -61,15 +58,8 @@ def _print_identities(identities: Sequence[Mapping[str, Any]], file: TextIO) -> 
         )
         for told in identities
     ]  # fmt: skip
-    names = (
-        "plant",
-        "integrator",
-        "order",
-        "symplectic",
-        "reversible",
-        "oscillations stable up to",
-    )
-    print_aligned(names, rows, file)
+    told = ("order", "symplectic", "reversible", "oscillations stable up to")
+    print_aligned(("plant", "integrator", *told), rows, file)
 
 
 def _order(order: float | str | None) -> str:
@@ -110,9 +100,5 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
     for title, topic in _topics(failed):
         say(title, file, indent="  ")
         for line in topic:
-            say(
-                f"{line['integrator']}: {line['shown']}; expected {line['expected']}, "
-                f"tolerance {line['tolerance']}",
-                file,
-                indent="    ",
-            )
+            expected = f"expected {line['expected']}, tolerance {line['tolerance']}"
+            say(f"{line['integrator']}: {line['shown']}; {expected}", file, indent="    ")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from ..schema import described, is_trace, pyarrow
@@ -92,14 +93,21 @@ def _padded(values: Array, rows: int) -> list[Any]:
     return [*plain(values.tolist()), *[None] * (rows - len(values))]
 
 
-def plain(value: Any) -> Any:
-    """A value fit for JSON: times as ISO 8601, what is not finite as null."""
+def plain(value: Any, digits: int | None = None) -> Any:
+    """A value fit for JSON: times as ISO 8601, what is not finite as null.
+
+    Args:
+        value: nested lists, tuples, dicts and arrays of such values.
+        digits: significant digits that are kept of floats; None: all.
+    """
     if isinstance(value, datetime):
         return value.isoformat()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, list):
-        return [plain(x) for x in value]
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
+    if isinstance(value, (list, tuple)):
+        return [plain(x, digits) for x in value]
     if isinstance(value, dict):
-        return {key: plain(x) for key, x in value.items()}
-    return value
+        return {key: plain(x, digits) for key, x in value.items()}
+    return plain(value.tolist(), digits) if isinstance(value, np.ndarray) else value

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain, product
-from typing import Any
+from itertools import product
 
 import numpy as np
 
@@ -45,12 +43,11 @@ class Settable:
     def driven(self, subject: Subject) -> Sample:
         """From fast states, under the largest control in the direction of motion."""
         n = len(subject.plant.coordinates)
-        cases: list[numerics.Case] = []
+        still, cases = (0.0,) * (n - 1), []
         for angle, speed, sign in product((0.5, 1.5, 2.5), FAST, (1.0, -1.0)):
-            q = (*(0.0,) * (n - 1), sign * angle)
-            v = (*(0.0,) * (n - 1), sign * speed)
-            cases.append((q, v, sign * subject.max_control))
-        return _taken(subject.plant, self.step, [_rounded(c, subject.width) for c in cases])
+            case = ((*still, sign * angle), (*still, sign * speed), sign * subject.max_control)
+            cases.append(_rounded(case, subject.width))
+        return _taken(subject.plant, self.step, cases)
 
     def coast(self, subject: Subject) -> list[State] | None:
         """From 90° at rest."""
@@ -65,22 +62,18 @@ class Settable:
         return states
 
     def _cases(self, subject: Subject, plant: Plant) -> list[numerics.Case]:
-        cases = [
-            *numerics.cases_of(plant, controlled=False, count=COUNT, spread=self.spread),
-            *numerics.cases_of(plant, controlled=True, count=COUNT, spread=self.spread),
-        ]
         scale = subject.max_control / self.spread
-        return [_rounded((q, v, scale * control), subject.width) for q, v, control in cases]
+        return [
+            _rounded((q, v, scale * control), subject.width)
+            for controlled in (False, True)
+            for q, v, control in numerics.cases_of(plant, controlled, COUNT, self.spread)
+        ]
 
 
 def _taken(plant: Plant, step: numerics.OneStep, cases: list[numerics.Case]) -> Sample:
     """The control periods that end in a finite state."""
     taken = (Transition(case, _end(step, case)) for case in cases)
-    return Sample(plant, tuple(one for one in taken if all(map(math.isfinite, _flat(one.end)))))
-
-
-def _flat(state: State) -> Iterator[float]:
-    return chain.from_iterable(state)
+    return Sample(plant, tuple(one for one in taken if np.isfinite(one.end).all()))
 
 
 def _end(step: numerics.OneStep, case: numerics.Case) -> State:
@@ -96,14 +89,5 @@ def _rounded(case: numerics.Case, width: int) -> numerics.Case:
     """The case as floats of that width hold it."""
     if width == 64:
         return case
-    q, v, control = case
-    return tuple(map(_single, q)), tuple(map(_single, v)), _single(control)
-
-
-def _single(value: float) -> float:
-    return float(np.float32(value))
-
-
-def single_precision(*values: float) -> Any:
-    """Values as a float32 array, as JAX takes them by default."""
-    return np.array(values, dtype=np.float32)
+    q, v, control = (np.asarray(part, dtype=np.float32).tolist() for part in case)
+    return tuple(q), tuple(v), control

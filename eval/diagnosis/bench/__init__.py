@@ -6,11 +6,10 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .bench import Bench, Commands
-    from .handmade import success, success_line
+    from .handmade import success_lines
     from .impact import PHASES, Impact, impact_of
+    from .integrators import check_integrator, theory_of
     from .rollout import Array, Rollout
     from .subject import RELEASE, Subject, subjects
-    from .theory import theory_of
-    from .trial import check_integrator
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +17,7 @@ from integ_gym.train import Policy
 
 from .counting import counted
 from .open_loop import open_loop_environment
-from .rollout import Array, Rollout, follow_lanes, follow_one
+from .rollout import Array, Rollout, follow
 from .subject import Subject
 
 _MOST_DECISIONS = 64
@@ -88,7 +89,7 @@ class Bench:
             return self._lanes(cell, made(len(starts), **arguments), commands, starts)
         env = made.env_class(**arguments)
         system = counted(env)
-        rollout = self._one(cell, made.__name__, env, commands, starts[0])
+        rollout = self._recorded(RecordEvidence, made.__name__, cell, env, commands, starts[0])
         return replace(rollout, evaluations=system.evaluations)
 
     def task(
@@ -142,31 +143,23 @@ class Bench:
             self.store.commit_all(f"{section}-{name}", tables)
         self._tables.clear()
 
-    def _one(self, cell: str, name: str, env: Any, policy: Policy, start: Array) -> Rollout:
-        context = self._context(f"{name}/{cell}", policy)
-        recorder = RecordEvidence(env, self.store, context, commit_on_close=False)
-        rollout = follow_one(recorder, policy, start)
-        self._keep(name, recorder)
-        return rollout
-
     def _lanes(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
         name = made.spec.id if made.spec else type(made).__name__
-        context = self._context(f"{name}/{cell}", policy)
-        recorder = RecordVectorEvidence(
-            made, self.store, context, episodes=range(made.num_envs), commit_on_close=False
-        )
-        rollout = follow_lanes(recorder, policy, starts)
-        self._keep(name, recorder)
-        return rollout
+        record = partial(RecordVectorEvidence, episodes=range(made.num_envs))
+        return self._recorded(record, name, cell, made, policy, starts)
 
-    def _context(self, cell: str, policy: Policy) -> EpisodeContext:
-        return EpisodeContext(
+    def _recorded(
+        self, record: Any, name: str, cell: str, env: Any, policy: Policy, starts: Array | None
+    ) -> Rollout:
+        """Follow episodes and keep their records, which ``record`` makes."""
+        context = EpisodeContext(
             run_id=self.run_id,
-            cell=cell,
+            cell=f"{name}/{cell}",
             policy_id=policy.policy_id,
             policy_hash=policy.content_hash,
         )
-
-    def _keep(self, name: str, recorder: Any) -> None:
+        recorder = record(env, self.store, context, commit_on_close=False)
+        rollout = follow(recorder, policy, starts)
         self._tables.setdefault(name, []).append(recorder.take())
         recorder.close()
+        return rollout

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.envs import environment_setup
+from integ_gym.envs import TRUTH, environment_setup
 from integ_gym.train import has_handmade, make_baseline
 
 from ...verdict import EQUIVALENCE_MARGIN
@@ -58,27 +58,41 @@ def success(
     return float(rollout.success.mean())
 
 
-def success_line(
+def success_lines(
     diagnosis: Diagnosis,
-    integrator: str,
     env_id: str,
     quantity: str,
-    truths: Sequence[float | None],
-    shares: Sequence[float | None],
+    truths: Sequence[tuple[float, float]],
+    cases: Sequence[tuple[float, float]],
     steps: tuple[float, ...],
 ) -> None:
-    """The line on an integrator's success rates against the truth's."""
-    pairs = [(a or 0.0, b or 0.0) for a, b in zip(truths, shares, strict=True)]
-    wanted = [f"{a:.2f}" for a, _ in pairs]
-    words = wanted[0] if len(set(wanted)) == 1 else ", ".join(wanted)
-    expectation = Expectation(
-        f"{words}: as on the reference",
-        f"±{TOLERANCE:g}",
-        all(abs(a - b) <= TOLERANCE + _ROUNDING for a, b in pairs),
-    )
-    if not any(a or b for a, b in pairs):
-        expectation = undeclared("nothing: nobody succeeds, the reference included")
-    diagnosis.add(
-        integrator, f"{quantity}, {described(env_id)}", [b for _, b in pairs], "", expectation,
-        steps=steps,
-    )  # fmt: skip
+    """Lines on every integrator's success rates against the truth's, if there is a controller.
+
+    Args:
+        diagnosis: gets the lines.
+        env_id: the environment.
+        quantity: what succeeds, in words.
+        truths: step and latency of the truth, s, one for each case or one for all.
+        cases: step and latency of each rate, s.
+        steps: integration steps that are named, s.
+    """
+    wanted = [success(diagnosis, env_id, TRUTH, *case) for case in truths]
+    if None in wanted:
+        return
+    rates = [rate or 0.0 for rate in wanted] * (len(cases) // len(wanted))
+    said = list(dict.fromkeys(f"{rate:.2f}" for rate in rates))
+    words = said[0] if len(said) == 1 else ", ".join(f"{rate:.2f}" for rate in rates)
+    for integrator in diagnosis.integrators:
+        if integrator == TRUTH:
+            continue
+        shares = [success(diagnosis, env_id, integrator, *case) or 0.0 for case in cases]
+        expectation = Expectation(
+            f"{words}: as on the reference",
+            f"±{TOLERANCE:g}",
+            all(abs(a - b) <= TOLERANCE + _ROUNDING for a, b in zip(rates, shares, strict=True)),
+        )
+        if not any((*rates, *shares)):
+            expectation = undeclared("nothing: nobody succeeds, the reference included")
+        diagnosis.add(
+            integrator, f"{quantity}, {described(env_id)}", shares, "", expectation, steps=steps
+        )

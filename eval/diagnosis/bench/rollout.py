@@ -46,72 +46,56 @@ class Rollout:
         sums: Array = np.abs(self.info["energy_residual"]).sum(axis=0)
         return sums
 
-    def largest_energy(self) -> float:
-        """J, over all instants and lanes."""
-        return float(np.nanmax(self.info["energy"]))
-
     def diverged(self) -> Array:
         """Whether an episode ended before its time, shape (lanes,)."""
         ended: Array = ~np.isfinite(self.info["energy"][-1])
         return ended
 
 
-def follow_one(recorder: RecordEvidence, policy: Policy, start: Array) -> Rollout:
-    """One episode of a single environment, from a given start of shape (n,)."""
+def follow(
+    recorder: RecordEvidence | RecordVectorEvidence, policy: Policy, starts: Array | None
+) -> Rollout:
+    """One episode of a single environment, or one in every lane.
+
+    Args:
+        recorder: of the environment.
+        policy: what acts.
+        starts: shape (n,) or (lanes, n); None: the task's own.
+    """
     inner: Any = recorder.env.unwrapped
-    timing = inner.setup.timing
-    observation, info = recorder.reset(seed=SEED, options={"state": start})
-    names = [name for name, x in info.items() if not isinstance(x, str)]
-    states, rows, success = [inner.state_components], [[info[n] for n in names]], False
-    for _ in range(timing.horizon):
-        action = policy.act(np.asarray(observation)[None])[0]
+    timing, alone = inner.setup.timing, isinstance(recorder, RecordEvidence)
+    options = None if starts is None else {"state": starts}
+    observation, info = recorder.reset(seed=SEED, options=options)
+    names = [n for n, x in info.items() if n[0] != "_" and np.asarray(x).dtype.kind in "biuf"]
+    running = np.ones(np.shape(inner.state_components[0]), dtype=bool)
+    success = ~running
+    states, rows, lived = [], [], []
+    for instant in range(timing.horizon + 1):
+        states.append(np.array(inner.state_components))
+        rows.append(np.array([info[name] for name in names], dtype=np.float64))
+        lived.append(running)
+        if instant == timing.horizon:
+            break
+        action = policy.act(np.asarray(observation)[None])[0] if alone else policy.act(observation)
         observation, _, terminated, truncated, info = recorder.step(action)
-        if info["solver_status"] == "diverged":
+        success = success | (running & info["success"])
+        running = running & (info["solver_status"] != "diverged")
+        if instant + 1 < timing.horizon:
+            running = running & ~np.logical_or(terminated, truncated)
+        if not running.any():
             break
-        states.append(inner.state_components)
-        rows.append([info[n] for n in names])
-        success = bool(info["success"])
-        if terminated or truncated:
-            break
-    table = _padded(rows, timing.horizon + 1)
+    booked = _table(rows, lived, timing.horizon + 1)
     return Rollout(
         time=np.arange(timing.horizon + 1) * timing.control_period,
-        state=_padded(states, timing.horizon + 1)[:, None],
-        info={name: table[:, i, None] for i, name in enumerate(names)},
-        success=np.array([success]),
+        state=np.swapaxes(_table(states, lived, timing.horizon + 1), 1, 2),
+        info={name: booked[:, i] for i, name in enumerate(names)},
+        success=np.atleast_1d(success),
     )
 
 
-def _padded(rows: list[Any], length: int) -> Array:
-    """Rows as an array of a given length, NaN where there is none."""
-    table = np.full((length, len(rows[0])), np.nan)
-    table[: len(rows)] = rows
+def _table(rows: list[Array], lived: list[Array], length: int) -> Array:
+    """Rows in an array of shape (length, numbers, lanes), NaN where there is none."""
+    table = np.full((length, len(rows[0]), lived[0].size), np.nan)
+    values = np.reshape(rows, (len(rows), *table.shape[1:]))
+    table[: len(rows)] = np.where(np.reshape(lived, (len(rows), 1, -1)), values, np.nan)
     return table
-
-
-def follow_lanes(recorder: RecordVectorEvidence, policy: Policy, starts: Array | None) -> Rollout:
-    """One episode in every lane; starts of shape (lanes, n), or None for the task's own."""
-    inner: Any = recorder.env.unwrapped
-    timing = inner.setup.timing
-    options = None if starts is None else {"state": starts}
-    observation, info = recorder.reset(seed=SEED, options=options)
-    names = [n for n, x in info.items() if not n.startswith("_") and x.dtype != object]
-    state = np.full((timing.horizon + 1, *inner.state.shape), np.nan)
-    booked = {name: np.full(state.shape[:2], np.nan) for name in names}
-    running = np.ones(inner.num_envs, dtype=bool)
-    success = ~running
-    for instant in range(timing.horizon + 1):
-        state[instant, running] = inner.state[running]
-        for name in names:
-            booked[name][instant, running] = info[name][running]
-        if instant == timing.horizon:
-            break
-        observation, _, terminated, truncated, info = recorder.step(policy.act(observation))
-        success |= running & info["success"]
-        running = running & (info["solver_status"] != "diverged")
-        if instant + 1 < timing.horizon:
-            running = running & ~(terminated | truncated)
-        if not running.any():
-            break
-    time = np.arange(timing.horizon + 1) * timing.control_period
-    return Rollout(time, state, booked, success)

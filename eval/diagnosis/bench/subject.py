@@ -105,15 +105,15 @@ class Subject:
         """Names of the plant's parameters that end in one of the words."""
         return tuple(f.name for f in fields(self.plant) if f.name.split("_")[-1] in words)  # type: ignore[arg-type]
 
-    def resistances(self, word: str) -> tuple[str, ...]:
+    def resistances(self, *words: str) -> tuple[str, ...]:
         """Parameters called `damping` or `friction`, those of a stop left out."""
-        return tuple(n for n in self.parameters(word) if not n.startswith("stop"))
+        return tuple(n for n in self.parameters(*words) if not n.startswith("stop"))
 
     @property
     def undamped(self) -> dict[str, Any]:
         """Parameters that take the plant's own damping and friction away, where it has some."""
         checks = {f.name: f.metadata["check"] for f in fields(self.plant)}  # type: ignore[arg-type]
-        names = (*self.resistances("damping"), *self.resistances("friction"))
+        names = self.resistances("damping", "friction")
         return {n: 0.0 for n in names if getattr(self.plant, n) and checks[n](0.0) is None}
 
     def varied(self, **parameters: Any) -> Plant:

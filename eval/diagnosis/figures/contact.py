@@ -11,7 +11,7 @@ import numpy as np
 from integ_gym.support import COOL, INK, PAPER, SOFT, WARM, Entry, SeriesStyles, axes_at
 
 from ..bench import theory_of
-from .drawing import Curve, Grid, Panels, named, numbers
+from .drawing import Curve, draw_grid, named, numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,20 +57,20 @@ def draw_contact(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Rebound, penetration and ledger of one plant's impact, for every integrator."""
     names = [name for name in schemes if any(c["integrator"] == name for c in curves)]
     found = {c["integrator"]: c for c in curves}
-    grid = Grid(
+    heading = (
         f"Contact of {curves[0]['plant']}: one impact over step and stiffness",
         "worst of 4 places within a step at which the stop is touched (mean for the ledger); up: "
-        "larger steps, right: stiffer stops", _LEGEND,
-    )  # fmt: skip
-    across = len(names) > 1
-    rows, columns = (len(_MAPS), len(names)) if across else (1, len(_MAPS))
-    size = (1.75, 1.75) if across else (2.2, 2.2)
-    figure, places = grid.draw(
-        Panels(rows, columns, size, right=1.6) if across else Panels(rows, columns, size, below=1.0)
+        "larger steps, right: stiffer stops",
     )
+    across, shape = len(names) > 1, (len(_MAPS), len(names))
+    if across:
+        figure, places = draw_grid(heading, _LEGEND, shape, (1.75, 1.75), right=1.6)
+    else:
+        figure, beside = draw_grid(heading, _LEGEND, shape[::-1], (2.2, 2.2), below=1.0)
+        places = beside.T
     for i, quantity in enumerate(_MAPS):
         for j, name in enumerate(names):
-            axes = places[i][j] if across else places[0][i]
+            axes = places[i, j]
             mesh = _draw_map(axes, found[name], quantity)
             title = "" if across and i else name if across else quantity.title
             inner = j > 0 if across else i > 0
@@ -78,8 +78,7 @@ def draw_contact(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
             axes.title.set_fontsize(8.0)
             if inner:
                 axes.set_yticklabels([])
-        last = places[i][-1] if across else places[0][i]
-        _bar(figure, last, mesh, quantity, across)
+        _bar(figure, places[i, -1], mesh, quantity, across)
     return figure
 
 
@@ -141,8 +140,6 @@ def _edges(centres: Array) -> Array:
 def _boundary(axes: Axes, inside: Array, across: Array, up: Array) -> None:
     """The line between cells that are inside and those that are not."""
     for row, column in np.argwhere(inside[:, 1:] != inside[:, :-1]):
-        x = across[column + 1]
-        axes.plot([x, x], up[row : row + 2], color=INK, linewidth=1.8)
+        axes.plot(across[[column + 1] * 2], up[row : row + 2], color=INK, linewidth=1.8)
     for row, column in np.argwhere(inside[1:] != inside[:-1]):
-        y = up[row + 1]
-        axes.plot(across[column : column + 2], [y, y], color=INK, linewidth=1.8)
+        axes.plot(across[column : column + 2], up[[row + 1] * 2], color=INK, linewidth=1.8)

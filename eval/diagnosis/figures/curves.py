@@ -12,7 +12,7 @@ from integ_gym.envs import TRUTH
 from integ_gym.support import INK, SOFT, Entry, SeriesStyles, marker_style
 
 from ..bench import theory_of
-from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
+from .drawing import Curve, curve_style, draw_grid, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,9 +59,8 @@ def _curves(
     shown = list(dict.fromkeys((c["plant"], c["coordinate"]) for c in curves))
     columns = min(len(shown), _MOST_COLUMNS)
     rows = math.ceil(len(shown) / columns)
-    figure, places = Grid(title, about, legend).draw(Panels(rows, columns, (3.4, 2.9)))
-    every = [axes for line in places for axes in line]
-    for axes, (plant, coordinate) in zip(every, shown, strict=False):
+    figure, places = draw_grid((title, about), legend, (rows, columns), (3.4, 2.9))
+    for axes, (plant, coordinate) in zip(places.flat, shown, strict=False):
         own = [c for c in curves if (c["plant"], c["coordinate"]) == (plant, coordinate)]
         for curve in own:
             _curve(axes, curve, across, schemes)
@@ -69,7 +68,7 @@ def _curves(
             guides(axes, own)
         named(axes, f"{plant}: {coordinate}", label, f"error of {coordinate}, {own[0]['unit']}")
         axes.minorticks_off()
-    for axes in every[len(shown) :]:
+    for axes in places.flat[len(shown) :]:
         axes.set_visible(False)
     return figure
 
@@ -109,12 +108,12 @@ def _orders(axes: Axes, curves: Sequence[Curve]) -> None:
 def draw_stability(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Growth per step of small oscillations against hω."""
     plants = plants_of(curves)
-    grid = Grid(
+    heading = (
         "Stability of small oscillations",
         "growth per step against step × fastest frequency: line, any motion, one step linearized "
-        "at rest; marker, the fastest oscillation, followed; above 1: growth", entries(schemes),
-    )  # fmt: skip
-    figure, places = grid.draw(Panels(1, len(plants), (3.6, 2.8)))
+        "at rest; marker, the fastest oscillation, followed; above 1: growth",
+    )
+    figure, places = draw_grid(heading, entries(schemes), (1, len(plants)), (3.6, 2.8))
     for axes, plant in zip(places[0], plants, strict=True):
         axes.axhline(1.0, **curve_style(TRUTH, schemes))
         for curve in (c for c in curves if c["plant"] == plant and c["integrator"] != TRUTH):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -40,7 +39,6 @@ NARROWEST: Final = 8.4
 """Inches of the narrowest figure: its heading needs them."""
 
 _LEFT: Final = 0.85
-_RIGHT: Final = 0.35
 _GAP: Final = (0.8, 0.85)  # inches between plots
 _HEADING: Final = 0.8
 _LINE: Final = 0.2
@@ -65,80 +63,50 @@ def entries(schemes: SeriesStyles, truth: Mapping[str, Any] | None = None) -> li
     return [*scheme_entries(schemes), Entry(TRUTH, style)]
 
 
-@dataclass(frozen=True)
-class Panels:
-    """Plots in rows and columns.
+def draw_grid(
+    heading: tuple[str, str],
+    legend: Sequence[Entry],
+    shape: tuple[int, int],
+    size: tuple[float, float],
+    right: float = 0.35,
+    legible: float = 0.4,
+    below: float = 0.62,
+) -> tuple[Figure, np.ndarray[Any, Any]]:
+    """A figure with a heading, a legend and a grid of empty plots.
 
-    Attributes:
-        rows: how many.
-        columns: how many.
+    Args:
+        heading: what it shows, and how to read it.
+        legend: its entries.
+        shape: rows and columns of plots.
         size: inches of each, wide and high; they are made wider where the figure would be too
             narrow.
         right: inches to the right of them.
         legible: inches between the legend and the plots.
         below: inches under them.
+
+    Returns:
+        The figure, and its plots in an array of that shape.
     """
-
-    rows: int
-    columns: int
-    size: tuple[float, float]
-    right: float = _RIGHT
-    legible: float = 0.4
-    below: float = 0.62
-
-    @property
-    def width(self) -> float:
-        """Inches of each plot."""
-        free = NARROWEST - _LEFT - self.right - (self.columns - 1) * _GAP[0]
-        return max(self.size[0], free / self.columns)
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A figure with a heading, a legend and a grid of plots.
-
-    Attributes:
-        title: what it shows.
-        about: how to read it.
-        legend: its entries.
-    """
-
-    title: str
-    about: str
-    legend: Sequence[Entry]
-
-    def draw(self, panels: Panels) -> tuple[Figure, list[list[Axes]]]:
-        """The empty figure and its plots by row."""
-        across, down = panels.width, panels.size[1]
-        wide = _LEFT + panels.columns * (across + _GAP[0]) - _GAP[0] + panels.right
-        about = _wrapped(self.about, wide - 0.6)
-        heading = _HEADING + (len(about) - 1) * _LINE
-        lines = legend_lines(self.legend, wide) if self.legend else 0
-        top = heading + lines * _LINE + panels.legible
-        high = top + panels.rows * (down + _GAP[1]) - _GAP[1] + panels.below
-        figure = blank_figure(wide, high)
-        canvas = inch_canvas(figure)
-        draw_heading(canvas, 0.3, self.title, about[0])
-        for i, more in enumerate(about[1:], start=1):
-            canvas.text(0.3, 0.62 + i * _LINE, more, size=9, color=SOFT, va="baseline")
-        draw_legend(canvas, self.legend, wide, heading + 0.12)
-        places = [
-            [
-                axes_at(
-                    figure,
-                    _LEFT + column * (across + _GAP[0]),
-                    high - top - down - row * (down + _GAP[1]),
-                    across,
-                    down,
-                )
-                for column in range(panels.columns)
-            ]
-            for row in range(panels.rows)
-        ]
-        for line in places:
-            for axes in line:
-                _quiet(axes)
-        return figure, places
+    rows, columns = shape
+    down = size[1]
+    across = max(size[0], (NARROWEST - _LEFT - right - (columns - 1) * _GAP[0]) / columns)
+    wide = _LEFT + columns * (across + _GAP[0]) - _GAP[0] + right
+    about = _wrapped(heading[1], wide - 0.6)
+    head = _HEADING + (len(about) - 1) * _LINE
+    top = head + (legend_lines(legend, wide) if legend else 0) * _LINE + legible
+    high = top + rows * (down + _GAP[1]) - _GAP[1] + below
+    figure = blank_figure(wide, high)
+    canvas = inch_canvas(figure)
+    draw_heading(canvas, 0.3, heading[0], about[0])
+    for i, more in enumerate(about[1:], start=1):
+        canvas.text(0.3, 0.62 + i * _LINE, more, size=9, color=SOFT, va="baseline")
+    draw_legend(canvas, legend, wide, head + 0.12)
+    places = np.empty(shape, dtype=object)
+    for row, column in np.ndindex(shape):
+        left, low = _LEFT + column * (across + _GAP[0]), high - top - down - row * (down + _GAP[1])
+        places[row, column] = axes_at(figure, left, low, across, down)
+        _quiet(places[row, column])
+    return figure, places
 
 
 def _wrapped(text: str, wide: float) -> list[str]:
@@ -174,6 +142,11 @@ def named(axes: Axes, title: str, x: str, y: str) -> None:
 def numbers(values: Sequence[float | None]) -> np.ndarray[Any, Any]:
     """A curve's numbers; NaN where there is none."""
     return np.array([np.nan if x is None else x for x in values])
+
+
+def windows(values: np.ndarray[Any, Any], window: int) -> np.ndarray[Any, Any]:
+    """Values in rows of ``window``; what fills none is left out."""
+    return values[: len(values) // window * window].reshape(-1, window)
 
 
 def plants_of(curves: Sequence[Curve]) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from integ_gym.support import compact, line_style, step
 
 from ...scheme_style import styles_of
-from .drawing import Grid, Panels, named
+from .drawing import draw_grid, named, windows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,17 +26,16 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
         dt: step, s.
     """
     styles = styles_of(changes)
-    grid = Grid(
+    heading = (
         "Energy drift of a released pendulum",
         f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; largest change within each "
-        f"{_WINDOW:g} s; at the right, the change at the end", (),
-    )  # fmt: skip
-    figure, ((axes,),) = grid.draw(Panels(1, 1, (5.8, 3.9), right=2.4, legible=0.25))
+        f"{_WINDOW:g} s; at the right, the change at the end",
+    )
+    figure, ((axes,),) = draw_grid(heading, (), (1, 1), (5.8, 3.9), right=2.4, legible=0.25)
     window = round(_WINDOW / dt)
     for name, change in changes.items():
-        count = len(change) // window
-        envelope = 100.0 * np.abs(change[: count * window]).reshape(count, window).max(axis=1)
-        time = (np.arange(count) + 0.5) * _WINDOW
+        envelope = 100.0 * windows(np.abs(change), window).max(axis=1)
+        time = (np.arange(len(envelope)) + 0.5) * _WINDOW
         style = styles[name]
         axes.semilogy(time, envelope, **line_style(style, 1.3))
         label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"

@@ -10,7 +10,7 @@ import numpy as np
 from integ_gym.envs import TRUTH
 from integ_gym.support import SeriesStyles, plain, step
 
-from .drawing import Curve, Grid, Panels, curve_style, entries, named, numbers, plants_of
+from .drawing import Curve, curve_style, draw_grid, entries, named, numbers, plants_of, windows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,18 +24,18 @@ _LINEAR: Final = 3.0  # energies within this factor of the start's are drawn on 
 def draw_energy(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Energy over time, and how far it is off."""
     plants = plants_of(curves)
-    grid = Grid(
+    heading = (
         "Energy of free motion",
         "released from rest, no control, no damping; above: energy; below: the largest error "
-        "within each period of the fastest oscillation", entries(schemes),
-    )  # fmt: skip
-    figure, places = grid.draw(Panels(2, len(plants), (3.6, 2.3)))
-    for column, plant in enumerate(plants):
+        "within each period of the fastest oscillation",
+    )
+    figure, places = draw_grid(heading, entries(schemes), (2, len(plants)), (3.6, 2.3))
+    for plant, (upper, lower) in zip(plants, places.T, strict=True):
         own = [c for c in curves if c["plant"] == plant]
-        _energies(places[0][column], own, schemes)
-        _errors(places[1][column], own, schemes)
-        named(places[0][column], f"{plant}, dt = {step(own[0]['dt'])} s", "", "E / E at the start")
-        named(places[1][column], "", "time, s", "|E / E at the start − 1|")
+        _energies(upper, own, schemes)
+        _errors(lower, own, schemes)
+        named(upper, f"{plant}, dt = {step(own[0]['dt'])} s", "", "E / E at the start")
+        named(lower, "", "time, s", "|E / E at the start − 1|")
     return figure
 
 
@@ -64,10 +64,8 @@ def _errors(axes: Axes, curves: Sequence[Curve], schemes: SeriesStyles) -> None:
     for curve in curves:
         time, error = numbers(curve["time"]), np.abs(numbers(curve["change"]))
         window = int(curve["window"])
-        count = len(error) // window
-        largest = error[: count * window].reshape(count, window).max(axis=1)
+        largest, middle = windows(error, window).max(axis=1), windows(time, window).mean(axis=1)
         style = curve_style(curve["integrator"], schemes)
-        middle = time[: count * window].reshape(count, window).mean(axis=1)
         axes.semilogy(middle, np.maximum(largest, _SMALLEST), **style)
     axes.set_ylim(_SMALLEST, 1e3)
     _over_time(axes, curves)
@@ -76,15 +74,15 @@ def _errors(axes: Axes, curves: Sequence[Curve], schemes: SeriesStyles) -> None:
 def draw_phase(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Phase portraits, one for each plant and integrator, over the truth."""
     plants, names = plants_of(curves), list(schemes) or [TRUTH]
-    grid = Grid(
+    heading = (
         "Phase portraits of free motion",
         "released from rest, no control, no damping; thick grey: reference",
-        entries(schemes, _BAND),
-    )  # fmt: skip
+    )
     across = len(names) > 2
     rows, columns = (plants, names) if across else (names, plants)
     size = (1.75, 1.75) if across else (2.2, 2.6)
-    figure, places = grid.draw(Panels(len(rows), len(columns), size))
+    shape = (len(rows), len(columns))
+    figure, places = draw_grid(heading, entries(schemes, _BAND), shape, size)
     for row, line in zip(rows, places, strict=True):
         for column, axes in zip(columns, line, strict=True):
             plant, name = (row, column) if across else (column, row)
@@ -92,7 +90,7 @@ def draw_phase(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
             _portrait(axes, found[name], found[TRUTH], schemes)
             (x, v), (x_unit, v_unit) = found[name]["names"], found[name]["units"]
             outer = f"{plain(row, 20)}: " if len(rows) > 1 and axes is line[0] else ""
-            title = plain(column, 20) if line is places[0] else ""
+            title = plain(column, 20) if row == rows[0] else ""
             named(axes, title, f"{x}, {x_unit}", f"{outer}{v}, {v_unit}")
             axes.title.set_fontsize(8.5)
     return figure

@@ -55,19 +55,10 @@ class Finding:
         return "; ".join(filter(None, (numbers + unit, self._order_words())))
 
     def row(self) -> dict[str, Any]:
-        """The line as JSON: numbers that are not finite are null, ``shown`` says which."""
+        """The line as a table's row; ``shown`` says which numbers are not finite."""
         fields = asdict(self)
         expectation = fields.pop("expectation")
-        fields["measured"] = [_finite(x) for x in self.measured]
-        fields["order"] = None if self.order is None else _finite(self.order)
-        return {
-            **fields,
-            **expectation,
-            "holds": self.holds,
-            "steps": list(self.steps),
-            "order_steps": list(self.order_steps),
-            "shown": self.words(),
-        }
+        return {**fields, **expectation, "holds": self.holds, "shown": self.words()}
 
     def _order_words(self) -> str:
         if not self.order_steps:
@@ -79,7 +70,3 @@ class Finding:
 
 ANY = "-"
 """Integrator of a line in which none takes part."""
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -63,4 +63,4 @@ def booked_line(
 
 def _scale(rollouts: dict[float, Rollout]) -> float:
     """Largest energy of the finest motion, J."""
-    return rollouts[min(rollouts)].largest_energy()
+    return float(np.nanmax(rollouts[min(rollouts)].info["energy"]))

@@ -12,8 +12,6 @@ from ..bench import Array, Commands, Rollout, Subject
 from ..lines import Expectation, booked_line, ledger_line, near, said
 from ..section import Diagnosis
 
-SECTION = "actuation"
-
 LEVELS = (3.0, 0.6, -3.0, -0.6)
 """Commands in units of the actuator's limit, one after the other."""
 
@@ -98,7 +96,7 @@ def _environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels: Arr
     subject, limit = diagnosis.subject, float(task.control_limit)
     unit = subject.plant.control_unit
     rollout = diagnosis.bench.task(
-        f"{SECTION}/{integrator}", env_id, Commands("levels", limit * levels), 1,
+        f"{diagnosis.section}/{integrator}", env_id, Commands("levels", limit * levels), 1,
         subject.rest[None], integrator=integrator, dt=subject.control_period,
         control_period=subject.control_period, duration=len(levels) * subject.control_period,
     )  # fmt: skip

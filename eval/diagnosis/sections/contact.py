@@ -12,8 +12,6 @@ from ..bench import PHASES, Array, Commands, Impact, Rollout, impact_of, theory_
 from ..lines import Expectation, ledger_line, near, said, solver_line, undeclared
 from ..section import NO_CONTROL, Diagnosis
 
-SECTION = "contact"
-
 HALVINGS = 6
 """Steps of the map, from the coarsest."""
 
@@ -69,7 +67,7 @@ def _strike(
     duration = math.ceil((4.0 * run_up + 1.5 * math.pi / slowest) / period) * period
     starts = np.repeat(impact.starts(dt, run_up, phases), len(stiffness), axis=0)
     return diagnosis.bench.open_loop(
-        f"{SECTION}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
+        f"{diagnosis.section}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
         Commands("zero", NO_CONTROL), starts, control_period=period, duration=duration,
         stop_stiffness=np.tile(stiffness, phases), **impact.arguments,
     )  # fmt: skip

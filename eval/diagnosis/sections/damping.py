@@ -13,8 +13,6 @@ from ..lines import booked_line, ledger_line, near, undeclared
 from ..section import Diagnosis
 from .stiffness import LARGEST, largest_stable, radii
 
-SECTION = "damping"
-
 RATIO = 0.1
 """Damping ratio of the motion that is followed."""
 

@@ -13,8 +13,6 @@ from ..bench import Array, Rollout, theory_of
 from ..lines import EXACT, Expectation, below, order_line, said, solver_line, undeclared
 from ..section import Diagnosis
 
-SECTION = "free motion"
-
 PERIODS = 8
 """Length of the motion in periods of the slowest small oscillation."""
 

@@ -14,8 +14,6 @@ from ..lines import Expectation, booked_line, ledger_line, near, said
 from ..section import Diagnosis
 from .damping import decay_rate, undriven
 
-SECTION = "friction"
-
 SWINGS = 4.0
 """Half oscillations after which friction has stopped the plant."""
 

@@ -13,8 +13,6 @@ from ..bench import theory_of
 from ..lines import Expectation, above, below, near, said, undeclared
 from ..section import Diagnosis
 
-SECTION = "integrator"
-
 Z = 0.2
 """hω at which the energy factor is measured."""
 
@@ -27,11 +25,9 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
     subject = diagnosis.subject
     plant = subject.varied(**subject.undamped)
     for integrator in diagnosis.integrators:
-        advance = diagnosis.bench.advance(f"{SECTION}/{integrator}", subject)
-        found, claim = (
-            numerics.classify(integrator, plant, follow=advance),
-            numerics.declared(integrator),
-        )
+        advance = diagnosis.bench.advance(f"{diagnosis.section}/{integrator}", subject)
+        found = numerics.classify(integrator, plant, follow=advance)
+        claim = numerics.declared(integrator)
         _order(diagnosis, integrator, found, claim)
         _symplectic(diagnosis, integrator, found, claim)
         _reversible(diagnosis, integrator, found, claim)
@@ -46,17 +42,13 @@ def _told(diagnosis: Diagnosis, integrator: str, found: numerics.Identity) -> di
     return {
         "plant": diagnosis.subject.name,
         "integrator": integrator,
-        "order": "exact to rounding" if found.order is None else _rounded(found.order),
+        "order": "exact to rounding" if found.order is None else round(found.order, 6),
         "symplectic": found.symplectic,
         "reversible": found.reversible,
-        "stable_up_to_h_omega": _rounded(limit),
-        "stable_up_to_dt_s": _rounded(limit / diagnosis.subject.frequency),
+        "stable_up_to_h_omega": round(limit, 6),
+        "stable_up_to_dt_s": round(limit / diagnosis.subject.frequency, 6),
         "stable": _stable_words(limit, diagnosis.subject.frequency),
     }
-
-
-def _rounded(value: float) -> float | None:
-    return round(value, 6) if math.isfinite(value) else None
 
 
 def _stable_words(limit: float, frequency: float) -> str:
@@ -87,19 +79,14 @@ def _symplectic(
     diagnosis: Diagnosis, integrator: str, found: numerics.Identity, claim: numerics.Declared
 ) -> None:
     defect = (found.symplecticity_defect,)
+    claimed, yes, no = claim.symplectic, "symplectic", "not symplectic"
     if integrator == TRUTH:
-        expectation = below(numerics.SYMPLECTIC, defect, why="the exact motion is symplectic")
-    elif claim.symplectic is None:
-        expectation = undeclared()
-    elif not claim.symplectic:
-        expectation = above(numerics.SYMPLECTIC, defect, why="not symplectic")
-    elif not diagnosis.subject.plant.constant_mass_matrix:
-        expectation = above(numerics.SYMPLECTIC, defect, why="not where M depends on q")
-    else:
-        expectation = below(numerics.SYMPLECTIC, defect, why="symplectic")
+        claimed, yes = True, "the exact motion is symplectic"
+    elif claimed and not diagnosis.subject.plant.constant_mass_matrix:
+        claimed, no = False, "not where M depends on q"
     diagnosis.add(
-        integrator, "symplectic, max |JᵀΩJ − Ω| of one step", defect, "", expectation,
-        steps=(found.dt,),
+        integrator, "symplectic, max |JᵀΩJ − Ω| of one step", defect, "",
+        _claimed(claimed, numerics.SYMPLECTIC, defect, "", yes, no), steps=(found.dt,),
     )  # fmt: skip
 
 
@@ -109,18 +96,22 @@ def _reversible(
     plant = diagnosis.subject.plant
     worst = int(np.argmax(found.reversibility_errors))
     unit, error = state_units(plant)[worst], (found.reversibility_errors[worst],)
-    reversible = True if integrator == TRUTH else claim.reversible
-    if reversible is None:
-        expectation = undeclared()
-    elif reversible:
-        expectation = below(numerics.REVERSIBLE, error, unit, "reversible")
-    else:
-        expectation = above(numerics.REVERSIBLE, error, unit, "not reversible")
-    names = ", ".join(state_names(plant))
+    claimed = integrator == TRUTH or claim.reversible
     diagnosis.add(
-        integrator, f"reversible, forward, turn, back: worst of {names}", error, unit, expectation,
+        integrator, f"reversible, forward, turn, back: worst of {', '.join(state_names(plant))}",
+        error, unit,
+        _claimed(claimed, numerics.REVERSIBLE, error, unit, "reversible", "not reversible"),
         steps=(found.dt,),
     )  # fmt: skip
+
+
+def _claimed(
+    claimed: bool | None, bound: float, defect: tuple[float], unit: str, yes: str, no: str
+) -> Expectation:
+    """A defect below a bound of what claims to have none, above it of what claims to have one."""
+    if claimed is None:
+        return undeclared()
+    return below(bound, defect, unit, yes) if claimed else above(bound, defect, unit, no)
 
 
 def _linear(diagnosis: Diagnosis, integrator: str, limit: float) -> None:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from integ_gym.envs import TRUTH
-
-from ..bench import Array, Commands, success, success_line
+from ..bench import Array, Commands, success_lines
 from ..lines import Expectation
 from ..section import Diagnosis
 from .actuation import actuator_limit
-
-SECTION = "latency"
 
 HALF_PERIODS = (1, 2, 3)
 """Latencies whose timing is checked, in half control periods."""
@@ -26,8 +22,13 @@ def diagnose_latency(diagnosis: Diagnosis) -> None:
     """Delay commands, and compare with the same commands given later."""
     for integrator in diagnosis.integrators:
         _timing(diagnosis, integrator)
+    period = diagnosis.subject.control_period
+    late = [(period, k * period) for k in PERIODS]
+    quantity = (
+        f"success of the hand-made controller {', '.join(map(str, PERIODS))} control periods late"
+    )
     for env_id in diagnosis.subject.environments:
-        _cost(diagnosis, env_id)
+        success_lines(diagnosis, env_id, quantity, late, late, (period,))
 
 
 def _timing(diagnosis: Diagnosis, integrator: str) -> None:
@@ -64,29 +65,10 @@ def _follow(
     subject = diagnosis.subject
     half = 0.5 * subject.control_period
     rollout = diagnosis.bench.open_loop(
-        f"{SECTION}/{name}/{integrator}", subject, integrator, half, Commands(name, values),
+        f"{diagnosis.section}/{name}/{integrator}", subject, integrator, half,
+        Commands(name, values),
         subject.start[None], duration=DECISIONS * subject.control_period,
         control_period=halves * half, action_latency=latency * half,
     )  # fmt: skip
     states: Array = rollout.state[:, 0]
     return states
-
-
-def _cost(diagnosis: Diagnosis, env_id: str) -> None:
-    """Success of the hand-made controller under latency against the truth's."""
-    period = diagnosis.subject.control_period
-
-    def shares(integrator: str) -> list[float | None]:
-        return [success(diagnosis, env_id, integrator, period, k * period) for k in PERIODS]
-
-    truths = shares(TRUTH)
-    if None in truths:
-        return
-    at = ", ".join(map(str, PERIODS))
-    for integrator in diagnosis.integrators:
-        if integrator != TRUTH:
-            success_line(
-                diagnosis, integrator, env_id,
-                f"success of the hand-made controller {at} control periods late",
-                truths, shares(integrator), (period,),
-            )  # fmt: skip

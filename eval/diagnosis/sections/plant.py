@@ -12,8 +12,6 @@ from ..bench import Array
 from ..lines import ANY, Expectation, below, near
 from ..section import Diagnosis
 
-SECTION = "plant"
-
 STATES = 32
 """Random states around rest at which the plant is asked."""
 
@@ -27,7 +25,7 @@ _RESISTANCE = 0.3
 def diagnose_plant(diagnosis: Diagnosis) -> None:
     """Compare what the plant says of itself with differences of what it says elsewhere."""
     subject = diagnosis.subject
-    names = (*subject.resistances("damping"), *subject.resistances("friction"))
+    names = subject.resistances("damping", "friction")
     plant = subject.varied(**dict.fromkeys(names, _RESISTANCE))
     states = states_around(subject.rest)
     _share(

@@ -8,12 +8,10 @@ import numpy as np
 
 from integ_gym.envs import TRUTH, numerics
 
-from ..bench import Array, Rollout, success, success_line
+from ..bench import Array, Rollout, success_lines
 from ..lines import ledger_line, order_line
 from ..section import Diagnosis
 from .actuation import actuator_limit
-
-SECTION = "timestep refinement"
 
 _SHARE = 0.5
 """Amplitude of the command in units of the actuator's limit."""
@@ -37,7 +35,9 @@ def diagnose_refinement(diagnosis: Diagnosis) -> None:
         if integrator != TRUTH:
             _draw(diagnosis, integrator, rollouts, states)
     for env_id in subject.environments:
-        _task(diagnosis, env_id)
+        cases = [(dt, 0.0) for dt in subject.steps]
+        quantity = "success of the hand-made controller"
+        success_lines(diagnosis, env_id, quantity, cases[:1], cases, subject.steps)
 
 
 def _commands(diagnosis: Diagnosis) -> Array:
@@ -93,18 +93,3 @@ def _draw(
             evaluations_per_second=costs,
             order=numerics.declared(integrator).order,
         )  # fmt: skip
-
-
-def _task(diagnosis: Diagnosis, env_id: str) -> None:
-    """Success of the hand-made controller at every step against the truth's."""
-    steps = diagnosis.subject.steps
-    truth = success(diagnosis, env_id, TRUTH, steps[0])
-    if truth is None:
-        return
-    for integrator in diagnosis.integrators:
-        if integrator != TRUTH:
-            shares = [success(diagnosis, env_id, integrator, dt) for dt in steps]
-            success_line(
-                diagnosis, integrator, env_id, "success of the hand-made controller",
-                [truth] * len(steps), shares, steps,
-            )  # fmt: skip

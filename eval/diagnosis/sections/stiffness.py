@@ -12,8 +12,6 @@ from ..bench import Array, Rollout, theory_of
 from ..lines import Expectation, near, said, solver_line, undeclared
 from ..section import Diagnosis
 
-SECTION = "stiffness"
-
 LARGEST = 6.0
 """hω up to which steps are tried."""
 

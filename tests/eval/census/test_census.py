@@ -20,9 +20,9 @@ from integ_gym.commands.engines import integrators_of
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.census.measuring.line import Line, measure
-from integ_gym.eval.census.page import words
-from integ_gym.eval.census.page.page import render_census
+from integ_gym.eval.census import words
+from integ_gym.eval.census.line import Line, measure
+from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.subjects.engines import engine_subjects
 from integ_gym.eval.census.subjects.observed import nearest_turn
 from integ_gym.eval.census.subjects.published import PUBLISHED, installed

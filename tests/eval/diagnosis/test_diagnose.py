@@ -25,9 +25,9 @@ from integ_gym.eval.diagnosis import run
 from integ_gym.eval.diagnosis import worked_example as drift_example
 from integ_gym.eval.diagnosis.bench.bench import Bench, Commands
 from integ_gym.eval.diagnosis.bench.impact import impact_of
+from integ_gym.eval.diagnosis.bench.integrators import theory_of
 from integ_gym.eval.diagnosis.bench.rest import rest_state
 from integ_gym.eval.diagnosis.bench.subject import subjects
-from integ_gym.eval.diagnosis.bench.theory import theory_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
@@ -281,7 +281,7 @@ def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkey
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Bench, "commit", no_space)
-    monkeypatch.setattr(run, "SECTIONS", {plant_section.SECTION: plant_section.diagnose_plant})
+    monkeypatch.setattr(run, "SECTIONS", {"plant": plant_section.diagnose_plant})
     out = str(tmp_path / "out")
     assert main(["diagnose", "--plant", "pendulum", "--out", out, "--workers", "1"]) == 2
     assert f"cannot write to {out}: No space left on device" in capsys.readouterr().err

@@ -203,7 +203,7 @@ def test_commands_that_act_at_the_wrong_time(late, tmp_path, monkeypatch):
         monkeypatch.setattr(
             Timing, "delay", property(lambda t: divmod(_wrong(t, late), t.substeps))
         )
-    monkeypatch.setattr(latency, "success", lambda *arguments: None)
+    monkeypatch.setattr(handmade, "success", lambda *arguments: None)
     findings = examine("latency", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "delayed commands") == {late == 1}
 
@@ -262,11 +262,9 @@ def test_an_impact_that_an_explicit_method_should_not_survive(tmp_path, monkeypa
 
 def test_success_that_differs_from_the_truth(tmp_path, monkeypatch):
     played = {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}
-    for module in ("refinement", "latency"):
-        monkeypatch.setattr(
-            f"integ_gym.eval.diagnosis.sections.{module}.success",
-            lambda diagnosis, env_id, integrator, *rest: played[integrator],
-        )
+    monkeypatch.setattr(
+        handmade, "success", lambda diagnosis, env_id, integrator, *rest: played[integrator]
+    )
     for section in ("timestep refinement", "latency"):
         names = ("rk4", "implicit_euler")
         findings = examine(section, "pendulum", *names, store=tmp_path / section)
@@ -275,7 +273,7 @@ def test_success_that_differs_from_the_truth(tmp_path, monkeypatch):
 
 
 def test_where_nobody_succeeds_nothing_is_expected(tmp_path, monkeypatch):
-    monkeypatch.setattr(latency, "success", lambda *arguments: 0.0)
+    monkeypatch.setattr(handmade, "success", lambda *arguments: 0.0)
     findings = examine("latency", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "hand-made controller") == {None}
 

@@ -16,11 +16,10 @@ from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.probe import fastest_mode
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants import PLANTS
-from integ_gym.eval.diagnosis.bench import bench
+from integ_gym.eval.diagnosis.bench import bench, handmade
 from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown
 from integ_gym.eval.diagnosis.lines.order import order_expected
-from integ_gym.eval.diagnosis.sections import refinement
 from integ_gym.eval.diagnosis.sections.contact import passive
 from integ_gym.eval.diagnosis.sections.free_motion import trend
 from integ_gym.evidence.store.store import EvidenceStore
@@ -36,7 +35,7 @@ def test_the_order_of_every_integrator_is_judged_and_right(section, plant, tmp_p
     Orders of every integrator on every plant are measured in `test_integrators.py` and
     `test_accuracy.py`; here it is asked whether a section finds and judges them.
     """
-    monkeypatch.setattr(refinement, "success", lambda *arguments: None)
+    monkeypatch.setattr(handmade, "success", lambda *arguments: None)
     findings = examine(section, plant, *NAMES, store=tmp_path)
     judged = [f for f in findings if f.order_steps]
     for finding in judged:

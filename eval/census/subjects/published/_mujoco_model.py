@@ -34,38 +34,30 @@ def plant_of(model: Any) -> Plant:
         ValueError: if the model moves otherwise.
     """
     n = int(model.nv)
-    level = (*(0.0,) * (n - 1), 0.5 * math.pi)
-    upright = (0.0,) * n
-    mass, _ = _dynamics(model, upright)
-    _, weight = _dynamics(model, level)
+    mass, _ = _dynamics(model, (0.0,) * n)
+    _, weight = _dynamics(model, (*(0.0,) * (n - 1), 0.5 * math.pi))
     inertia, torque = float(mass[-1, -1]), float(weight[-1])
     damping = [float(x) for x in model.dof_damping]
     gravity = float(np.linalg.norm(model.opt.gravity))
+    same: Any = {"gravity": gravity, "damping": damping[-1], "mass_distribution": "point"}
     made: Plant
     if n == 1:
-        made = Pendulum(
-            mass=torque**2 / (inertia * gravity**2),
-            length=inertia * gravity / torque,
-            gravity=gravity,
-            damping=damping[0],
-            mass_distribution="point",
-        )
+        length = inertia * gravity / torque
+        made = Pendulum(mass=torque**2 / (inertia * gravity**2), length=length, **same)
     else:
         moment = float(mass[0, 1])
         made = CartPole(
             cart_mass=float(mass[0, 0]) - moment**2 / inertia,
             mass=moment**2 / inertia,
             length=inertia / moment,
-            gravity=gravity,
-            damping=damping[1],
             cart_damping=damping[0],
-            mass_distribution="point",
+            **same,
         )
     _check(model, made)
     return made
 
 
-def statement_of(model: Any, control_period: float, substeps: int) -> Statement:
+def statement_of(model: Any, substeps: int) -> Statement:
     """What a model says of its discretization."""
     mujoco = import_module("mujoco")
     integrator = mujoco.mjtIntegrator(model.opt.integrator).name
@@ -73,7 +65,7 @@ def statement_of(model: Any, control_period: float, substeps: int) -> Statement:
     undamped = bool(model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     if integrator == "mjINT_EULER" and undamped:
         known, words = "symplectic_euler", "Euler, eulerdamp off"
-    return Statement(control_period, substeps, known, words)
+    return Statement(substeps * model.opt.timestep, substeps, known, words)
 
 
 def control_step(model: Any, substeps: int) -> numerics.OneStep:

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from integ_gym.envs import CartPole, Pendulum
-from integ_gym.support import package_version
 
 from ..observed import Episode, Observed, Policy, nearest_turn
 from ..subject import State, Statement, Subject
 from ._mujoco_model import max_control, plant_of, statement_of
+from .interface import Library
 
 ENVIRONMENTS = 32
 """Episodes watched at once."""
@@ -29,57 +29,31 @@ NAMESAKE = "episodes watched; parameters and step are Gymnasium's, which it port
 COPY = "episodes watched; parameters and step are those of its copy of dm_control's model"
 
 
-class EnvPool:
+class EnvPool(Library):
     """Watches episodes: EnvPool sets no state."""
 
-    title: ClassVar[str] = "EnvPool"
-    modules: ClassVar[tuple[str, ...]] = ("envpool", "mujoco")
-    install: ClassVar[str] = "pip install envpool mujoco"
+    title = "EnvPool"
+    package = "envpool"
+    modules = ("envpool", "mujoco")
+    install = "pip install envpool mujoco"
 
     def subjects(self) -> Iterator[Subject]:
         """Ports of Gymnasium's classic control and of dm_control's suite."""
-        version = package_version("envpool") or "unknown"
-        yield Subject(
-            source=self.title,
-            name="Pendulum-v1",
-            version=version,
-            published=True,
-            plant=Pendulum(),
-            stated=Statement(0.05, max_speed=8.0),
-            max_control=2.0,
-            access=Observed(Watch("Pendulum-v1", _gymnasium_pendulum, 2.0)),
-            width=32,
-            note=NAMESAKE,
-        )
+        ported: dict[str, Any] = {"width": 32, "note": NAMESAKE}
+        watched = Observed(Watch("Pendulum-v1", _gymnasium_pendulum, 2.0))
+        stated = Statement(0.05, max_speed=8.0)
+        yield self.subject("Pendulum-v1", Pendulum(), stated, 2.0, watched, **ported)
         for name in ("CartPole-v1", "phys2d/CartPole-v1"):
-            yield Subject(
-                source=self.title,
-                name=name,
-                version=version,
-                published=True,
-                plant=CartPole(),
-                stated=Statement(0.02),
-                max_control=10.0,
-                access=Observed(Watch(name, _gymnasium_cart_pole, 10.0), has_zero=False),
-                width=32,
-                note=NAMESAKE,
-            )
+            watched = Observed(Watch(name, _gymnasium_cart_pole, 10.0), has_zero=False)
+            yield self.subject(name, CartPole(), Statement(0.02), 10.0, watched, **ported)
         for name, file, decode in (
             ("PendulumSwingup-v1", "pendulum.xml", _suite_pendulum),
             ("CartpoleBalance-v1", "cartpole.xml", _suite_cart_pole),
         ):
             model = _model(file)
-            yield Subject(
-                source=self.title,
-                name=name,
-                version=version,
-                published=True,
-                plant=plant_of(model),
-                stated=statement_of(model, model.opt.timestep, 1),
-                max_control=max_control(model),
-                access=Observed(Watch(name, decode, max_control(model))),
-                note=COPY,
-            )
+            strongest, plant = max_control(model), plant_of(model)
+            watched = Observed(Watch(name, decode, strongest))
+            yield self.subject(name, plant, statement_of(model, 1), strongest, watched, note=COPY)
 
 
 @dataclass(frozen=True)
@@ -162,16 +136,9 @@ def _gymnasium_cart_pole(seen: Any) -> list[State]:
 
 
 def _suite_pendulum(seen: Any) -> list[State]:
-    upright, spins = seen["orientation"].tolist(), seen["velocity"].tolist()
-    return [
-        ((math.atan2(sine, cosine),), (spin,))
-        for (cosine, sine), (spin,) in zip(upright, spins, strict=True)
-    ]
+    return _gymnasium_pendulum(np.concatenate([seen["orientation"], seen["velocity"]], axis=1))
 
 
 def _suite_cart_pole(seen: Any) -> list[State]:
-    places, speeds = seen["position"].tolist(), seen["velocity"].tolist()
-    return [
-        ((x, math.atan2(sine, cosine)), (speed, spin))
-        for (x, cosine, sine), (speed, spin) in zip(places, speeds, strict=True)
-    ]
+    rows = np.concatenate([seen["position"], seen["velocity"]], axis=1).tolist()
+    return [((x, math.atan2(sine, cosine)), (speed, spin)) for x, cosine, sine, speed, spin in rows]

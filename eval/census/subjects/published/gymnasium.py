@@ -2,74 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import gymnasium
 import numpy as np
 
-from integ_gym.envs import CartPole, Components, Pendulum, join_state, numerics, split_state
+from integ_gym.envs import Components, join_state, numerics, split_state
 
-from ..settable import Settable
-from ..subject import Statement, Subject
+from ..subject import Subject
+from .interface import Library
 
 
-class Gymnasium:
+class Gymnasium(Library):
     """Reads parameters and state of ``env.unwrapped``; the state is set before each step."""
 
-    title: ClassVar[str] = "Gymnasium"
-    modules: ClassVar[tuple[str, ...]] = ("gymnasium",)
-    install: ClassVar[str] = "pip install gymnasium"
+    title = "Gymnasium"
+    package = "gymnasium"
+    modules = ("gymnasium",)
+    install = "pip install gymnasium"
 
     def subjects(self) -> Iterator[Subject]:
         """`Pendulum-v1` and `CartPole-v1`."""
-        env: Any = gymnasium.make("Pendulum-v1").unwrapped
-        yield Subject(
-            source=self.title,
-            name="Pendulum-v1",
-            version=gymnasium.__version__,
-            published=True,
-            plant=Pendulum(mass=env.m, length=env.l, gravity=env.g),
-            stated=Statement(env.dt, max_speed=env.max_speed),
-            max_control=env.max_torque,
-            access=Settable(_pendulum(env)),
-            width=32,
-            note="torques in float32, as its action space has them",
-        )
-        env = gymnasium.make("CartPole-v1").unwrapped
-        yield Subject(
-            source=self.title,
-            name="CartPole-v1",
-            version=gymnasium.__version__,
-            published=True,
-            plant=CartPole(
-                cart_mass=env.masscart, mass=env.masspole, length=env.length, gravity=env.gravity
-            ),
-            stated=Statement(env.tau, map="explicit_euler", words=env.kinematics_integrator),
-            max_control=env.force_mag,
-            access=Settable(_cart_pole(env)),
+        pendulum: Any = gymnasium.make("Pendulum-v1").unwrapped
+        cart_pole: Any = gymnasium.make("CartPole-v1").unwrapped
+
+        def turned(control: float) -> np.ndarray:
+            return np.array([control], dtype=np.float32)
+
+        def pushed(control: float) -> int:
+            cart_pole.steps_beyond_terminated, cart_pole.force_mag = None, abs(control)
+            return int(control > 0.0)
+
+        note = "torques in float32, as its action space has them"
+        step = _step(pendulum, turned)
+        yield self.pendulum("Pendulum-v1", pendulum, pendulum.max_torque, step, note)
+        yield self.cart_pole(
+            "CartPole-v1", cart_pole, _step(cart_pole, pushed), cart_pole.kinematics_integrator,
             note="force_mag set to the force wanted",
-        )
+        )  # fmt: skip
 
 
-def _pendulum(env: Any) -> numerics.OneStep:
+def _step(env: Any, action: Callable[[float], Any]) -> numerics.OneStep:
+    """One control period under the action that stands for a control."""
     env.reset(seed=0)
 
     def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        env.state = np.array([*q, *v])
-        env.step(np.array([control], dtype=np.float32))
-        return split_state(tuple(env.state.tolist()))
-
-    return advanced
-
-
-def _cart_pole(env: Any) -> numerics.OneStep:
-    env.reset(seed=0)
-
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        env.state, env.steps_beyond_terminated = np.array(join_state(q, v)), None
-        env.force_mag = abs(control)
-        env.step(int(control > 0.0))
+        env.state = np.array(join_state(q, v))
+        env.step(action(control))
         return split_state(tuple(float(x) for x in env.state))
 
     return advanced

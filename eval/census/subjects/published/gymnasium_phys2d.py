@@ -4,83 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Any
 
-import gymnasium
-import numpy as np
+from integ_gym.envs import join_state, numerics, split_state
 
-from integ_gym.envs import CartPole, Components, Pendulum, join_state, numerics, split_state
-
-from ..settable import Settable, single_precision
-from ..subject import Statement, Subject
+from ..subject import Subject
+from ._jax_step import jax_step
+from .interface import Library
 
 
-class GymnasiumPhys2d:
+class GymnasiumPhys2d(Library):
     """Calls ``transition`` of the functional environments, in float32 as JAX has it by default."""
 
-    title: ClassVar[str] = "Gymnasium phys2d"
-    modules: ClassVar[tuple[str, ...]] = ("jax", "flax")
-    install: ClassVar[str] = "pip install jax flax"
+    title = "Gymnasium phys2d"
+    package = "gymnasium"
+    modules = ("jax", "flax")
+    install = "pip install jax flax"
 
     def subjects(self) -> Iterator[Subject]:
         """`phys2d/Pendulum-v0` and `phys2d/CartPole-v1`."""
         module = import_module("gymnasium.envs.phys2d.pendulum")
         made, params = module.PendulumFunctional(), module.PendulumParams()
-        yield Subject(
-            source=self.title,
-            name="phys2d/Pendulum-v0",
-            version=gymnasium.__version__,
-            published=True,
-            plant=Pendulum(mass=params.m, length=params.l, gravity=params.g),
-            stated=Statement(params.dt, max_speed=params.max_speed),
-            max_control=made.max_torque,
-            access=Settable(_pendulum(made.transition, params)),
-            width=32,
-        )
+        step = _pendulum(made.transition, params)
+        yield self.pendulum("phys2d/Pendulum-v0", params, made.max_torque, step)
         module = import_module("gymnasium.envs.phys2d.cartpole")
         params = module.CartPoleParams()
         moment, expected = params.polemass_length, params.masspole * params.length
-        yield Subject(
-            source=self.title,
-            name="phys2d/CartPole-v1",
-            version=gymnasium.__version__,
-            published=True,
-            plant=CartPole(
-                cart_mass=params.masscart,
-                mass=params.masspole,
-                length=params.length,
-                gravity=params.gravity,
-            ),
-            stated=Statement(params.tau),
-            max_control=params.force_mag,
-            access=Settable(_cart_pole(module.CartPoleFunctional().transition, params)),
-            width=32,
-            note=""
-            if abs(moment - expected) < 1e-9
-            else f"its polemass_length is {moment:g}, masspole × length is {expected:g}: its "
-            "equations are not those of a cart-pole",
+        wrong = (
+            f"its polemass_length is {moment:g}, masspole × length is {expected:g}: its "
+            "equations are not those of a cart-pole"
         )
+        step = _cart_pole(module.CartPoleFunctional().transition, params)
+        note = "" if abs(moment - expected) < 1e-9 else wrong
+        yield self.cart_pole("phys2d/CartPole-v1", params, step, width=32, note=note)
 
 
 def _pendulum(transition: Any, params: Any) -> numerics.OneStep:
-    advance = import_module("jax").jit(lambda state, u: transition(state, u, None, params))
+    jnp = import_module("jax.numpy")
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        end = advance(single_precision(*q, *v), single_precision(control))
-        return split_state(tuple(np.asarray(end).tolist()))
+    def advance(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
+        end = transition(jnp.concatenate([q, v]), control, None, params)
+        return end[:1], end[1:]
 
-    return advanced
+    return jax_step(advance)
 
 
 def _cart_pole(transition: Any, params: Any) -> numerics.OneStep:
-    def pushed(state: Any, action: Any, force: Any) -> Any:
-        return transition(state, action, None, params.replace(force_mag=force))
+    jnp = import_module("jax.numpy")
 
-    advance = import_module("jax").jit(pushed)
+    def advance(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
+        pushed = params.replace(force_mag=abs(control[0]))
+        state = jnp.stack(join_state(q, v))
+        return split_state(transition(state, (control[0] > 0.0).astype(int), None, pushed))
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        state, force = single_precision(*join_state(q, v)), single_precision(abs(control))[0]
-        end = advance(state, int(control > 0.0), force)
-        return split_state(tuple(np.asarray(end).tolist()))
-
-    return advanced
+    return jax_step(advance)

@@ -4,90 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Any
 
-from integ_gym.envs import CartPole, Components, Pendulum, numerics
-from integ_gym.support import package_version
+from integ_gym.envs import numerics
 
-from ..settable import Settable, single_precision
-from ..subject import Statement, Subject
+from ..subject import Subject
+from ._jax_step import jax_step
+from .interface import Library
 
 
-class Gymnax:
+class Gymnax(Library):
     """Calls ``step_env`` from a state of our own, in float32 as JAX has it by default."""
 
-    title: ClassVar[str] = "gymnax"
-    modules: ClassVar[tuple[str, ...]] = ("gymnax",)
-    install: ClassVar[str] = "pip install 'gymnax<1' six"
+    title = "gymnax"
+    package = "gymnax"
+    modules = ("gymnax",)
+    install = "pip install 'gymnax<1' six"
 
     def subjects(self) -> Iterator[Subject]:
         """`Pendulum-v1` and `CartPole-v1`."""
         make = import_module("gymnax").make
-        version = package_version("gymnax") or "unknown"
         env, params = make("Pendulum-v1")
-        yield Subject(
-            source=self.title,
-            name="Pendulum-v1",
-            version=version,
-            published=True,
-            plant=Pendulum(mass=params.m, length=params.l, gravity=params.g),
-            stated=Statement(params.dt, max_speed=params.max_speed),
-            max_control=params.max_torque,
-            access=Settable(_pendulum(env, params)),
-            width=32,
-        )
+        step = _step(env, params, ("theta",))
+        yield self.pendulum("Pendulum-v1", params, params.max_torque, step)
         env, params = make("CartPole-v1")
-        yield Subject(
-            source=self.title,
-            name="CartPole-v1",
-            version=version,
-            published=True,
-            plant=CartPole(
-                cart_mass=params.masscart,
-                mass=params.masspole,
-                length=params.length,
-                gravity=params.gravity,
-            ),
-            stated=Statement(params.tau, map="explicit_euler", words="Euler"),
-            max_control=params.force_mag,
-            access=Settable(_cart_pole(env, params)),
-            width=32,
+        yield self.cart_pole(
+            "CartPole-v1", params, _step(env, params, ("x", "theta")), "Euler", width=32,
             note="force_mag set to the force wanted",
-        )
+        )  # fmt: skip
 
 
-def _pendulum(env: Any, params: Any) -> numerics.OneStep:
-    jax = import_module("jax")
-    key = jax.random.key(0)
+def _step(env: Any, params: Any, names: tuple[str, ...]) -> numerics.OneStep:
+    """One control period; ``names`` are those of the coordinates."""
+    key = import_module("jax").random.key(0)
     _, start = env.reset_env(key, params)
+    speeds = tuple(f"{name}_dot" for name in names)
 
-    @jax.jit  # type: ignore[untyped-decorator]
-    def advance(theta: Any, theta_dot: Any, torque: Any) -> Any:
-        state = start.replace(theta=theta, theta_dot=theta_dot)
-        end = env.step_env(key, state, torque, params)[1]
-        return end.theta, end.theta_dot
+    def advance(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
+        state = start.replace(**dict(zip((*names, *speeds), (*q, *v), strict=True)))
+        action, given = control, params
+        if hasattr(params, "force_mag"):
+            action, given = (
+                (control[0] > 0.0).astype(int),
+                params.replace(force_mag=abs(control[0])),
+            )
+        end = env.step_env(key, state, action, given)[1]
+        return [getattr(end, name) for name in names], [getattr(end, name) for name in speeds]
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        theta, speed = advance(*single_precision(*q, *v), single_precision(control))
-        return (float(theta),), (float(speed),)
-
-    return advanced
-
-
-def _cart_pole(env: Any, params: Any) -> numerics.OneStep:
-    jax = import_module("jax")
-    key = jax.random.key(0)
-    _, start = env.reset_env(key, params)
-
-    @jax.jit  # type: ignore[untyped-decorator]
-    def advance(x: Any, theta: Any, x_dot: Any, theta_dot: Any, action: Any, force: Any) -> Any:
-        state = start.replace(x=x, theta=theta, x_dot=x_dot, theta_dot=theta_dot)
-        end = env.step_env(key, state, action, params.replace(force_mag=force))[1]
-        return end.x, end.theta, end.x_dot, end.theta_dot
-
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        *state, force = single_precision(*q, *v, abs(control))
-        x, theta, x_dot, theta_dot = map(float, advance(*state, int(control > 0.0), force))
-        return (x, theta), (x_dot, theta_dot)
-
-    return advanced
+    return jax_step(advance)

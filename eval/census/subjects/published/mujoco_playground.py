@@ -6,27 +6,27 @@ import contextlib
 import io
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
+from integ_gym.envs import numerics
 
-from integ_gym.envs import Components, numerics
-from integ_gym.support import package_version
-
-from ..settable import Settable, single_precision
+from ..settable import Settable
 from ..subject import Subject
+from ._jax_step import jax_step
 from ._mujoco_model import max_control, plant_of, statement_of
+from .interface import Library
 
 
-class MujocoPlayground:
+class MujocoPlayground(Library):
     """Steps the environments as they are configured, from states of our own.
 
     Warp compiles its kernels for them, which takes a minute once on a machine.
     """
 
-    title: ClassVar[str] = "MuJoCo Playground"
-    modules: ClassVar[tuple[str, ...]] = ("mujoco_playground",)
-    install: ClassVar[str] = "pip install playground"
+    title = "MuJoCo Playground"
+    package = "playground"
+    modules = ("mujoco_playground",)
+    install = "pip install playground"
 
     def subjects(self) -> Iterator[Subject]:
         """`PendulumSwingup` and `CartpoleBalance`."""
@@ -35,18 +35,12 @@ class MujocoPlayground:
                 suite = import_module("mujoco_playground").dm_control_suite
                 env = suite.load(name)
                 step = _step(env)
-            yield Subject(
-                source=self.title,
-                name=name,
-                version=package_version("playground") or "unknown",
-                published=True,
-                plant=plant_of(env.mj_model),
-                stated=statement_of(env.mj_model, env.dt, env.n_substeps),
-                max_control=max_control(env.mj_model),
-                access=Settable(step),
-                width=32,
-                note=f"MJX, {env.mjx_model.impl.value}",
-            )
+            model = env.mj_model
+            stated, note = statement_of(model, env.n_substeps), f"MJX, {env.mjx_model.impl.value}"
+            yield self.subject(
+                name, plant_of(model), stated, max_control(model), Settable(step),
+                width=32, note=note,
+            )  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -57,21 +51,13 @@ def _quiet() -> Iterator[None]:
 
 
 def _step(env: Any) -> numerics.OneStep:
-    jax = import_module("jax")
-    start = env.reset(jax.random.key(0))
-    gear = float(env.mj_model.actuator_gear[0, 0])
+    start = env.reset(import_module("jax").random.key(0))
 
-    @jax.jit  # type: ignore[untyped-decorator]
-    def advance(qpos: Any, qvel: Any, action: Any) -> Any:
-        data = start.data.replace(qpos=qpos, qvel=qvel)
-        end = env.step(start.replace(data=data), action).data
+    def advance(q: Any, v: Any, action: Any) -> tuple[Any, Any]:
+        end = env.step(start.replace(data=start.data.replace(qpos=q, qvel=v)), action).data
         return end.qpos, end.qvel
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        action = single_precision(control / gear)
-        qpos, qvel = advance(single_precision(*q), single_precision(*v), action)
-        return tuple(np.asarray(qpos).tolist()), tuple(np.asarray(qvel).tolist())
-
+    step = jax_step(advance, float(env.mj_model.actuator_gear[0, 0]))
     still = (0.0,) * len(start.data.qpos)
-    advanced(still, still, 0.0)
-    return advanced
+    step(still, still, 0.0)
+    return step

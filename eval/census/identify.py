@@ -10,7 +10,7 @@ import numpy as np
 
 from integ_gym.envs import TRUTH, map_names, numerics
 
-from ..subjects import Sample, Statement
+from .subjects import Sample, State, Statement
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
 """Integration steps in one control period that are tried, beside the stated number."""
@@ -98,7 +98,7 @@ def _compared(
         defects = {name: max(defects[name], found.defects[name]) for name in names}
     ranked = sorted(names, key=lambda n: (max(defects[n], limit), n != stated.map))
     equal = tuple(n for n in ranked if defects[n] <= limit) or ranked[:1]
-    other = next(n for n in ranked if n not in equal)
+    other, first = next(n for n in ranked if n not in equal), samples[0]
     return Found(
         map=ranked[0],
         equal_maps=tuple(equal),
@@ -107,14 +107,9 @@ def _compared(
         defect=defects[ranked[0]],
         identified=defects[ranked[0]] <= limit,
         runner_up=(other, defects[other]),
-        truth_defect=_truth_defect(samples, stated.control_period),
-    )
-
-
-def _truth_defect(samples: Sequence[Sample], period: float) -> float:
-    return max(
-        numerics.match(one.step, one.plant, period, one.cases, (TRUTH,)).defect
-        for one in samples[:1]
+        truth_defect=numerics.match(
+            first.step, first.plant, stated.control_period, first.cases, (TRUTH,)
+        ).defect,
     )
 
 
@@ -122,9 +117,8 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
     """The length of a control period with which a map is nearest, s; None where it fails."""
     period, before = _travelled_time(samples), math.inf
     for _ in range(CORRECTIONS):
-        here, ahead = (
-            _residuals(samples, name, count, length) for length in (period, period * (1.0 + 1e-6))
-        )
+        here = _residuals(samples, name, count, period)
+        ahead = _residuals(samples, name, count, period * (1.0 + 1e-6))
         slopes = (ahead - here) / (period * 1e-6)
         if not (np.isfinite(slopes).all() and slopes.any()):
             return None
@@ -139,13 +133,7 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
 
 def _screened(samples: Sequence[Sample], name: str, count: int, period: float) -> float:
     """Largest error of a map over a few control periods."""
-    return max(
-        numerics.largest_error(
-            numerics.mapped(name, sample.plant, period / count, count, case), end
-        )
-        for sample in samples
-        for case, end in sample.transitions[:SCREENED]
-    )
+    return max(numerics.largest_error(*both) for both in _few(samples, name, count, period))
 
 
 def _travelled_time(samples: Sequence[Sample]) -> float:
@@ -161,10 +149,14 @@ def _travelled_time(samples: Sequence[Sample]) -> float:
 
 
 def _residuals(samples: Sequence[Sample], name: str, count: int, period: float) -> np.ndarray:
-    rest = [
-        np.subtract((*q, *v), (*end_q, *end_v))
-        for sample in samples
-        for case, (end_q, end_v) in sample.transitions[:SCREENED]
-        for q, v in [numerics.mapped(name, sample.plant, period / count, count, case)]
-    ]
-    return np.concatenate(rest)
+    few = _few(samples, name, count, period)
+    return np.concatenate([np.concatenate(got) - np.concatenate(end) for got, end in few])
+
+
+def _few(
+    samples: Sequence[Sample], name: str, count: int, period: float
+) -> Iterator[tuple[State, State]]:
+    """Where a map ends, and where the subject did, after a few control periods of each sample."""
+    for sample in samples:
+        for case, end in sample.transitions[:SCREENED]:
+            yield numerics.mapped(name, sample.plant, period / count, count, case), end

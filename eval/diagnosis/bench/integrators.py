@@ -1,4 +1,4 @@
-"""Whether a user's integrator can be examined at all: what it declares, and one step."""
+"""What an integrator says of itself, and whether it can be examined at all."""
 
 from __future__ import annotations
 
@@ -8,11 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS, numerics
+from integ_gym.envs import INTEGRATORS, LinearTheory, numerics
 
 from .subject import Subject
 
 _LANES = 2
+
+
+def theory_of(integrator: str) -> LinearTheory | None:
+    """What an integrator's class itself declares; None where it says nothing.
+
+    None, too, of a user's own that cannot be loaded, where only its results are drawn.
+    """
+    try:
+        owner = INTEGRATORS.load(integrator)
+    except ValueError:
+        return None
+    theory: LinearTheory | None = vars(owner).get("theory")
+    return theory
 
 
 def check_integrator(name: str, subject: Subject) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from integ_gym.envs import SCALAR, Plant, PlantSystem, join_state, numerics
 
-from ..subjects import State
+from .subjects import State
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from integ_gym.envs import SCALAR, join_state, numerics
+from integ_gym.evidence import plain
 
-from ..subjects import Subject
 from .drift import Drift, energy_drift
 from .identify import Found, identify
 from .speed_limit import SpeedLimit, find_speed_limit
+from .subjects import Subject
 
 SAME_TIME = 1e-5
 """Relative difference up to which two times are the same."""
@@ -48,27 +49,23 @@ class Line:
     def to_json(self) -> dict[str, Any]:
         """As plain data; what is not finite is null."""
         subject, plant = self.subject, self.subject.plant
-        plain: dict[str, Any] = _plain(
-            {
-                "source": subject.source,
-                "name": subject.name,
-                "version": subject.version,
-                "published": subject.published,
-                "plant": plant.name,
-                "parameters": {f.name: getattr(plant, f.name) for f in fields(plant)},  # type: ignore[arg-type]
-                "swing_period": self.swing_period,
-                "max_control": subject.max_control,
-                "authority": self.authority,
-                "width": subject.width,
-                "note": subject.note,
-                "stated": {**asdict(subject.stated), "dt": subject.stated.dt},
-                "found": asdict(self.found),
-                "speed_limit": None if self.speed_limit is None else asdict(self.speed_limit),
-                "drift": None if self.drift is None else _drift(self.drift),
-                "differences": self.differences,
-            }
-        )
-        return plain
+        names = ("source", "name", "version", "published")
+        line: dict[str, Any] = {
+            **{name: getattr(subject, name) for name in names},
+            "plant": plant.name,
+            "parameters": {f.name: getattr(plant, f.name) for f in fields(plant)},  # type: ignore[arg-type]
+            "swing_period": self.swing_period,
+            "max_control": subject.max_control,
+            "authority": self.authority,
+            "width": subject.width,
+            "note": subject.note,
+            "stated": {**asdict(subject.stated), "dt": subject.stated.dt},
+            "found": asdict(self.found),
+            "speed_limit": self.speed_limit and asdict(self.speed_limit),
+            "drift": self.drift and _drift(self.drift),
+            "differences": self.differences,
+        }
+        return {name: plain(value) for name, value in line.items()}
 
 
 def measure(subject: Subject) -> Line:
@@ -141,18 +138,5 @@ def _limit_differences(line: Line) -> list[str]:
 def _drift(drift: Drift) -> dict[str, Any]:
     """With every so many of its energies, in the digits that a curve shows."""
     every = max(1, math.ceil((len(drift.energies) - 1) / DRAWN))
-    thin = {
-        name: [float(f"{x:.5g}") for x in getattr(drift, name)[::every]]
-        for name in ("energies", "exact_energies")
-    }
-    return {**asdict(drift), **thin}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _plain(x) for key, x in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(x) for x in value]
-    return value
+    curves = {name: getattr(drift, name)[::every] for name in ("energies", "exact_energies")}
+    return {**asdict(drift), **plain(curves, 5)}

@@ -9,8 +9,8 @@ from typing import Literal
 
 from integ_gym.envs import numerics
 
-from ..subjects import Sample, Transition
 from .identify import Found
+from .subjects import Sample, Transition
 
 CUT = 1e-4
 """Relative difference between a velocity and the map's that rounding cannot explain."""
@@ -44,13 +44,10 @@ def find_speed_limit(sample: Sample, found: Found) -> SpeedLimit:
     limit = max(speeds)
     if limit - min(speeds) > CUT * limit:
         return SpeedLimit(fastest, slowed=True)
-    errors = {
-        "cut": _largest(sample, found, cut, limit),
-        "uncut": _largest(sample, found, cut, None),
-    }
-    if math.isclose(errors["cut"], errors["uncut"], abs_tol=CUT):
+    by_cut, by_uncut = (_largest(sample, found, cut, most) for most in (limit, None))
+    if math.isclose(by_cut, by_uncut, abs_tol=CUT):
         return SpeedLimit(fastest, limit)
-    return SpeedLimit(fastest, limit, "cut" if errors["cut"] < errors["uncut"] else "uncut")
+    return SpeedLimit(fastest, limit, "cut" if by_cut < by_uncut else "uncut")
 
 
 def _is_cut(sample: Sample, found: Found, one: Transition) -> bool:
@@ -66,14 +63,8 @@ def _largest(
     sample: Sample, found: Found, transitions: Sequence[Transition], limit: float | None
 ) -> float:
     """Largest error of the positions."""
-    none = (0.0,) * len(sample.plant.coordinates)
-    return max(
-        numerics.largest_error(
-            (end_q, none),
-            (
-                numerics.mapped(found.map, sample.plant, found.dt, found.substeps, case, limit)[0],
-                none,
-            ),
-        )
-        for case, (end_q, _) in transitions
-    )
+    errors = []
+    for case, (end_q, _) in transitions:
+        q, _ = numerics.mapped(found.map, sample.plant, found.dt, found.substeps, case, limit)
+        errors.append(numerics.largest_error((end_q, ()), (q, ())))
+    return max(errors)
