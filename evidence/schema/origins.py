@@ -17,7 +17,7 @@ class Origin:
             :class:`~integ_gym.evidence.episodes.context.EpisodeContext`; ``setup``, its setup and
             lane; ``head``, its :class:`~integ_gym.evidence.episodes.episode_log.EpisodeHead` and
             its context; ``rows``, the
-            :class:`~integ_gym.evidence.episodes.episode_rows.EpisodeRows` of many episodes.
+            :class:`~integ_gym.evidence.episodes.summary.EpisodeRows` of many episodes.
         value: function of that to the value, or of rows to an array with one value per episode.
     """
 
