@@ -98,6 +98,6 @@ if TYPE_CHECKING:
         whole_number,
         width_of,
     )
-    from .workers import Progress, cores, report_work
+    from .workers import Progress, cores, report_work, work_bar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

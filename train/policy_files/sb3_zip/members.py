@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import BinaryIO
 
-from ..error import PolicyFileError
+from ..error import DAMAGED, PolicyFileError
 from . import limits
-from .remedies import DAMAGED
 
 
-def read_members(file: Path) -> tuple[bytes, bytes]:
+def read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
     """The bytes of `data` and `policy.pth`, checked for presence and size."""
     try:
         with zipfile.ZipFile(file) as archive:

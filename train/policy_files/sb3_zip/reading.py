@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import BinaryIO
 
 from numpy.typing import ArrayLike
 
 from ...policy import MlpPolicy, ObservationStatistics
-from ..error import PolicyFileError
+from ..error import DAMAGED, PolicyFileError
 from .architecture import activation_name, check_policy_class, hidden_sizes, policy_kwargs, squashed
-from .data import Json, parse_json, section
+from .data import parse_json, section
 from .members import read_members
 from .observation_statistics import read_observation_statistics
-from .remedies import DAMAGED
-from .spaces import decoding, observation_size
+from .spaces import decoding, vector_size
 from .weights import layers_of, load_tensors
 
 
@@ -45,32 +45,28 @@ def read_sb3_zip(
     statistics = None if obs_stats is None else read_observation_statistics(obs_stats)
     file = Path(path)
     try:
-        data_text, weights = read_members(file)
-        data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
-        return _build(file.stem, data, weights, statistics, action_bounds)
-    except PolicyFileError as error:
+        return read_archive(file, file.stem, statistics, action_bounds)
+    except ValueError as error:
         raise PolicyFileError(f"{file}: {error}") from error
 
 
-def _build(
+def read_archive(
+    archive: Path | BinaryIO,
     policy_id: str,
-    data: Json,
-    weights: bytes,
     statistics: ObservationStatistics | None,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
 ) -> MlpPolicy:
-    """The policy that the readable part of `data` describes, with the weights filled in."""
+    """The policy in a zip of that name.
+
+    Raises:
+        ValueError: what is wrong with the zip or the policy, without a file's name.
+    """
+    data_text, weights = read_members(archive)
+    data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
     check_policy_class(data)
     kwargs = policy_kwargs(data)
-    inputs = observation_size(section(data, "observation_space"))
+    inputs = vector_size(section(data, "observation_space"), "observation space")
     activation, hidden = activation_name(kwargs), hidden_sizes(kwargs)
-    squash = squashed(data, kwargs)
-    try:
-        actions = decoding(section(data, "action_space"), squash, action_bounds)
-        sizes = (inputs, *hidden, actions.size)
-        layers = layers_of(load_tensors(weights), sizes)
-        return MlpPolicy(layers, activation, actions, statistics, policy_id)
-    except PolicyFileError:
-        raise
-    except ValueError as error:  # a check of MlpPolicy or of one of its parts
-        raise PolicyFileError(str(error)) from error
+    actions = decoding(section(data, "action_space"), squashed(data, kwargs), action_bounds)
+    layers = layers_of(load_tensors(weights), (inputs, *hidden, actions.size))
+    return MlpPolicy(layers, activation, actions, statistics, policy_id)

@@ -13,9 +13,8 @@ from typing import Any
 from integ_gym.support import missing
 
 from ...policy import Layer
-from ..error import PolicyFileError
+from ..error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
-from .remedies import DAMAGED, RETRAIN
 
 _UNUSED_WEIGHTS = ("mlp_extractor.value_net.", "value_net.", "log_std")
 
