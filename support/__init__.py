@@ -91,7 +91,6 @@ if TYPE_CHECKING:
         report_errors,
         say,
         seconds,
-        sentence,
         step,
         true_minus,
         unbroken,

@@ -11,7 +11,6 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from integ_gym.envs import (
@@ -81,18 +80,11 @@ class FleetProgram:
         self.layout = layout
         self.discrete = env.setup.task.discrete is not None
         self.in_turn = in_turn
-
-    @cached_property
-    def iterate(self) -> Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]:
-        """Compiled: collect one rollout and learn from it."""
-        compiled: Any = jax.jit(self._iterate, donate_argnums=0)
-        return compiled  # type: ignore[no-any-return]
-
-    @cached_property
-    def begin(self) -> Callable[[Stack, Array, Params], Learner]:
-        """Compiled: the state before the first rollout."""
-        compiled: Any = jax.jit(self._begin)
-        return compiled  # type: ignore[no-any-return]
+        self.begin: Callable[[Stack, Array, Params], Learner] = jax.jit(self._begin)
+        """The state before the first rollout."""
+        self.iterate: Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]
+        self.iterate = jax.jit(self._iterate, donate_argnums=0)
+        """Collect one rollout and learn from it."""
 
     def _begin(self, stack: Stack, keys: Array, params: Params) -> Learner:
         zeros = jax.tree.map(jnp.zeros_like, stack)
@@ -226,16 +218,11 @@ class FleetProgram:
         The scan keeps states and actions only; this gives everything that follows from them. All at
         once, every transition would take as many iterations as the one that takes most of them.
         """
-        if not self.in_turn:
-            return self._transitions(steps, params)
-
-        def one(step: _Step) -> Any:
-            alone = self._transitions(jax.tree.map(lambda x: x[None], step), params)
-            after, outcome, *observed = alone
-            return jax.tree.map(lambda x: x[0], (after, outcome, *map(_steps_first, observed)))
-
-        after, outcome, before, later = jax.lax.map(one, steps)
-        return after, outcome, _steps_first(before), _steps_first(later)
+        after, outcome, *observed = self._each(
+            lambda steps: self._transitions(steps, params), (steps,)
+        )
+        before, later = (jnp.swapaxes(components, 0, 1) for components in observed)
+        return after, outcome, before, later
 
     def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         own = self.env.lane_params(params, steps.member)
@@ -244,8 +231,8 @@ class FleetProgram:
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)
-        before = jnp.stack(self.env.observe(steps.env, steps.noise, own))
-        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own))
+        before = jnp.stack(self.env.observe(steps.env, steps.noise, own), axis=1)
+        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own), axis=1)
 
     def _batch(
         self,
@@ -307,11 +294,6 @@ class FleetProgram:
             _stacked(rows),
             _stacked(first),
         )
-
-
-def _steps_first(values: Array) -> Array:
-    """(k, n_steps, …) to (n_steps, k, …), and back."""
-    return jnp.swapaxes(values, 0, 1)
 
 
 def _flat(values: Array) -> Array:
