@@ -42,10 +42,8 @@ class RandomPolicy(Baseline):
         if self.count is not None:
             return common
         low, high = self.low.tolist(), self.high.tolist()
-        return {
-            **common,
-            **({"limit": high[0]} if low == [-high[0]] else {"low": low, "high": high}),
-        }
+        limits = {"limit": high[0]} if low == [-high[0]] else {"low": low, "high": high}
+        return {**common, **limits}
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Random actions.

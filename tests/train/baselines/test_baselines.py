@@ -66,6 +66,7 @@ def test_a_hand_made_controller_is_found_under_the_name_of_its_task(env_id: str)
     setup = setup_of(env_id)
     (name,) = (name for name in HANDMADE.names() if type(setup.task) is TASKS.load(name))
     assert type(make_baseline("handmade", setup)) is HANDMADE.load(name)
+    assert set(HANDMADE.names()) <= set(TASKS.names())
 
 
 @pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)

@@ -51,7 +51,7 @@ def _check_archive(content: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
-    except Exception as error:  # as in read_members
+    except Exception as error:  # a damaged archive can fail in any way
         raise PolicyFileError(
             f"its member 'policy.pth' is not in torch's zip format; {DAMAGED}"
         ) from error
