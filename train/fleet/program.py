@@ -146,15 +146,14 @@ class FleetProgram:
         for_actions, for_starts, for_noise = split(keys, 3)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
-        sample = jax.random.gumbel if self.discrete else jax.random.normal
+
+        def drawn(sample: Callable[..., Array], keys: Array, size: int) -> Array:
+            return jnp.moveaxis(draw(sample, keys, (steps, size, lanes)), 1, 0)
+
         return _Draws(
-            jnp.moveaxis(draw(sample, for_actions, (steps, size, lanes)), 1, 0),
-            jnp.moveaxis(
-                draw(jax.random.uniform, for_starts, (steps, self.env.start_size, lanes)), 1, 0
-            ),
-            jnp.moveaxis(
-                draw(jax.random.normal, for_noise, (steps, 2 * self._noise_size, lanes)), 1, 0
-            ),
+            drawn(jax.random.gumbel if self.discrete else jax.random.normal, for_actions, size),
+            drawn(jax.random.uniform, for_starts, self.env.start_size),
+            drawn(jax.random.normal, for_noise, 2 * self._noise_size),
         )
 
     def _collect(
@@ -176,6 +175,7 @@ class FleetProgram:
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
             after, outcome = self.env.advance(env, self._control(action, own), own)
+            ending = outcome.terminated, outcome.truncated
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
             begun = self.env.fresh(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
@@ -185,16 +185,7 @@ class FleetProgram:
             half = self._noise_size
             next_noise = _where(outcome.sampled, fresh[:half], noise)
             next_noise = _where(ended, fresh[half:], next_noise)
-            kept = _Step(
-                env,
-                noise,
-                member,
-                action,
-                log_prob,
-                outcome.terminated,
-                outcome.truncated,
-                drawn.noise,
-            )
+            kept = _Step(env, noise, member, action, log_prob, *ending, drawn.noise)
             return (next_env, next_noise, next_member), kept
 
         return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
@@ -276,23 +267,22 @@ class FleetProgram:
         after_observed: Array,
         params: Params,
     ) -> Trail:
-        rows: tuple[Array, ...] = ()
-        first: tuple[Array, ...] = ()
+        rows = first = jnp.zeros((0,))
         if self.layout is not None:
             setup = self.env.setup_of(self.env.lane_params(params, steps.member))
             ending = outcome.reward, outcome.terminated, outcome.truncated
             info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
-            rows = self.layout.row(info, outcome.status, ending, state, after_observed)
+            rows = _stacked(self.layout.row(info, outcome.status, ending, state, after_observed))
             info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
-            first = self.layout.start(info, state, before_observed)
+            first = _stacked(self.layout.start(info, state, before_observed))
         return Trail(
             outcome.reward,
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
             steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
-            _stacked(rows),
-            _stacked(first),
+            rows,
+            first,
         )
 
 
@@ -307,4 +297,4 @@ def _where(condition: Array, new: Components, old: Components) -> Components:
 
 
 def _stacked(entries: tuple[Array, ...]) -> Array:
-    return jnp.stack([x.astype(jnp.float32) for x in entries]) if entries else jnp.zeros((0,))
+    return jnp.stack([x.astype(jnp.float32) for x in entries])
