@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from .tasks import (
         FLOAT32_ROUNDING,
         NEAR_PLUMB,
+        TASKS,
         CartPoleBalance,
         CartPoleSwingUp,
         Command,

@@ -20,14 +20,13 @@ if TYPE_CHECKING:
         record_table,
     )
     from .recorders import RecordEvidence, RecordVectorEvidence, now
-    from .schema import SCHEMA_VERSION, EvidenceError, json_schema
+    from .schema import SCHEMA_VERSION, EvidenceError
     from .store import (
         ASCII_BARS,
         BARS,
         EXPORT_FORMATS,
         TABLE_FORMATS,
         EvidenceStore,
-        Problem,
         export,
         open_run,
         print_table,

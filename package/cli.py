@@ -55,7 +55,7 @@ def _main(arguments: list[str]) -> int:
         "--version", action="version", version=f"integ-gym {package_version('integ-gym')}"
     )
     chosen = parser.parse_args(arguments[:1] or ["--help"])
-    return report_errors(chosen.command, lambda: _run(chosen.command, arguments[1:]))
+    return report_errors(f"integ-gym {chosen.command}", lambda: _run(chosen.command, arguments[1:]))
 
 
 def _run(name: str, arguments: Sequence[str]) -> int:

@@ -89,13 +89,12 @@ if TYPE_CHECKING:
         report_errors,
         say,
         seconds,
-        sentence,
         step,
         true_minus,
         unbroken,
         whole_number,
         width_of,
     )
-    from .workers import Progress, cores, report_work
+    from .workers import Progress, cores, report_work, work_bar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 import threading
-from collections.abc import Callable
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,19 +24,35 @@ _report: Callable[[float], None] | None = None
 
 
 class Progress:
-    """Work done, added up over worker processes.
+    """Work done, added up over worker processes, and a bar that shows it.
 
-    Workers call :func:`report_work`; the parent reads :meth:`total`.
+    Workers call :func:`report_work`.
+
+    Args:
+        bar: see :func:`work_bar`; None for a pool alone.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, bar: Any = None) -> None:
+        self._bar = bar
         self._context = multiprocessing.get_context("spawn")
         self._done = self._context.Value("d", 0.0)
         self._stopped = self._context.Event()
 
-    def total(self) -> float:
-        """Work reported so far."""
-        return float(self._done.value)
+    def add(self, amount: float) -> None:
+        """Count work that was done before."""
+        _add(self._done, amount)
+        self._show()
+
+    def ended(self, tasks: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
+        """Tasks as they end; until the last has, the bar moves with what they report."""
+        running = set(tasks)
+        while running:
+            ended, running = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            self._show()
+            yield from ended
+
+    def _show(self) -> None:
+        self._bar.update(min(self._bar.total, self._done.value) - self._bar.n)
 
     def pool(
         self, workers: int, prepare: Callable[[int], None] | None = None
@@ -72,6 +97,27 @@ class _Pool(ProcessPoolExecutor):
         return super().__exit__(kind, error, trace)
 
 
+def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
+    """A bar on standard error for work that takes long.
+
+    Args:
+        label: of the bar.
+        total: expected work.
+        shown: whether it is.
+        look: further arguments of `tqdm`.
+    """
+    from tqdm import tqdm
+
+    return tqdm(
+        total=total,
+        desc=label,
+        disable=not shown,
+        mininterval=0.5 if sys.stderr.isatty() else 15.0,
+        smoothing=0.05,
+        **look,
+    )
+
+
 def report_work(amount: float) -> None:
     """Add to the work done; without a pool it goes nowhere."""
     if _report is not None:
@@ -112,12 +158,12 @@ def _start_worker(
 def _report_to(done: Any) -> None:
     """Have work added up in a shared number."""
     global _report
+    _report = partial(_add, done)
 
-    def add(amount: float) -> None:
-        with done.get_lock():
-            done.value += amount
 
-    _report = add
+def _add(done: Any, amount: float) -> None:
+    with done.get_lock():
+        done.value += amount
 
 
 def _end_with(parent: int, stopped: Any) -> None:

@@ -10,6 +10,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
+    from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
     from .policy import MlpPolicy, Policy, PolicyStack
     from .policy_files import (
@@ -20,9 +21,8 @@ if TYPE_CHECKING:
         read_observation_statistics,
         read_sb3_zip,
         read_trained,
-        told,
     )
-    from .ppo import PPOConfig, make_training_envs, train_ppo
+    from .ppo import PPOConfig, train_ppo
     from .running import TrainingError, TrainingEvidence
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs import make_training_environments
@@ -44,7 +45,6 @@ from integ_gym.train.running import (
     check_names,
     checked_runs,
     explained,
-    first_lane_seed,
     fraction,
     layer_sizes,
     train_each,
@@ -126,6 +126,14 @@ class PPOConfig:
     def rounded_steps(self) -> int:
         """Decisions that the run will take: whole rollouts."""
         return math.ceil(self.total_steps / self.rollout) * self.rollout
+
+    @property
+    def first_lane_seed(self) -> int:
+        """Seed of the first training environment; the others count up from it.
+
+        Spread out, so that runs with neighbouring seeds do not share start states.
+        """
+        return int(np.random.SeedSequence(self.seed).generate_state(1)[0])
 
     def discount(self, control_period: float) -> float:
         """γ, the discount per decision, for a control period in s."""
@@ -211,7 +219,7 @@ def train_run(
             scaled = ScaledRewards(episodes, config.reward_scale)  # for the learner alone
             arguments = model_arguments(config, mixture.setups[0].timing.control_period)
             model = PPO("MlpPolicy", scaled, **arguments)
-            episodes.seed(first_lane_seed(config.seed))
+            episodes.seed(config.first_lane_seed)
             model.set_logger(logger(folder / "tensorboard" if tensorboard else None))
             start = time.perf_counter()
             with explained(config, mixture):
@@ -266,6 +274,6 @@ def train_ppo(
 
 
 if __name__ == "__main__":
-    from integ_gym.commands.train import main
+    from integ_gym.train.command import training_command
 
-    sys.exit(main(prog="python train/ppo.py"))
+    sys.exit(training_command(prog="python train/ppo.py"))

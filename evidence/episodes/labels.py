@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 Home = bool | Literal["is home", "no home"] | None
 
@@ -72,76 +72,66 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     Returns:
         One of :data:`integ_gym.evidence.schema.fields.LABELS`, and a sentence with numbers.
     """
-    for rule in (_broken, _success, _discretization, _perception, _state):
-        verdict = rule(facts, replays)
-        if verdict is not None:
-            return verdict
-    return _control_or_planning(facts)
-
-
-def _broken(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
     if facts.solver_status == "diverged":
-        return (
-            "evaluation_error",
-            f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}",
-        )
+        broken = f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}"
+        return "evaluation_error", broken
     if facts.episode_return is None:
         return "evaluation_error", f"the return is not finite after {facts.time:.4g} s"
-    return None
-
-
-def _success(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
-    if not facts.success:
-        return None
-    since = "" if facts.goal_since is None else f", at the goal from {facts.goal_since:.4g} s on"
-    return "none", f"succeeded: {facts.goal}{since}"
-
-
-def _discretization(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
-    if replays.home in ("is home", "no home") or replays.home is False:
-        return None
-    where = "its training discretization" if facts.homes <= 1 else "a training discretization of it"
-    if replays.home is None:
-        return _unattributed(facts, f"on {where}")
-    return (
-        "discretization_error",
-        f"the same policy succeeds from the same start on {where}, but on "
-        f"{facts.discretization} {_course(facts)}",
-    )
-
-
-def _perception(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
-    if not facts.observation_noise or replays.without_noise is False:
-        return None
-    if replays.without_noise is None:
-        return _unattributed(facts, "without observation noise")
-    return (
-        "perception_error",
-        f"the same policy succeeds from the same start without observation noise, but with "
-        f"standard deviation {facts.observation_noise:.4g} {_course(facts)}",
-    )
-
-
-def _state(facts: EpisodeFacts, replays: Replays) -> tuple[str, str] | None:
-    if not facts.staleness or replays.without_delay is False:
-        return None
-    if replays.without_delay is None:
-        return _unattributed(facts, "without latency and staleness")
-    return (
-        "state_error",
-        f"the same policy succeeds from the same start without delays, but with "
-        f"{facts.staleness:.4g} s of latency and staleness {_course(facts)}",
-    )
-
-
-def _control_or_planning(facts: EpisodeFacts) -> tuple[str, str]:
+    if facts.success:
+        since = (
+            "" if facts.goal_since is None else f", at the goal from {facts.goal_since:.4g} s on"
+        )
+        return "none", f"succeeded: {facts.goal}{since}"
+    course = _course(facts)
+    for rule in _rules(facts, replays):
+        if rule.replay is None:
+            return "unattributed", f"the replay {rule.replayed} was not run; it {course}"
+        if rule.replay:
+            succeeds = f"the same policy succeeds from the same start {rule.otherwise}"
+            return rule.label, f"{succeeds}, but {rule.here} {course}"
     if facts.saturated_share >= SATURATED or facts.goal_left is not None:
-        return "control_error", f"it {_course(facts)}"
-    return "planning_error", f"it {_course(facts)}"
+        return "control_error", f"it {course}"
+    return "planning_error", f"it {course}"
 
 
-def _unattributed(facts: EpisodeFacts, replay: str) -> tuple[str, str]:
-    return "unattributed", f"the replay {replay} was not run; it {_course(facts)}"
+class _Rule(NamedTuple):
+    """What explains a failure if a replay without it succeeded."""
+
+    label: str
+    replay: bool | None
+    """What the replay said; False where there is nothing to replay without."""
+    replayed: str
+    otherwise: str
+    here: str
+
+
+def _rules(facts: EpisodeFacts, replays: Replays) -> tuple[_Rule, ...]:
+    home = "on its training discretization"
+    if facts.homes > 1:
+        home = "on a training discretization of it"
+    return (
+        _Rule(
+            "discretization_error",
+            False if isinstance(replays.home, str) else replays.home,
+            home,
+            home,
+            f"on {facts.discretization}",
+        ),
+        _Rule(
+            "perception_error",
+            replays.without_noise if facts.observation_noise else False,
+            "without observation noise",
+            "without observation noise",
+            f"with standard deviation {facts.observation_noise:.4g}",
+        ),
+        _Rule(
+            "state_error",
+            replays.without_delay if facts.staleness else False,
+            "without latency and staleness",
+            "without delays",
+            f"with {facts.staleness:.4g} s of latency and staleness",
+        ),
+    )
 
 
 def _course(facts: EpisodeFacts) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..schema import SUMMARY_FIELDS
-from .episode_rows import EpisodeRows
 from .layout import Layout
 
 Array = npt.NDArray[Any]
@@ -42,3 +42,98 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
         "goal_left": episodes.goal_left(),
         "goal_since": episodes.goal_since(),
     }
+
+
+class EpisodeRows:
+    """Rows of whole episodes one after the other; what is asked of them has shape (episodes,).
+
+    Args:
+        layout: what the entries of a row are.
+        rows: shape (entries, sum of counts).
+        counts: rows of each episode, at least 2, shape (episodes,).
+
+    Attributes:
+        steps: control steps of each episode.
+    """
+
+    def __init__(self, layout: Layout, rows: Array, counts: Array) -> None:
+        self._layout = layout
+        self._rows = rows
+        self._ends = np.cumsum(counts)
+        self._starts = self._ends - counts
+        self.steps = counts - 1
+
+    def total(self, entry: str, of: Callable[[Array], Array] = np.asarray) -> Array:
+        """Sum of a function of an entry; NaN where there is no such entry."""
+        return self._reduced(np.add, entry, of)
+
+    def most(self, entry: str) -> Array:
+        """Largest value of an entry; NaN where there is no such entry."""
+        return self._reduced(np.maximum, entry)
+
+    def first(self, entry: str) -> Array:
+        """An entry at time 0."""
+        values: Array = self._column(entry)[self._starts]
+        return values
+
+    def last(self, entry: str) -> Array:
+        """An entry at the end."""
+        values: Array = self._column(entry)[self._ends - 1]
+        return values
+
+    def falls(self, entry: str) -> Array:
+        """How often an entry is 0 right after it was above."""
+        return self._each(np.add, self._fallen(self._column(entry) > 0.0).astype(np.int64))
+
+    def starts(self) -> Array:
+        """True states at time 0, in state order, shape (episodes, states)."""
+        return np.stack([self.first(name) for name in self._layout.state], axis=1)
+
+    def goal_since(self) -> Array:
+        """Start of the stay at the goal in which the episode ends, s; NaN if it ends elsewhere."""
+        since = self.last("goal_since")
+        return np.where(since >= 0.0, since, np.nan)
+
+    def time_to_success(self) -> Array:
+        """The same of episodes that succeed, s; NaN of others."""
+        return np.where(self.last("success") > 0.0, self.last("goal_since"), np.nan)
+
+    def goal_reached(self) -> Array:
+        """First time at the goal, s; NaN if never."""
+        time = np.where(self._there(), self._column("time"), np.inf)
+        return _finite(self._each(np.minimum, time))
+
+    def goal_left(self) -> Array:
+        """Last time of leaving the goal, s; NaN if never."""
+        left = self._fallen(self._there())
+        return _finite(self._each(np.maximum, np.where(left, self._column("time"), -np.inf)))
+
+    def _there(self) -> Array:
+        there: Array = self._column("goal_since") >= 0.0
+        return there
+
+    def _fallen(self, flag: Array) -> Array:
+        """Whether a flag is off in a row right after one of the same episode with it on."""
+        fallen = np.zeros_like(flag)
+        fallen[1:] = flag[:-1] & ~flag[1:]
+        fallen[self._starts] = False
+        return fallen
+
+    def _column(self, entry: str) -> Array:
+        column: Array = self._rows[self._layout.place(entry)]
+        return column
+
+    def _reduced(
+        self, function: np.ufunc, entry: str, of: Callable[[Array], Array] = np.asarray
+    ) -> Array:
+        if entry not in self._layout:
+            return np.full(len(self.steps), np.nan)
+        return self._each(function, of(self._column(entry)))
+
+    def _each(self, function: np.ufunc, column: Array) -> Array:
+        values: Array = function.reduceat(column, self._starts)
+        return values
+
+
+def _finite(times: Array) -> Array:
+    return np.where(np.isfinite(times), times, np.nan)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Setup
+from integ_gym.envs import DISCRETIZATION, Setup
 
 from ..schema import (
     SUMMARY_FIELDS,
@@ -58,13 +58,10 @@ def record_table(
     episodes, fields = log.episodes(), log.layout.fields
     width = setups[0][0].engine.width
     contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
-    columns = {
-        **_summary_columns(contexts, episodes, setups),
-        "env_id": [env_id] * len(episodes.heads),
-        "content_hash": [""] * len(episodes.heads),
-    }
-    stale = [staleness(setups[head.setup][0]) for head in episodes.heads]
-    labels = _labels(contexts, episodes, columns, stale, replays)
+    columns = _summary_columns(contexts, episodes, setups)
+    columns["env_id"] = [env_id] * len(episodes.heads)
+    columns["content_hash"] = [""] * len(episodes.heads)
+    labels = _labels(contexts, episodes, columns, setups, replays)
     columns["failure_label"], columns["failure_reason"] = zip(*labels, strict=True)
     arrays = [
         _trace_array(log.layout, episodes, field)
@@ -109,23 +106,25 @@ def _labels(
     contexts: Sequence[EpisodeContext],
     episodes: Episodes,
     columns: Columns,
-    stale: Sequence[float],
+    setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None,
 ) -> Iterator[tuple[str, str]]:
     given = {**{name: _values(values) for name, values in episodes.summary.items()}, **columns}
     lookups = _lookups(contexts, replays)
     for i, head in enumerate(episodes.heads):
+        context, lookup = contexts[head.context], lookups[head.context]
+        own = {name: columns[name][i] for name in DISCRETIZATION}
         facts = EpisodeFacts(
-            discretization=in_words({name: columns[name][i] for name in _DISCRETIZATION}),
-            staleness=stale[i],
-            homes=len(contexts[head.context].homes),
-            **{fact: given[name][i] for fact, name in _FACTS.items()},
+            goal=given["metric_definition"][i],
+            discretization=in_words(own),
+            episode_return=given["return"][i],
+            staleness=staleness(setups[head.setup][0]),
+            homes=len(context.homes),
+            **{name: given[name][i] for name in _FACTS},
         )
-        lookup = lookups[head.context]
         said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
         if said.home is None:
-            own = {name: columns[name][i] for name in _DISCRETIZATION}
-            said = replace(said, home=contexts[head.context].home(own))
+            said = replace(said, home=context.home(own))
         yield failure_label(facts, said)
 
 
@@ -140,22 +139,11 @@ def _lookups(
     return replays
 
 
-_DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
-
-_FACTS = {
-    "success": "success",
-    "goal": "metric_definition",
-    "time": "time",
-    "episode_return": "return",
-    "solver_status": "solver_status",
-    "saturated_share": "saturated_share",
-    "goal_reached": "goal_reached",
-    "goal_left": "goal_left",
-    "goal_since": "goal_since",
-    "observation_noise": "observation_noise",
-    "terminated": "terminated",
-}
-"""Facts of :class:`EpisodeFacts` to the field or summary that holds them."""
+_FACTS = (
+    *("success", "terminated", "time", "solver_status", "saturated_share", "observation_noise"),
+    *("goal_reached", "goal_left", "goal_since"),
+)
+"""Facts of :class:`EpisodeFacts` that a field or summary of the same name holds."""
 
 
 def _values(column: Array) -> list[Any]:

@@ -108,7 +108,9 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         buffer = self._ready_buffer(info)
         lanes = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         for lane in lanes.tolist():
-            self._note_seed(lane, _seed_of(seed, lane))
+            given = _seed_of(seed, lane)
+            if given is not None:
+                self._seeds[lane], self._draws[lane] = given, -1
         self._begin(buffer, lanes, observation, info)
         self._waiting[lanes] = False
         return observation, info
@@ -168,10 +170,6 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             self._note_contact(info)
             self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
         return self._buffer
-
-    def _note_seed(self, lane: int, seed: int | None) -> None:
-        if seed is not None:
-            self._seeds[lane], self._draws[lane] = seed, -1
 
     def _row(
         self, info: dict[str, Array], ending: tuple[Any, Any, Any], state: Any, observation: Array

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from .errors import BatchExistsError, EvidenceError
     from .extra import duckdb, parquet, pyarrow
     from .fields import PHASES, SCHEMA_VERSION, SUMMARY_FIELDS, Field
-    from .json import json_schema
     from .trace_fields import CONTACT_TRACE, record_fields
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -20,18 +20,9 @@ def arrow_type(kind: str) -> Any:
     pa = pyarrow()
     if kind.startswith("list<"):
         return pa.list_(arrow_type(kind[5:-1]))
-    types = {
-        "string": pa.string(),
-        "json": pa.string(),
-        "bool": pa.bool_(),
-        "int8": pa.int8(),
-        "int32": pa.int32(),
-        "int64": pa.int64(),
-        "float32": pa.float32(),
-        "float64": pa.float64(),
-        "timestamp": pa.timestamp("us", tz="UTC"),
-    }
-    return types[kind]
+    if kind == "timestamp":
+        return pa.timestamp("us", tz="UTC")
+    return pa.type_for_alias("string" if kind == "json" else kind)
 
 
 def arrow_field(field: Field) -> Any:

@@ -1,15 +1,20 @@
-"""What a record says of an environment's setup."""
+"""What a record says of an environment's setup, and of where it was made."""
 
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Mapping
+from functools import cache
 from math import gcd
 from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import Setup, numerics
+from integ_gym.envs import NATIVE, Setup, numerics
+from integ_gym.support import installed_versions
+
+_PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
 
 def arguments(setup: Setup, lane: int) -> str:
@@ -23,7 +28,7 @@ def arguments(setup: Setup, lane: int) -> str:
 def engine_description(setup: Setup, _: int) -> str:
     """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
     settings, described = setup.settings, setup.engine.describe()
-    if settings.engine != "native":
+    if settings.engine != NATIVE:
         measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
         described = {**described, "fingerprint": measured.to_json()}
     return json_text(described)
@@ -53,6 +58,17 @@ def in_words(fields: Mapping[str, Any]) -> str:
         f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
         f"period {fields['control_period']:.6g} s"
     )
+
+
+def package_versions(further: Mapping[str, str]) -> dict[str, str]:
+    """Versions of Python, of what integ-gym always needs, and of ``further`` packages."""
+    return {**installed_versions(_PACKAGES), **further}
+
+
+@cache
+def host() -> str:
+    """Operating system and processor."""
+    return f"{platform.platform()} {platform.machine()}"
 
 
 def json_text(value: Any) -> str:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 from integ_gym.support import load
 
+pyarrow = partial(load, "pyarrow", "evidence")
+"""``pyarrow``; see :func:`integ_gym.support.packages.extras.load`."""
 
-def pyarrow() -> Any:
-    """``pyarrow``; see :func:`integ_gym.support.packages.extras.load`."""
-    return load("pyarrow", "evidence")
+parquet = partial(load, "pyarrow.parquet", "evidence")
+"""``pyarrow.parquet``."""
 
-
-def parquet() -> Any:
-    """``pyarrow.parquet``."""
-    return load("pyarrow.parquet", "evidence")
-
-
-def duckdb() -> Any:
-    """``duckdb``."""
-    return load("duckdb", "evidence")
+duckdb = partial(load, "duckdb", "evidence")
+"""``duckdb``."""

@@ -19,12 +19,13 @@ from .description import (
     action_latency,
     arguments,
     engine_description,
+    host,
     json_text,
     optional_json,
+    package_versions,
     sensor_period,
 )
 from .origins import Origin, context, first, head, last, most, rows, setup, total
-from .provenance import host, package_versions
 
 SCHEMA_VERSION = 1
 

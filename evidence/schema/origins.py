@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -17,7 +18,7 @@ class Origin:
             :class:`~integ_gym.evidence.episodes.context.EpisodeContext`; ``setup``, its setup and
             lane; ``head``, its :class:`~integ_gym.evidence.episodes.episode_log.EpisodeHead` and
             its context; ``rows``, the
-            :class:`~integ_gym.evidence.episodes.episode_rows.EpisodeRows` of many episodes.
+            :class:`~integ_gym.evidence.episodes.summary.EpisodeRows` of many episodes.
         value: function of that to the value, or of rows to an array with one value per episode.
     """
 
@@ -25,24 +26,25 @@ class Origin:
     value: Callable[..., Any]
 
 
-def context(what: str | Callable[[Any], Any]) -> Origin:
-    """Of what the recorder is told of the episodes."""
-    return _origin("context", what)
+def _origin(of: str, what: str | Callable[..., Any]) -> Origin:
+    """``what``: a function, or the name of an attribute, with dots for one of an attribute."""
+    if callable(what):
+        return Origin(of, what)
+    get = attrgetter(what)
+    return Origin(of, lambda owner, *_: get(owner))
 
 
-def setup(what: str | Callable[[Any, int], Any]) -> Origin:
-    """Of the environment's setup, and the lane whose plant parameters hold."""
-    return _origin("setup", what)
+context = partial(_origin, "context")
+"""Of what the recorder is told of the episodes."""
 
+setup = partial(_origin, "setup")
+"""Of the environment's setup, and the lane whose plant parameters hold."""
 
-def head(what: str | Callable[[Any, Any], Any]) -> Origin:
-    """Of what identifies the episode, and its context."""
-    return _origin("head", what)
+head = partial(_origin, "head")
+"""Of what identifies the episode, and its context."""
 
-
-def rows(what: Callable[[Any], Any]) -> Origin:
-    """Of the rows of whole episodes."""
-    return _origin("rows", what)
+rows = partial(_origin, "rows")
+"""Of the rows of whole episodes."""
 
 
 def total(entry: str) -> Origin:
@@ -63,11 +65,3 @@ def first(entry: str) -> Origin:
 def last(entry: str) -> Origin:
     """An entry at the end."""
     return rows(lambda episodes: episodes.last(entry))
-
-
-def _origin(of: str, what: str | Callable[..., Any]) -> Origin:
-    """``what``: a function, or the name of an attribute, with dots for one of an attribute."""
-    if callable(what):
-        return Origin(of, what)
-    get = attrgetter(what)
-    return Origin(of, lambda owner, *_: get(owner))

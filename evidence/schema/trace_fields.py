@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from integ_gym.envs import STATUS_NAMES, state_names, state_units
@@ -48,42 +50,16 @@ _FORCE_UNITS = {"m": "N", "rad": "N m"}
 """Unit of a coordinate to that of its generalized force."""
 
 
-def state_fields(plant: Any) -> tuple[Field, ...]:
-    """True state, by the plant's own names."""
-    return tuple(
-        _column(name, "float64", unit, "true state", "instant", frame=plant.frame)
-        for name, unit in zip(state_names(plant), state_units(plant), strict=True)
-    )
-
-
-def sensed_fields(plant: Any, task: Any) -> tuple[Field, ...]:
-    """Observation as the policy was given it."""
-    return tuple(
-        _column(f"sensed_{name}", "float32", unit, "observation", "instant", frame=plant.frame)
-        for name, unit in zip(task.observation_names, task.observation_units, strict=True)
-    )
-
-
-def controls_of(plant: Any) -> tuple[tuple[str, str, str, str], ...]:
-    """Name, unit, and where ``info`` has the commanded and the applied value, per control."""
-    several = getattr(plant, "controls", None)
-    if several is None:
-        return ((plant.control_name, plant.control_unit, "commanded", "control"),)
-    return tuple((name, unit, f"{name}_commanded", f"{name}_applied") for name, unit in several)
-
-
-def control_fields(plant: Any) -> tuple[Field, ...]:
-    """Commanded and applied value of every control."""
+def control_fields(plant: Any) -> Iterator[Field]:
+    """Commanded and applied value of every control; ``info`` has a single one without its name."""
     asked = "control asked for by the decision, after saturation and fallback"
-    applied = "control in force at the end of the control step"
-    return tuple(
-        field
-        for name, unit, commanded, given in controls_of(plant)
-        for field in (
-            _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame),
-            _column(f"{name}_applied", "float64", unit, applied, "step", given, plant.frame),
-        )
-    )
+    given = "control in force at the end of the control step"
+    several = hasattr(plant, "controls")
+    controls = plant.controls if several else ((plant.control_name, plant.control_unit),)
+    commanded, applied = ("", "") if several else ("commanded", "control")
+    for name, unit in controls:
+        yield _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame)
+        yield _column(f"{name}_applied", "float64", unit, given, "step", applied, plant.frame)
 
 
 def contact_units(plant: Any) -> dict[str, str]:
@@ -102,19 +78,23 @@ def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
         plant: plant or plant class.
         task: task or task class.
     """
-    units = contact_units(plant)
-    contact = tuple(
-        replace(field, frame=plant.frame, unit=units.get(field.name, field.unit))
-        for field in CONTACT_TRACE
-    )
+    units, column = contact_units(plant), partial(_column, frame=plant.frame)
+    states = zip(state_names(plant), state_units(plant), strict=True)
+    observations = zip(task.observation_names, task.observation_units, strict=True)
     return (
         COMMON_TRACE[0],
-        *state_fields(plant),
-        *sensed_fields(plant, task),
+        *(column(name, "float64", unit, "true state", "instant") for name, unit in states),
+        *(
+            column(f"sensed_{name}", "float32", unit, "observation", "instant")
+            for name, unit in observations
+        ),
         COMMON_TRACE[1],
         *control_fields(plant),
         *COMMON_TRACE[2:],
-        *contact,
+        *(
+            replace(field, frame=plant.frame, unit=units.get(field.name, field.unit))
+            for field in CONTACT_TRACE
+        ),
     )
 
 

@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .exporting import EXPORT_FORMATS, export
     from .printing import TABLE_FORMATS, print_table
     from .showing import ASCII_BARS, BARS, show
-    from .store import EvidenceStore, Problem, open_run
+    from .store import EvidenceStore, open_run
 else:
     __getattr__, __dir__ = lazy_door(__name__)

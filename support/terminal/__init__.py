@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..doors import lazy_door
 
 if TYPE_CHECKING:
-    from .command_line import CommandParser, named_value, sentence, whole_number
+    from .command_line import CommandParser, named_value, whole_number
     from .ending import end_quietly, report_errors
     from .formatting import NONE, compact, fixed, plural, seconds, step, true_minus
     from .text_table import FITS, beside, fits, print_aligned, print_groups, say, unbroken, width_of

@@ -43,22 +43,34 @@ def _has_no_reader(stream: TextIO) -> bool:
     return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
-def report_errors(command: str, run: Callable[[], int]) -> int:
+def report_errors(
+    program: str,
+    run: Callable[[], int],
+    *,
+    mark: str = "",
+    interrupted: str = "what was finished stays",
+) -> int:
     """Run a command; print what the user can mend as one line on standard error.
 
     Errors that are not about the input are raised with their traceback.
+
+    Args:
+        program: the command's name, before every message.
+        run: the command.
+        mark: before what an error says.
+        interrupted: what an interruption leaves.
     """
     try:
         return run()
     except KeyboardInterrupt:
-        print(f"integ-gym {command}: interrupted; what was finished stays", file=sys.stderr)
+        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         raise
     except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
         if not _is_meant_for_users(error):
             raise
-        print(f"integ-gym {command}: {sentence(error)}", file=sys.stderr)
+        print(f"{program}: {mark}{sentence(error)}", file=sys.stderr)
         return 2
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import Setup
+from integ_gym.envs import TASKS, Setup
 from integ_gym.support import unknown_name
 
 from ..policy import Policy
-from .handmade import HANDMADE, controller_classes
+from .handmade import HANDMADE
 from .random_policy import RandomPolicy
 from .zero_policy import ZeroPolicy
 
@@ -52,33 +53,30 @@ def make_baseline(name: str, setup: Any, *, seed: int = 0, controller: str | Non
 
 def possible_baselines(setup: Any, controller: str | None = None) -> tuple[str, ...]:
     """Names of the baselines that can be made for an environment; see `make_baseline`."""
-    return tuple(name for name in BASELINES if _can_be_made(name, setup, controller))
+    possible = []
+    for name in BASELINES:
+        with suppress(ValueError):
+            make_baseline(name, setup, controller=controller)
+            possible.append(name)
+    return tuple(possible)
 
 
 def has_handmade(setup: Setup) -> bool:
     """Whether there is a hand-made controller for the environment's task."""
-    return any(isinstance(setup.task, made.task) for made in controller_classes())
-
-
-def _can_be_made(name: str, setup: Any, controller: str | None) -> bool:
-    try:
-        make_baseline(name, setup, controller=controller)
-    except ValueError:
-        return False
-    return True
+    return any(isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.names())
 
 
 def _handmade(setup: Any, controller: str | None) -> Policy:
     """The hand-made controller of that name, or of the environment's task."""
     if setup.arguments().get("gravity") == 0.0:
         raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
-    if controller is not None:
-        named: Policy = HANDMADE.load(controller)(setup)
-        return named
-    for made in controller_classes():
-        if isinstance(setup.task, made.task):
-            return made(setup)
-    raise ValueError(
-        f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
-        f"{', '.join(made.task.__name__ for made in controller_classes())}; leave `handmade` out"
-    )
+    tasks = {name: TASKS.load(name) for name in HANDMADE.names()}
+    fitting = (name for name, task in tasks.items() if isinstance(setup.task, task))
+    chosen = controller or next(fitting, None)
+    if chosen is None:
+        raise ValueError(
+            f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
+            f"{', '.join(task.__name__ for task in tasks.values())}; leave `handmade` out"
+        )
+    made: Policy = HANDMADE.load(chosen)(setup)
+    return made

@@ -9,7 +9,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..policy import ActionArray
-from .hashed_uniform import hashed_uniform
 from .interface import Baseline
 
 
@@ -38,8 +37,13 @@ class RandomPolicy(Baseline):
             self.low, self.high = bounds_of(space)
 
     def parameters(self) -> dict[str, Any]:
-        """Seed and action space."""
-        return {"seed": self.seed, "actions": self.count, **self._limits()}
+        """Seed and action space, its bounds as one number where one says them."""
+        common = {"seed": self.seed, "actions": self.count}
+        if self.count is not None:
+            return common
+        low, high = self.low.tolist(), self.high.tolist()
+        limits = {"limit": high[0]} if low == [-high[0]] else {"low": low, "high": high}
+        return {**common, **limits}
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Random actions.
@@ -57,13 +61,6 @@ class RandomPolicy(Baseline):
         middle, reach = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
         return (middle + (2.0 * uniform - 1.0) * reach).astype(np.float32)
 
-    def _limits(self) -> dict[str, Any]:
-        """The bounds, as one number where one says them."""
-        if self.count is not None:
-            return {}
-        low, high = self.low.tolist(), self.high.tolist()
-        return {"limit": high[0]} if low == [-high[0]] else {"low": low, "high": high}
-
 
 def bounds_of(space: spaces.Space[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lower and upper bounds of a `Box`, each the shortest decimal number that its float32 means.
@@ -77,3 +74,33 @@ def bounds_of(space: spaces.Space[Any]) -> tuple[NDArray[np.float64], NDArray[np
         )
     low, high = (np.array([float(str(x)) for x in side]) for side in (space.low, space.high))
     return low, high
+
+
+def hashed_uniform(observations: NDArray[Any], seed: int, count: int) -> NDArray[np.float64]:
+    """Numbers in [0, 1) that a hash makes of the seed and of the observations' float32 bits.
+
+    Args:
+        observations: shape (n, obs_dim).
+        seed: chooses the function.
+        count: numbers per observation.
+
+    Returns:
+        Shape (n, count).
+    """
+    values = np.asarray(observations, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
+    bits = np.full(len(values), seed, dtype=np.uint64)
+    for column in values.view(np.uint32).T:
+        bits = _scrambled(bits ^ column.astype(np.uint64))
+    drawn = [bits]
+    for _ in range(count - 1):
+        drawn.append(_scrambled(drawn[-1]))
+    return (np.stack(drawn, axis=1) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+def _scrambled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """One step of SplitMix64: Steele, Lea and Flood (2014), *Fast splittable pseudorandom number
+    generators*."""
+    bits = bits + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return bits ^ (bits >> np.uint64(31))

@@ -11,7 +11,6 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from integ_gym.envs import (
@@ -81,18 +80,11 @@ class FleetProgram:
         self.layout = layout
         self.discrete = env.setup.task.discrete is not None
         self.in_turn = in_turn
-
-    @cached_property
-    def iterate(self) -> Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]:
-        """Compiled: collect one rollout and learn from it."""
-        compiled: Any = jax.jit(self._iterate, donate_argnums=0)
-        return compiled  # type: ignore[no-any-return]
-
-    @cached_property
-    def begin(self) -> Callable[[Stack, Array, Params], Learner]:
-        """Compiled: the state before the first rollout."""
-        compiled: Any = jax.jit(self._begin)
-        return compiled  # type: ignore[no-any-return]
+        self.begin: Callable[[Stack, Array, Params], Learner] = jax.jit(self._begin)
+        """The state before the first rollout."""
+        self.iterate: Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]
+        self.iterate = jax.jit(self._iterate, donate_argnums=0)
+        """Collect one rollout and learn from it."""
 
     def _begin(self, stack: Stack, keys: Array, params: Params) -> Learner:
         zeros = jax.tree.map(jnp.zeros_like, stack)
@@ -154,15 +146,14 @@ class FleetProgram:
         for_actions, for_starts, for_noise = split(keys, 3)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
-        sample = jax.random.gumbel if self.discrete else jax.random.normal
+
+        def drawn(sample: Callable[..., Array], keys: Array, size: int) -> Array:
+            return jnp.moveaxis(draw(sample, keys, (steps, size, lanes)), 1, 0)
+
         return _Draws(
-            jnp.moveaxis(draw(sample, for_actions, (steps, size, lanes)), 1, 0),
-            jnp.moveaxis(
-                draw(jax.random.uniform, for_starts, (steps, self.env.start_size, lanes)), 1, 0
-            ),
-            jnp.moveaxis(
-                draw(jax.random.normal, for_noise, (steps, 2 * self._noise_size, lanes)), 1, 0
-            ),
+            drawn(jax.random.gumbel if self.discrete else jax.random.normal, for_actions, size),
+            drawn(jax.random.uniform, for_starts, self.env.start_size),
+            drawn(jax.random.normal, for_noise, 2 * self._noise_size),
         )
 
     def _collect(
@@ -184,6 +175,7 @@ class FleetProgram:
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
             after, outcome = self.env.advance(env, self._control(action, own), own)
+            ending = outcome.terminated, outcome.truncated
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
             begun = self.env.fresh(tuple(jnp.moveaxis(drawn.starts, 1, 0)), params)
@@ -193,16 +185,7 @@ class FleetProgram:
             half = self._noise_size
             next_noise = _where(outcome.sampled, fresh[:half], noise)
             next_noise = _where(ended, fresh[half:], next_noise)
-            kept = _Step(
-                env,
-                noise,
-                member,
-                action,
-                log_prob,
-                outcome.terminated,
-                outcome.truncated,
-                drawn.noise,
-            )
+            kept = _Step(env, noise, member, action, log_prob, *ending, drawn.noise)
             return (next_env, next_noise, next_member), kept
 
         return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
@@ -226,16 +209,11 @@ class FleetProgram:
         The scan keeps states and actions only; this gives everything that follows from them. All at
         once, every transition would take as many iterations as the one that takes most of them.
         """
-        if not self.in_turn:
-            return self._transitions(steps, params)
-
-        def one(step: _Step) -> Any:
-            alone = self._transitions(jax.tree.map(lambda x: x[None], step), params)
-            after, outcome, *observed = alone
-            return jax.tree.map(lambda x: x[0], (after, outcome, *map(_steps_first, observed)))
-
-        after, outcome, before, later = jax.lax.map(one, steps)
-        return after, outcome, _steps_first(before), _steps_first(later)
+        after, outcome, *observed = self._each(
+            lambda steps: self._transitions(steps, params), (steps,)
+        )
+        before, later = (jnp.swapaxes(components, 0, 1) for components in observed)
+        return after, outcome, before, later
 
     def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         own = self.env.lane_params(params, steps.member)
@@ -244,8 +222,8 @@ class FleetProgram:
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)
-        before = jnp.stack(self.env.observe(steps.env, steps.noise, own))
-        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own))
+        before = jnp.stack(self.env.observe(steps.env, steps.noise, own), axis=1)
+        return after, outcome, before, jnp.stack(self.env.observe(after, noise, own), axis=1)
 
     def _batch(
         self,
@@ -289,29 +267,23 @@ class FleetProgram:
         after_observed: Array,
         params: Params,
     ) -> Trail:
-        rows: tuple[Array, ...] = ()
-        first: tuple[Array, ...] = ()
+        rows = first = jnp.zeros((0,))
         if self.layout is not None:
             setup = self.env.setup_of(self.env.lane_params(params, steps.member))
             ending = outcome.reward, outcome.terminated, outcome.truncated
             info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
-            rows = self.layout.row(info, outcome.status, ending, state, after_observed)
+            rows = _stacked(self.layout.row(info, outcome.status, ending, state, after_observed))
             info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
-            first = self.layout.start(info, state, before_observed)
+            first = _stacked(self.layout.start(info, state, before_observed))
         return Trail(
             outcome.reward,
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
             steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
-            _stacked(rows),
-            _stacked(first),
+            rows,
+            first,
         )
-
-
-def _steps_first(values: Array) -> Array:
-    """(k, n_steps, …) to (n_steps, k, …), and back."""
-    return jnp.swapaxes(values, 0, 1)
 
 
 def _flat(values: Array) -> Array:
@@ -325,4 +297,4 @@ def _where(condition: Array, new: Components, old: Components) -> Components:
 
 
 def _stacked(entries: tuple[Array, ...]) -> Array:
-    return jnp.stack([x.astype(jnp.float32) for x in entries]) if entries else jnp.zeros((0,))
+    return jnp.stack([x.astype(jnp.float32) for x in entries])

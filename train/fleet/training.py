@@ -31,7 +31,6 @@ from ..running import (
     Run,
     TrainingEvidence,
     checked_runs,
-    first_lane_seed,
     train_in_processes,
     training_bar,
     unheard,
@@ -212,13 +211,12 @@ class _Trainer:
 
     def _begin(self) -> Learner:
         configs = self._configs
-        seeds = [config.seed for config in configs]
         task = self._setups[0].task
         noise = None if task.discrete else [config.log_std_init for config in configs]
+        seeds = [config.seed for config in configs]
         stack = initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
-        lane_seeds = np.array([first_lane_seed(seed) for seed in seeds], dtype=np.uint32)
-        keys = jax.vmap(jax.random.key)(lane_seeds)
-        return self._program.begin(stack, keys, self._params)
+        lane_seeds = np.array([config.first_lane_seed for config in configs], dtype=np.uint32)
+        return self._program.begin(stack, jax.vmap(jax.random.key)(lane_seeds), self._params)
 
     def _knobs(self) -> Knobs:
         rows = []

@@ -178,15 +178,8 @@ def _adam_step(
 
 
 def _unpacked(part: Array, sizes: tuple[int, int]) -> Batch:
-    observations, actions = sizes
-    rest = observations + actions
-    return Batch(
-        part[:, :observations],
-        part[:, observations:rest],
-        part[:, rest],
-        part[:, rest + 1],
-        part[:, rest + 2],
-    )
+    observations, actions, rest = jnp.split(part, (sizes[0], sum(sizes)), axis=1)
+    return Batch(observations, actions, *jnp.moveaxis(rest, 1, 0))
 
 
 def _over(per_policy: Array, like: Array) -> Array:

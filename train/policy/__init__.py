@@ -9,11 +9,10 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .actions import BoxActions, DiscreteActions
-    from .activations import ACTIVATIONS
     from .arrays import ActionArray, FloatArray
-    from .feed_forward import Layer
     from .interface import Policy
     from .mlp_policy import MlpPolicy
+    from .network import ACTIVATIONS, Layer
     from .observation_statistics import ObservationStatistics
     from .stack import PolicyStack
 else:

@@ -13,9 +13,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from .actions import BoxActions, DiscreteActions
-from .activations import ACTIVATIONS
 from .arrays import ActionArray, FloatArray, frozen
-from .feed_forward import Layer, network_outputs
+from .network import ACTIVATIONS, Layer, network_outputs
 from .observation_statistics import ObservationStatistics
 
 _HASH_FORMAT = "integ-gym MlpPolicy 1"
@@ -96,16 +95,9 @@ class MlpPolicy:
     def content_hash(self) -> str:
         """SHA-256 (hex) over architecture, activation, action mapping, weights and statistics.
 
-        It is the same on every machine and in every process; `policy_id` has no part in it.
+        It is the same on every machine and in every process; `policy_id` has no part in it. A JSON
+        header that fixes every array's shape comes before the arrays.
         """
-        header, arrays = self._hashed()
-        digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode() + b"\n")
-        for array in arrays:
-            digest.update(array.astype(array.dtype.newbyteorder("<")).tobytes())
-        return digest.hexdigest()
-
-    def _hashed(self) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-        """What the hash covers: a JSON header that fixes every array's shape, and the arrays."""
         header: dict[str, Any] = {
             "format": _HASH_FORMAT,
             "activation": self.activation,
@@ -120,7 +112,10 @@ class MlpPolicy:
             limits = (self.statistics.epsilon, self.statistics.clip_obs)
             header["statistics"] = [float(limit).hex() for limit in limits]
             arrays += [self.statistics.mean, self.statistics.var]
-        return header, arrays
+        digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode() + b"\n")
+        for array in arrays:
+            digest.update(array.astype(array.dtype.newbyteorder("<")).tobytes())
+        return digest.hexdigest()
 
     def outputs(self, observations: NDArray[Any]) -> FloatArray:
         """What the last layer gives, before it becomes an action.

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .actions import BoxActions
-from .activations import ACTIVATIONS
 from .arrays import ActionArray, FloatArray
-from .feed_forward import network_outputs
 from .interface import Policy
 from .mlp_policy import MlpPolicy
+from .network import ACTIVATIONS, network_outputs
 
 Array = NDArray[Any]
 
@@ -77,33 +76,24 @@ def _part(
 ) -> tuple[list[int], Callable[[Array], Array]]:
     chosen = [policies[place] for place in places]
     if len(chosen) > 1:
-        return places, _Networks(chosen).act  # type: ignore[arg-type]
+        return places, _together(chosen)  # type: ignore[arg-type]
     return places, lambda observations: chosen[0].act(observations[0])[None]
 
 
-class _Networks:
-    """Networks of one form.
+def _together(policies: Sequence[MlpPolicy]) -> Callable[[Array], Array]:
+    """`PolicyStack.act` of networks of one form."""
+    first = policies[0]
+    decode: Callable[[FloatArray], ActionArray] = first.actions.decode
+    layers = [
+        (np.stack([weight for weight, _ in layer]), np.stack([bias for _, bias in layer])[:, None])
+        for layer in zip(*(policy.layers for policy in policies), strict=True)
+    ]
 
-    Args:
-        policies: at least one.
-    """
-
-    def __init__(self, policies: Sequence[MlpPolicy]) -> None:
-        first = policies[0]
-        self._activate = ACTIVATIONS[first.activation]
-        self._decode: Callable[[FloatArray], ActionArray] = first.actions.decode
-        self._layers = [
-            (
-                np.stack([weight for weight, _ in layer]),
-                np.stack([bias for _, bias in layer])[:, None],
-            )
-            for layer in zip(*(policy.layers for policy in policies), strict=True)
-        ]
-
-    def act(self, observations: Array) -> Array:
-        """As `PolicyStack.act`."""
+    def act(observations: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
-            outputs = network_outputs(self._layers, self._activate, observations.astype(np.float32))
-        policies, n = outputs.shape[:2]
-        actions = self._decode(outputs.reshape(policies * n, -1))
-        return actions.reshape(policies, n, *actions.shape[1:])
+            features = observations.astype(np.float32)
+            outputs = network_outputs(layers, ACTIVATIONS[first.activation], features)
+        actions = decode(outputs.reshape(-1, outputs.shape[-1]))
+        return actions.reshape(*outputs.shape[:2], *actions.shape[1:])
+
+    return act

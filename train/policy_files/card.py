@@ -13,8 +13,6 @@ from gymnasium.vector import VectorEnv
 from integ_gym.envs import Mixture, Setup
 from integ_gym.support import installed_versions
 
-from ..running import first_lane_seed
-
 if TYPE_CHECKING:
     from ..ppo import PPOConfig
 
@@ -78,7 +76,7 @@ def make_card(
             "gamma": config.discount(setup.timing.control_period),
             "gae_lambda": config.gae_lambda,
             "rollout": config.rollout,
-            "first_lane_seed": first_lane_seed(config.seed),
+            "first_lane_seed": config.first_lane_seed,
         },
         "steps": config.rounded_steps,
         "wall_seconds": round(seconds, 3),

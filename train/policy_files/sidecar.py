@@ -7,9 +7,9 @@ out.
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +17,12 @@ from typing import Any
 
 from gymnasium import spaces
 
+from integ_gym.support import replace_file
+
 from ..policy import MlpPolicy
 from .error import PolicyFileError
 from .safetensors_file import read_safetensors, safetensors_bytes
-from .sb3_zip import read_sb3_zip
+from .sb3_zip import read_archive, read_sb3_zip
 
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
@@ -86,36 +88,26 @@ def write_policy(
             finite, or if the card is not JSON.
     """
     zip_path, sidecar_path = out_dir / POLICY_FILE, out_dir / SIDECAR_FILE
-    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=out_dir) as folder:
-        new_zip, new_weights = Path(folder) / POLICY_FILE, Path(folder) / WEIGHTS_FILE
-        new_sidecar = Path(folder) / SIDECAR_FILE
-        _write_durably(new_zip, zip_bytes)
-        bounds = _bounds(action_space)
-        policy = _read_back(new_zip, bounds)
-        _write_durably(new_weights, safetensors_bytes(policy))
-        full = {
-            "format": FORMAT,
-            "policy_file": POLICY_FILE,
-            "weights_file": WEIGHTS_FILE,
-            "content_hash": policy.content_hash,
-            "action_bounds": bounds,
-            **card,
-        }
-        text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        _write_durably(new_sidecar, text.encode())
-        sidecar_path.unlink(missing_ok=True)
-        os.replace(new_zip, zip_path)
-        os.replace(new_weights, out_dir / WEIGHTS_FILE)
-        os.replace(new_sidecar, sidecar_path)
-    return TrainedPolicy(zip_path, sidecar_path, full)
-
-
-def _read_back(new_zip: Path, bounds: Any) -> MlpPolicy:
+    bounds = _bounds(action_space)
     try:
-        return read_sb3_zip(new_zip, action_bounds=bounds)
-    except PolicyFileError as error:
-        reason = str(error).removeprefix(f"{new_zip}: ")
-        raise PolicyFileError(f"training left a policy that cannot be used: {reason}") from error
+        policy = read_archive(io.BytesIO(zip_bytes), zip_path.stem, None, bounds)
+    except ValueError as error:
+        raise PolicyFileError(f"training left a policy that cannot be used: {error}") from error
+    full = {
+        "format": FORMAT,
+        "policy_file": POLICY_FILE,
+        "weights_file": WEIGHTS_FILE,
+        "content_hash": policy.content_hash,
+        "action_bounds": bounds,
+        **card,
+    }
+    text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    weights = safetensors_bytes(policy)
+    sidecar_path.unlink(missing_ok=True)
+    replace_file(zip_path, zip_bytes)
+    replace_file(out_dir / WEIGHTS_FILE, weights)
+    replace_file(sidecar_path, text.encode())
+    return TrainedPolicy(zip_path, sidecar_path, full)
 
 
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:
@@ -202,11 +194,3 @@ def _are_bounds(value: Any) -> bool:
         and all(isinstance(side, list) and side for side in value)
         and all(isinstance(x, int | float) for side in value for x in side)
     )
-
-
-def _write_durably(path: Path, content: bytes) -> None:
-    """Write a file and wait until it is on disk."""
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

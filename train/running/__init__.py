@@ -1,4 +1,4 @@
-"""What both trainers have in common: checked values, seeds, runs side by side, evidence, errors."""
+"""What both trainers have in common: checked values, runs side by side, evidence, errors."""
 
 from typing import TYPE_CHECKING
 
@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from .checks import ENV_ARGUMENTS, check_config, check_names, fraction, layer_sizes, whole
     from .error import TrainingError, explained
     from .evidence import TrainingEvidence
-    from .seeds import first_lane_seed
     from .side_by_side import (
         OnTrained,
         Run,

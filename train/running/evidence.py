@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import EpisodeContext
+from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,5 @@ class TrainingEvidence:
 
     def recorder(self, vector_env: Any) -> Any:
         """Training environments that record; ``commit(batch)`` writes what they have recorded."""
-        from integ_gym.evidence import EvidenceStore, RecordVectorEvidence
-
         store = EvidenceStore(self.store)
         return RecordVectorEvidence(vector_env, store, self.context, commit_on_close=False)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from integ_gym.support import Progress, cores, report_work
+from integ_gym.support import Progress, cores, report_work, work_bar
 
 from ..policy_files import TrainedPolicy, check_folder
 from .error import TrainingError
@@ -112,19 +111,15 @@ def train_in_processes(
         TrainingError: if a job fails or is killed; finished policies stay.
     """
     trained: dict[int, TrainedPolicy] = {}
-    shared, policies = Progress(), sum(map(len, jobs))
-    with bar, shared.pool(max(1, min(processes, len(jobs))), prepare) as pool:
+    progress, policies = Progress(bar), sum(map(len, jobs))
+    with bar, progress.pool(max(1, min(processes, len(jobs))), prepare) as pool:
         running = {pool.submit(train, *given): places for places, given in jobs.items()}
-        while running:
-            ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-            bar.update(min(bar.total, shared.total()) - bar.n)
-            for future in ended:
-                places = running.pop(future)
-                outcomes = _result(future, len(trained))
-                for place, outcome in zip(places, outcomes, strict=True):
-                    trained[place] = write(place, outcome)
-                    on_trained(place, trained[place])
-                bar.set_postfix_str(f"{len(trained)} of {policies} policies", refresh=False)
+        for future in progress.ended(running):
+            outcomes = _result(future, len(trained))
+            for place, outcome in zip(running.pop(future), outcomes, strict=True):
+                trained[place] = write(place, outcome)
+                on_trained(place, trained[place])
+            bar.set_postfix_str(f"{len(trained)} of {policies} policies", refresh=False)
     return [trained[place] for place in sorted(trained)]
 
 
@@ -148,14 +143,5 @@ def _result(future: Future[Sequence[Any]], finished: int) -> Sequence[Any]:
 
 def training_bar(decisions: int, policies: int, shown: bool) -> Any:
     """A bar over the decisions of all policies, on stderr."""
-    from tqdm import tqdm
-
-    return tqdm(
-        total=decisions,
-        desc=f"PPO, {policies} {'policy' if policies == 1 else 'policies'}",
-        unit=" steps",
-        unit_scale=True,
-        disable=not shown,
-        mininterval=0.5 if sys.stderr.isatty() else 15.0,
-        smoothing=0.05,
-    )
+    label = f"PPO, {policies} {'policy' if policies == 1 else 'policies'}"
+    return work_bar(label, decisions, shown, unit=" steps", unit_scale=True)

@@ -97,10 +97,13 @@ class Sb3VecEnv(VecEnv):
         observations, rewards, terminated, truncated, info = self.vector_env.step(self._actions)
         done = np.logical_or(terminated, truncated)
         infos = self._lane_infos(info)
-        for lane in np.flatnonzero(done):
-            self.reset_infos[lane] = infos[lane]
         if done.any():
-            self._insert_finals(infos, info, done)
+            finals = self._lane_infos(info["final_info"])
+            for lane in np.flatnonzero(done):
+                self.reset_infos[lane], infos[lane] = infos[lane], finals[lane]
+                infos[lane]["terminal_observation"] = info["final_obs"][lane]
+                if "success" in infos[lane]:
+                    infos[lane]["is_success"] = infos[lane]["success"]
         time_limit = np.logical_and(truncated, np.logical_not(terminated)).tolist()
         for lane_info, limited in zip(infos, time_limit, strict=True):
             lane_info["TimeLimit.truncated"] = limited
@@ -191,17 +194,6 @@ class Sb3VecEnv(VecEnv):
             return [{} for _ in range(self.num_envs)]
         columns = [_plain_list(info[name]) for name in names]
         return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
-
-    def _insert_finals(
-        self, infos: list[dict[str, Any]], info: dict[str, Any], done: NDArray[np.bool_]
-    ) -> None:
-        """Put in what the last step of each episode that ended told, in place of the reset's."""
-        finals = self._lane_infos(info["final_info"])
-        for lane in np.flatnonzero(done):
-            infos[lane] = finals[lane]
-            infos[lane]["terminal_observation"] = info["final_obs"][lane]
-            if "success" in infos[lane]:
-                infos[lane]["is_success"] = infos[lane]["success"]
 
 
 class ScaledRewards(VecEnvWrapper):

@@ -32,8 +32,8 @@ from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outco
 from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet.update import permutations, update
 from integ_gym.train.policy.actions import BoxActions
-from integ_gym.train.policy.activations import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy.network import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import (
     FORMAT,

@@ -8,8 +8,8 @@ import pytest
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
 from integ_gym.train.baselines.making import BASELINES, make_baseline
 from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.activations import ACTIVATIONS
 from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy.network import ACTIVATIONS
 from integ_gym.train.policy.observation_statistics import ObservationStatistics
 from integ_gym.train.policy.stack import PolicyStack
 from integ_gym.train.sb3.initial_weights import initial_stack

@@ -20,7 +20,6 @@ from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trai
 
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 from integ_gym.train.ppo import PPOConfig, train_run
-from integ_gym.train.running.seeds import first_lane_seed
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")
@@ -90,7 +89,7 @@ def test_rewards_are_scaled_for_the_learner_only(
     assert policy.card["last_episodes"]["return_mean"] == pytest.approx(episodes.mean(), rel=1e-5)
     assert recorder.closed_by_trainer
     assert files_of(tmp_path) == WRITTEN
-    lanes = first_lane_seed(config.seed)
+    lanes = config.first_lane_seed
     env = gym.make("IntegPendulum-v0", **config.env_arguments)
     env.reset(seed=lanes + 2)
     np.testing.assert_array_equal(recorder.starts[0][2], env.unwrapped.state)  # type: ignore[attr-defined]

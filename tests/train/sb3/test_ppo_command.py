@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL
 
-from integ_gym.commands import train as command
 from integ_gym.commands.train import main
+from integ_gym.train import command
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_trained
 from integ_gym.train.ppo import PPOConfig
 
@@ -34,7 +34,7 @@ def test_main_trains_and_says_where_the_policy_is(
 
 def test_flags_reach_the_run() -> None:
     given = vars(
-        command.parser().parse_args(
+        command.training_parser().parse_args(
             [
                 *("--out", "x", "--env", "IntegCartPole-v0", "--control-period", "none"),
                 *("--max-speed", "8", "--env-arg", "mass=0.2", "--env-arg"),

@@ -12,7 +12,6 @@ import pytest
 from small_ppo import SMALL
 
 from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
-from integ_gym.train.running.seeds import first_lane_seed
 
 
 @pytest.mark.parametrize(
@@ -63,5 +62,5 @@ def test_runs_are_whole_rollouts() -> None:
 
 
 def test_lanes_of_neighbouring_seeds_do_not_overlap() -> None:
-    seeds = sorted(first_lane_seed(seed) for seed in range(1000))
+    seeds = sorted(PPOConfig(seed=seed).first_lane_seed for seed in range(1000))
     assert np.diff(seeds).min() > 1000

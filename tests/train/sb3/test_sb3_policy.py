@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from policy_files import UNIT_3, BoxEnv, read_or_none, refusal, rewritten
 
 from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.activations import ACTIVATIONS
+from integ_gym.train.policy.network import ACTIVATIONS
 from integ_gym.train.policy_files.sb3_zip.reading import read_sb3_zip
 
 torch = pytest.importorskip("torch")

@@ -27,7 +27,6 @@ class BangBangRegulator(HandMade[CartPole]):
         setup: of the environment.
     """
 
-    task = CartPoleBalance
     plant_class = CartPole
 
     def __init__(self, setup: Setup) -> None:

@@ -45,7 +45,6 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
         setup: of the environment.
     """
 
-    task = CartPoleSwingUp
     plant_class = CartPole
 
     def __init__(self, setup: Setup) -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import NEAR_PLUMB, ElasticPendulum, ElasticPendulumQuiet, Setup
+from integ_gym.envs import NEAR_PLUMB, ElasticPendulum, Setup
 
 from ..lqr import held, linearized, lqr_gain
 from .interface import HandMade
@@ -24,7 +24,6 @@ class SwingRegulator(HandMade[ElasticPendulum]):
         setup: of the environment.
     """
 
-    task = ElasticPendulumQuiet
     plant_class = ElasticPendulum
 
     def __init__(self, setup: Setup) -> None:

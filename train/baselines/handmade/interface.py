@@ -27,10 +27,8 @@ class HandMade(Baseline, Generic[P]):
     """
 
     policy_id = "handmade"
-    task: ClassVar[type[Any]]
-    """Class of the task that the controller is for."""
     plant_class: ClassVar[type[Any]]
-    """Class of the plant that the task has."""
+    """Class of the plant that the task has; the module is named as the task's."""
 
     def __init__(self, setup: Setup) -> None:
         assert isinstance(setup.plant, self.plant_class)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import ARRAY, Pendulum, PendulumSwingUp, Setup, wrapped
+from integ_gym.envs import ARRAY, Pendulum, Setup, wrapped
 
 from ..catching import caught
 from ..lqr import held, linearized, lqr_gain
@@ -35,7 +35,6 @@ class EnergyShaping(HandMade[Pendulum]):
         setup: of the environment.
     """
 
-    task = PendulumSwingUp
     plant_class = Pendulum
 
     def __init__(self, setup: Setup) -> None:

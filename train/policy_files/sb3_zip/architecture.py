@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 
 from ...policy import ACTIVATIONS
-from ..error import PolicyFileError
+from ..error import DAMAGED, RETRAIN, PolicyFileError
 from .data import Json, printed_class, section
-from .remedies import DAMAGED, RETRAIN
 
 _POLICY_MODULE = "stable_baselines3.common.policies"
 _POLICY_CLASS = "ActorCriticPolicy"

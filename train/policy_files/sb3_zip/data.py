@@ -7,8 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from ..error import PolicyFileError
-from .remedies import DAMAGED
+from ..error import DAMAGED, PolicyFileError
 
 Json: TypeAlias = Mapping[str, Any]
 

@@ -1,20 +1,21 @@
-"""A policy made of what the zip holds."""
+"""A policy made of what the zip holds, whose members are read only if not too large."""
 
 from __future__ import annotations
 
 import os
+import zipfile
 from pathlib import Path
+from typing import BinaryIO
 
 from numpy.typing import ArrayLike
 
 from ...policy import MlpPolicy, ObservationStatistics
-from ..error import PolicyFileError
+from ..error import DAMAGED, PolicyFileError
+from . import limits
 from .architecture import activation_name, check_policy_class, hidden_sizes, policy_kwargs, squashed
-from .data import Json, parse_json, section
-from .members import read_members
+from .data import parse_json, section
 from .observation_statistics import read_observation_statistics
-from .remedies import DAMAGED
-from .spaces import decoding, observation_size
+from .spaces import decoding, vector_size
 from .weights import layers_of, load_tensors
 
 
@@ -45,32 +46,65 @@ def read_sb3_zip(
     statistics = None if obs_stats is None else read_observation_statistics(obs_stats)
     file = Path(path)
     try:
-        data_text, weights = read_members(file)
-        data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
-        return _build(file.stem, data, weights, statistics, action_bounds)
-    except PolicyFileError as error:
+        return read_archive(file, file.stem, statistics, action_bounds)
+    except ValueError as error:
         raise PolicyFileError(f"{file}: {error}") from error
 
 
-def _build(
+def read_archive(
+    archive: Path | BinaryIO,
     policy_id: str,
-    data: Json,
-    weights: bytes,
     statistics: ObservationStatistics | None,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
 ) -> MlpPolicy:
-    """The policy that the readable part of `data` describes, with the weights filled in."""
+    """The policy in a zip of that name.
+
+    Raises:
+        ValueError: what is wrong with the zip or the policy, without a file's name.
+    """
+    data_text, weights = _read_members(archive)
+    data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
     check_policy_class(data)
     kwargs = policy_kwargs(data)
-    inputs = observation_size(section(data, "observation_space"))
+    inputs = vector_size(section(data, "observation_space"), "observation space")
     activation, hidden = activation_name(kwargs), hidden_sizes(kwargs)
-    squash = squashed(data, kwargs)
+    actions = decoding(section(data, "action_space"), squashed(data, kwargs), action_bounds)
+    layers = layers_of(load_tensors(weights), (inputs, *hidden, actions.size))
+    return MlpPolicy(layers, activation, actions, statistics, policy_id)
+
+
+def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
+    """The bytes of `data` and `policy.pth`, checked for presence and size."""
     try:
-        actions = decoding(section(data, "action_space"), squash, action_bounds)
-        sizes = (inputs, *hidden, actions.size)
-        layers = layers_of(load_tensors(weights), sizes)
-        return MlpPolicy(layers, activation, actions, statistics, policy_id)
+        with zipfile.ZipFile(file) as archive:
+            return (
+                _read_member(archive, "data", limits.MAX_JSON_BYTES),
+                _read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
+            )
     except PolicyFileError:
         raise
-    except ValueError as error:  # a check of MlpPolicy or of one of its parts
-        raise PolicyFileError(str(error)) from error
+    except zipfile.BadZipFile as error:
+        raise PolicyFileError(f"is not a complete zip file; {DAMAGED}, or copy it again") from error
+    except OSError as error:
+        raise PolicyFileError(
+            f"cannot be opened ({error.strerror or error}); check the path"
+        ) from error
+    except Exception as error:  # a damaged archive can fail in any way inside zipfile and zlib
+        raise PolicyFileError(f"cannot be unpacked ({type(error).__name__}); {DAMAGED}") from error
+
+
+def _read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    """One member, refused above `limit` bytes before anything is unpacked."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError:
+        raise PolicyFileError(
+            f"has no member '{name}', so it is not a model saved by stable-baselines3; "
+            "give the .zip that model.save(path) wrote"
+        ) from None
+    if info.file_size > limit:
+        raise PolicyFileError(
+            f"has a member '{name}' of {info.file_size} bytes, above the limit of {limit}; "
+            "give a model with a smaller network"
+        )
+    return archive.read(info)

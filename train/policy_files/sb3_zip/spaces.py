@@ -22,8 +22,8 @@ def _space_kind(space: Json) -> str:
     return parts[-1] if parts[:2] in (["gymnasium", "spaces"], ["gym", "spaces"]) else text
 
 
-def _vector_size(space: Json, what: str) -> int:
-    """Length of a one-dimensional `Box`."""
+def vector_size(space: Json, what: str) -> int:
+    """Length of a one-dimensional `Box`, of ``what`` a message calls it."""
     kind, shape = _space_kind(space), space.get("_shape")
     sizes = shape if isinstance(shape, list) else []
     if kind != "Box" or len(sizes) != 1 or type(sizes[0]) is not int or sizes[0] < 1:
@@ -35,18 +35,13 @@ def _vector_size(space: Json, what: str) -> int:
     return sizes[0]
 
 
-def observation_size(space: Json) -> int:
-    """Number of observation components."""
-    return _vector_size(space, "observation space")
-
-
 def decoding(
     space: Json, squash: bool, action_bounds: tuple[ArrayLike, ArrayLike] | None
 ) -> BoxActions | DiscreteActions:
     """How outputs become actions of this space."""
     if _space_kind(space) == "Discrete":
         return _discrete_actions(space, squash, action_bounds)
-    size = _vector_size(space, "action space")
+    size = vector_size(space, "action space")
     if space.get("dtype") != "float32":
         raise PolicyFileError(
             f"the action space has dtype {space.get('dtype')}, and only float32 can be read; "

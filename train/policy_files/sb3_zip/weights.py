@@ -13,9 +13,8 @@ from typing import Any
 from integ_gym.support import missing
 
 from ...policy import Layer
-from ..error import PolicyFileError
+from ..error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
-from .remedies import DAMAGED, RETRAIN
 
 _UNUSED_WEIGHTS = ("mlp_extractor.value_net.", "value_net.", "log_std")
 
@@ -52,7 +51,7 @@ def _check_archive(content: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
-    except Exception as error:  # as in read_members
+    except Exception as error:  # a damaged archive can fail in any way
         raise PolicyFileError(
             f"its member 'policy.pth' is not in torch's zip format; {DAMAGED}"
         ) from error

@@ -1,13 +1,16 @@
-"""Activations of a policy's network, as torch computes them."""
+"""A feed-forward network, or a stack of them, with activations as torch computes them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from .arrays import FloatArray
+
+Layer: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def _sigmoid(x: FloatArray) -> FloatArray:
@@ -56,3 +59,23 @@ ACTIVATIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "Softplus": _softplus,
     "Softsign": _softsign,
 }
+
+
+def network_outputs(
+    layers: Sequence[Layer], activate: Callable[[FloatArray], FloatArray], features: FloatArray
+) -> FloatArray:
+    """Outputs of a feed-forward network, or of a stack of them.
+
+    Args:
+        layers: (weight, bias) of each layer, of shapes (…, out, in) and (…, 1, out); the bias of
+            a single network may have shape (out,).
+        activate: follows every layer but the last.
+        features: shape (…, n, inputs).
+
+    Returns:
+        Shape (…, n, outputs).
+    """
+    for weight, bias in layers[:-1]:
+        features = activate(features @ weight.swapaxes(-1, -2) + bias)
+    weight, bias = layers[-1]
+    return features @ weight.swapaxes(-1, -2) + bias

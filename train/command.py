@@ -1,0 +1,153 @@
+"""The command `integ-gym train`, for both trainers."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import Field, fields
+from pathlib import Path
+from typing import Any
+
+from integ_gym.envs import ENVIRONMENTS, PendulumSwingUp, Settings
+from integ_gym.support import CommandParser, named_value, report_errors, whole_number
+
+from .policy_files import told
+from .ppo import PPOConfig, make_training_envs, train_ppo
+
+_EXAMPLES = """\
+examples:
+  integ-gym train --integrator rk4 --dt 0.05 --out runs/rk4
+  integ-gym train --integrator explicit_euler --dt 0.05 --control-period 0.05 \\
+      --start hanging --max-torque 1.0 --seed 3 --out runs/explicit-3
+  integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
+  integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
+  integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
+  integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
+      'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
+"""
+
+_OWN_FLAGS = ("env_id", "env_arguments")
+_ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"))
+
+
+def training_command(argv: Sequence[str] | None = None, prog: str = "integ-gym train") -> int:
+    """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
+    given = vars(training_parser(prog).parse_args(argv))
+    kept = "no policy was written"
+    return report_errors(prog, lambda: _train(given), mark="error: ", interrupted=kept)
+
+
+def _train(given: dict[str, Any]) -> int:
+    fleet = given.pop("trainer") == "fleet"
+    out, tensorboard = given.pop("out"), given.pop("tensorboard")
+    options = {name: given.pop(name) for name in ("progress", "force")}
+    config = _config(given)
+    make_training_envs(config).close()  # what is wrong with them is told before there is a bar
+    folder = out or _default_folder(config)
+    if fleet:
+        from .fleet import train_fleet
+
+        (trained,) = train_fleet([config], [folder], **options)
+    else:
+        (trained,) = train_ppo([config], [folder], tensorboard=tensorboard, **options)
+    card = trained.card
+    print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
+    print(
+        f"last {card['last_episodes']['episodes']} training episodes, exploration included: "
+        f"{told(card['last_episodes'])}"
+    )
+    return 0
+
+
+def training_parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog=prog,
+        description="Train a policy with PPO on one discretization of an environment.",
+        epilog=_EXAMPLES.replace("integ-gym train", prog),
+        argument_default=argparse.SUPPRESS,
+    )
+    made.add_argument(
+        "--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}, or a MuJoCo task"
+    )
+    made.add_argument(
+        "--out",
+        type=Path,
+        default=None,
+        help="folder for the policy (default: in runs/, named after environment, integrator, dt "
+        "and seed)",
+    )
+    made.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    made.add_argument(
+        "--trainer",
+        choices=("sb3", "fleet"),
+        default="sb3",
+        help="stable-baselines3, or the compiled trainer, which writes no logs (default: sb3)",
+    )
+    made.add_argument(
+        "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
+    )
+    made.add_argument(
+        "--no-progress", dest="progress", action="store_false", default=True, help="no bar"
+    )
+    environment = made.add_argument_group("environment (default: its own)")
+    for env_field in _ENV_FIELDS:
+        _add_flag(environment, env_field)
+    environment.add_argument(
+        "--env-arg",
+        action="append",
+        type=named_value,
+        metavar="NAME=VALUE",
+        help="any other constructor argument",
+    )
+    learner = made.add_argument_group(
+        "run (defaults as shown, but for what `PPOConfig.of` sets for an environment)"
+    )
+    for config_field in fields(PPOConfig):
+        if config_field.name not in _OWN_FLAGS:
+            _add_flag(learner, config_field, shown=True)
+    return made
+
+
+def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
+    """A flag for a parameter, described by the parameter's own metadata."""
+    unit = f" [{of.metadata['unit']}]" if of.metadata["unit"] else ""
+    default = f" (default: {of.default})" if shown else ""
+    described: dict[str, Any] = {"help": f"{of.metadata['meaning']}{unit}{default}"}
+    flag = f"--{of.name.replace('_', '-')}"
+    if of.type == "bool":
+        group.add_argument(flag, action=argparse.BooleanOptionalAction, **described)
+        return
+    if of.type == "tuple[int, ...]":
+        described["nargs"] = "+"
+    read, metavar = _READERS[str(of.type)]
+    group.add_argument(flag, type=read, metavar=metavar, **described)
+
+
+def _number_or_none(word: str) -> float | None:
+    return None if word.lower() == "none" else float(word)
+
+
+_number_or_none.__name__ = "number"
+_READERS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "str": (str, "NAME"),
+    "int": (whole_number, "N"),
+    "float": (float, "X"),
+    "float | None": (_number_or_none, "X"),
+    "tuple[int, ...]": (whole_number, "N"),
+}
+"""By a field's type: what reads a flag's value, and what stands for it in the help."""
+
+
+def _default_folder(config: PPOConfig) -> Path:
+    arguments = config.env_arguments
+    chosen = [str(arguments[name]) for name in ("integrator", "dt") if name in arguments]
+    return Path("runs") / "-".join([config.env_id, *chosen, f"seed{config.seed}"])
+
+
+def _config(given: dict[str, Any]) -> PPOConfig:
+    """The run that the flags describe."""
+    arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
+    arguments.update(given.pop("env_arg", []))
+    env_id = given.pop("env_id", PPOConfig.env_id)
+    return PPOConfig.of(env_id, env_arguments=arguments, **given)
