@@ -34,7 +34,8 @@ from scipy import stats
 
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.specification.reading import built_in_spec
-from integ_gym.eval.statistics.rates import rate_interval, unpaired_difference
+from integ_gym.eval.statistics.bounds import p_equivalent
+from integ_gym.eval.statistics.rates import rate_interval
 from integ_gym.eval.statistics.returns import iqm_interval
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
@@ -163,12 +164,11 @@ def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
         print(f"         success {rate_interval(group.successes.mean(1))}")
         print(f"         training episodes' return {curve}")
         print(f"         {group.seconds:.0f} s for all: {rate:.1f} policies per minute")
-    success = unpaired_difference(fleet.successes.mean(1), sb3.successes.mean(1))
     p_values = {
         "return": equivalence(sb3.returns.mean(1), fleet.returns.mean(1), TRIM),
         "return while learning": equivalence(sb3.curves.mean(1), fleet.curves.mean(1), TRIM),
         "plain mean of return": equivalence(sb3.returns.mean(1), fleet.returns.mean(1), 0.0),
-        "success": success.p_equivalent(SUCCESS_MARGIN),
+        "success": p_equivalent(fleet.successes.mean(1), sb3.successes.mean(1), SUCCESS_MARGIN),
     }
     for name, p_value in p_values.items():
         within = f"±{SUCCESS_MARGIN}" if name == "success" else f"±{RETURN_MARGIN:.0%}"

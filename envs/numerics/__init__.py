@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         classify,
         declared,
     )
+    from .energy_reach import METHOD, Reach, critical_limit, goal_energy, reach
     from .independent import IndependentMotion, independent_motion
     from .linear import critical_step, linear_map, stability_limit
     from .matching import Case, cases_of, largest_error, mapped, match

@@ -33,6 +33,7 @@ class CartPoleSwingUp(BoxTask):
         "|theta| < 0.2 rad (wrapped) throughout the last 2 s, cart within the track"
     )
     goal_stay: ClassVar[float] = 2.0
+    goal_edge: ClassVar[tuple[float, ...]] = (0.0, NEAR_UPRIGHT)
     observation_names: ClassVar[tuple[str, ...]] = (
         "x", "x_dot", "cos_theta", "sin_theta", "theta_dot",
     )  # fmt: skip

@@ -31,6 +31,7 @@ class PendulumSwingUp(BoxTask):
     start_options: ClassVar[tuple[str, ...]] = ("x_init", "y_init")
     goal: ClassVar[str] = "|theta| < 0.2 rad (wrapped) throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0
+    goal_edge: ClassVar[tuple[float, ...]] = (NEAR_UPRIGHT,)
     observation_names: ClassVar[tuple[str, ...]] = ("cos_theta", "sin_theta", "theta_dot")
     observation_units: ClassVar[tuple[str, ...]] = ("1", "1", "rad/s")
 

@@ -1,4 +1,4 @@
-"""Posteriors of mean success rates: Dirichlet processes with a prior of total weight one."""
+"""Draws of mean success rates under Dirichlet weights: posteriors, and bounds for tests."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from .interval import Floats, RatesLike, checked_rates
 from .streams import Stream, generator
 
 DRAWS: Final = 200_000
-"""Draws from every success-rate posterior."""
-
-_BLOCK: Final = 10_000  # draws made at one time
+"""Draws from every posterior and for every test."""
 
 # Prior atoms and their weights. A difference of pairs in [0, 1]² depends on a pair only through
 # first − second, so pseudo-pairs at the corners (0, 1), (0, 0), (1, 1), (1, 0) of weight 1/4
@@ -108,6 +106,37 @@ def unpaired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAW
     )
 
 
+def joint_means(
+    columns: Floats,
+    atoms: Floats,
+    weights: tuple[float, ...],
+    stream: Stream,
+    *,
+    draws: int = DRAWS,
+) -> Floats:
+    """Means of several quantities of the same seeds, under Dirichlet weights that they share.
+
+    Parameters
+    ----------
+    columns
+        Shape (quantities, seeds): row q holds quantity q of every seed.
+    atoms
+        Shape (quantities, atoms): what the prior's pseudo-seeds have.
+    weights
+        Weight of each pseudo-seed; that of a seed is 1.
+    stream
+        Groups of seeds that are independent have streams of their own.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Shape (draws, quantities).
+    """
+    ordered = columns[:, np.lexsort(columns[::-1])]
+    return _weighted_means(ordered, atoms, weights, stream, draws)
+
+
 def _posterior_of_mean(
     atoms: Floats,
     prior: tuple[tuple[float, ...], tuple[float, ...]],
@@ -116,23 +145,27 @@ def _posterior_of_mean(
 ) -> Floats:
     """Draws of the mean under Dirichlet weights, shape (draws, ...) for atoms (..., n)."""
     values, weights = prior
-    batch, seeds = atoms.shape[:-1], atoms.shape[-1]
-    support = np.concatenate(
-        [np.sort(atoms, axis=-1), np.broadcast_to(values, (*batch, len(values)))], axis=-1
-    )
-    mass = _dirichlet(seeds, weights, stream, draws)
-    return np.asarray(np.tensordot(mass, support, axes=(1, -1)))
+    batch = atoms.shape[:-1]
+    flat = np.sort(atoms, axis=-1).reshape(-1, atoms.shape[-1])
+    pseudo = np.broadcast_to(values, (len(flat), len(values)))
+    means = _weighted_means(flat, pseudo, weights, stream, draws)
+    return means.reshape(draws, *batch)
+
+
+def _weighted_means(
+    rows: Floats, atoms: Floats, weights: tuple[float, ...], stream: Stream, draws: int
+) -> Floats:
+    """Means of rows (rows, seeds) with atoms (rows, atoms), shape (draws, rows)."""
+    seeds, total = _seed_weights(rows.shape[1], stream, draws)
+    prior = generator(stream, prior=True).standard_gamma(weights, (draws, len(weights)))
+    means = seeds @ rows.T + prior @ atoms.T
+    means /= (total + prior.sum(axis=1))[:, None]
+    return np.asarray(means)
 
 
 @lru_cache(maxsize=4)
-def _dirichlet(seeds: int, prior: tuple[float, ...], stream: Stream, draws: int) -> Floats:
-    """Weights of ``seeds`` seeds and of the prior's atoms, shape (draws, seeds + atoms)."""
-    rng = generator(stream)
-    mass = np.empty((draws, seeds + len(prior)))
-    for start in range(0, draws, _BLOCK):
-        block = mass[start : start + _BLOCK]
-        block[:, :seeds] = rng.standard_exponential((len(block), seeds))
-        block[:, seeds:] = rng.standard_gamma(prior, (len(block), len(prior)))
-    mass /= mass.sum(axis=1, keepdims=True)
-    mass.setflags(write=False)
-    return mass
+def _seed_weights(seeds: int, stream: Stream, draws: int) -> tuple[Floats, Floats]:
+    """Weights before their division by the sum, shape (draws, seeds), and the sums."""
+    weights = generator(stream).standard_exponential((draws, seeds))
+    weights.setflags(write=False)
+    return weights, weights.sum(axis=1)

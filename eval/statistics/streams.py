@@ -17,8 +17,9 @@ class Stream(IntEnum):
     SECOND = 1
     PAIRED = 2
     BOOTSTRAP = 3
+    THIRD = 4
 
 
-def generator(stream: Stream) -> np.random.Generator:
-    """A new generator at the beginning of a stream."""
-    return np.random.Generator(np.random.PCG64([_ENTROPY, stream]))
+def generator(stream: Stream, prior: bool = False) -> np.random.Generator:
+    """A new generator at the beginning of a stream, or of its own for what a prior adds."""
+    return np.random.Generator(np.random.PCG64([_ENTROPY, stream, int(prior)]))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .achievability import Achievability, Achieved, Attempt, Search, achieved
     from .comparison import (
         CellFinding,
         CellRole,
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
         PolicyComparison,
         compare_policies,
     )
-    from .family import Comparison, Judgement, Quantity, Verdict, judge_family, loss_of
+    from .family import WITHOUT_VERDICT, Comparison, Judgement, Verdict, judge_family
+    from .loss import Loss, Rates, split
     from .reference import ReferenceClass, reference_class
     from .rules import (
+        ACHIEVED,
         ALPHA,
         EQUIVALENCE_MARGIN,
         FAIL_MARGIN,

@@ -6,15 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ..statistics import (
-    Difference,
-    Interval,
-    RatesLike,
-    holm,
-    mean_rate,
-    paired_difference,
-    unpaired_difference,
-)
+from ..statistics import DRAWS, holm, mean_rate
+from .achievability import Achieved
+from .loss import Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split
 from .rules import (
     ALPHA,
     EQUIVALENCE_MARGIN,
@@ -25,11 +19,12 @@ from .rules import (
     require_unique,
 )
 
-Verdict: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned"]
-"""`not_learned` is the mark of a row without a verdict."""
+Verdict: TypeAlias = Literal[
+    "fails", "transfers", "inconclusive", "not_learned", "unachievable", "too_slow", "undecided"
+]
+"""The last four are marks of comparisons without a verdict: of the row, or of the cell."""
 
-Quantity: TypeAlias = Literal["transfer_gap", "home_drop"]
-"""What was judged: s(j,j) − s(i,j), or s(i,i) − s(i,j)."""
+WITHOUT_VERDICT = ("not_learned", "unachievable", "too_slow", "undecided")
 
 
 @dataclass(frozen=True)
@@ -40,19 +35,15 @@ class Comparison:
     ----------
     name
         Unique in its family.
-    home
-        Shape (seeds,): success rate of each training seed at home, s(i,i), in [0, 1].
-    native
-        Shape (other seeds,): rates of policies trained in j and evaluated there, s(j,j), or
-        None where none were trained.
-    transferred
-        Shape (seeds,): rates in j, s(i,j), of the same policies as ``home``, in the same order.
+    rates
+        What the loss is made of.
+    cell
+        Whether j can be solved at all, decided without these policies.
     """
 
     name: str
-    home: RatesLike
-    native: RatesLike | None
-    transferred: RatesLike
+    rates: Rates
+    cell: Achieved
 
 
 @dataclass(frozen=True)
@@ -64,24 +55,22 @@ class Judgement:
     name
         As in the comparison.
     verdict
-        `fails`, `transfers`, `inconclusive` or `not_learned`.
-    quantity
-        What ``gap`` is: `transfer_gap` or `home_drop`.
-    gap
-        The loss of success (positive is worse) with its 95 % interval, not adjusted for the
-        family.
+        `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, `unachievable`,
+        `too_slow` or `undecided`.
+    loss
+        The loss of success (positive is worse) and its parts, with 95 % intervals that are not
+        adjusted for the family.
     p_exceeds, p_equivalent
-        P-values for "gap > 0.2" and for "gap within ±0.1"; None for `not_learned`.
+        P-values for "overfitting > 0.2" and for "overfitting within ±0.1"; None without a verdict.
     p_exceeds_adjusted, p_equivalent_adjusted
-        The same after Holm's procedure over the family; None for `not_learned`.
+        The same after Holm's procedure over the family; None without a verdict.
     reason
         One sentence with the numbers that led to the verdict.
     """
 
     name: str
     verdict: Verdict
-    quantity: Quantity
-    gap: Interval
+    loss: Loss
     p_exceeds: float | None
     p_equivalent: float | None
     p_exceeds_adjusted: float | None
@@ -89,67 +78,33 @@ class Judgement:
     reason: str
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """A comparison with its difference computed and its yardstick chosen."""
+def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tuple[Judgement, ...]:
+    """Judge a declared family of transfers by overfitting; see `Loss`.
 
-    comparison: Comparison
-    quantity: Quantity
-    difference: Difference
-    home: float
-    transferred: float
-    native: float | None
-    seeds: tuple[int, ...]
-
-    @property
-    def learned(self) -> bool:
-        return self.home >= LEARNED
-
-
-def loss_of(comparison: Comparison) -> tuple[Quantity, Interval]:
-    """The loss of success that `judge_family` would judge, and which quantity it is.
-
-    Raises
-    ------
-    ValueError
-        If home and transferred rates are not of the same number of policies.
-    """
-    measured = _measure(comparison)
-    return measured.quantity, measured.difference.interval
-
-
-def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
-    """Judge a declared family of transfers.
-
-    The transfer gap s(j,j) − s(i,j) is judged where policies trained in j are given and have
-    learned there (mean success at least 0.5); otherwise the home drop s(i,i) − s(i,j), because
-    a group that never learned is no yardstick: against it a policy that fails completely would
-    show no gap. The result says which.
-
-    - `not_learned`: mean home success below 0.5. No test is made, and the comparison does not
-      count towards the family.
+    - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
+      cell's status. No test is made, and the comparison does not count towards the family.
     - `inconclusive`: a group has fewer than 5 training seeds. It still counts towards the
       family, so that an unfinished panel is never judged more lightly than a finished one.
-    - `fails`: "gap > 0.2" has an adjusted p-value below 0.05.
-    - `transfers`: "gap within ±0.1" (two one-sided tests) has one below 0.05.
+    - `fails`: "overfitting > 0.2" has an adjusted p-value below 0.05.
+    - `transfers`: "overfitting within ±0.1" (two one-sided tests) has one below 0.05.
     - `inconclusive`: neither.
 
     Each of the two tests is corrected over the family by itself: wrong `fails` in the family
-    have a chance below 0.05, and so have wrong `transfers`. They are two questions, of which a
-    reader acts on one, and no comparison can be given both answers; one correction over all
-    the tests would bound both chances together, but at twice the number of tests. As it is, the
-    chance of any wrong verdict in the family is below 0.10. All this holds as far as the
-    p-values do: `Difference.p_equivalent` names the case in which `transfers` is given too
-    easily (about the fewest seeds that allow it, and rare total failures).
+    have a chance of at most 0.05, and so have wrong `transfers`. They are two questions, of
+    which a reader acts on one, and no comparison can be given both answers. The tests hold their
+    level for seeds that are all or nothing as for those that are not; docs/panel.md has what was
+    simulated.
 
-    Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail. With
-    every rate at 1.0 on both sides, the transfer gap needs 15 seeds a side in a family of one
-    and 32 in a family of eight; the home drop needs 10 and 25.
+    Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
+    0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
+    29 seeds, one of four 42 and one of six 46.
 
     Parameters
     ----------
     comparisons
         The family. The error rates hold where it was chosen without a look at the results.
+    draws
+        Draws of every test and interval.
 
     Returns
     -------
@@ -158,84 +113,76 @@ def judge_family(comparisons: Sequence[Comparison]) -> tuple[Judgement, ...]:
     Raises
     ------
     ValueError
-        If a name occurs twice, ``home`` and ``transferred`` have different lengths, a group is
-        empty, or a rate is not finite or outside [0, 1].
+        If a name occurs twice, or as `Rates`.
     """
     require_unique([comparison.name for comparison in comparisons], "comparison")
-    measured = [_measure(comparison) for comparison in comparisons]
-    tested = [m for m in measured if m.learned]
-    exceeds = [m.difference.p_exceeds(FAIL_MARGIN) for m in tested]
-    equivalent = [m.difference.p_equivalent(EQUIVALENCE_MARGIN) for m in tested]
+    marks = [_mark(comparison) for comparison in comparisons]
+    tested = [c.rates for c, mark in zip(comparisons, marks, strict=True) if mark is None]
+    exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
+    equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
     columns = (exceeds, equivalent, holm(exceeds).tolist(), holm(equivalent).tolist())
     p_values = zip(*columns, strict=True)
-    return tuple(_judge(m, next(p_values)) if m.learned else _not_learned(m) for m in measured)
+    return tuple(
+        _judge(c, next(p_values), draws) if mark is None else _unjudged(c, *mark, draws)
+        for c, mark in zip(comparisons, marks, strict=True)
+    )
 
 
-def _measure(comparison: Comparison) -> _Measured:
-    home, transferred = mean_rate(comparison.home), mean_rate(comparison.transferred)
-    if len(comparison.home) != len(comparison.transferred):
-        raise ValueError(
-            f"comparison {comparison.name!r}: expected home and transferred rates of the same "
-            f"policies, got {len(comparison.home)} and {len(comparison.transferred)} seeds"
+def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:
+    """Why there is no verdict; None where there is one."""
+    home = mean_rate(comparison.rates.home)
+    if home < LEARNED:
+        return (
+            "not_learned",
+            f"Home success {home:.2f} is below {LEARNED}, so there is nothing to transfer.",
         )
-    native = None if comparison.native is None else mean_rate(comparison.native)
-    seeds: tuple[int, ...] = (len(comparison.transferred),)
-    if comparison.native is not None and native is not None and native >= LEARNED:
-        quantity: Quantity = "transfer_gap"
-        seeds = (len(comparison.native), *seeds)
-        difference = unpaired_difference(comparison.native, comparison.transferred)
-    else:
-        quantity = "home_drop"
-        difference = paired_difference(comparison.home, comparison.transferred)
-    return _Measured(comparison, quantity, difference, home, transferred, native, seeds)
+    if comparison.cell.status != "achievable":
+        return comparison.cell.status, comparison.cell.reason
+    return None
 
 
-def _judge(m: _Measured, p: tuple[float, float, float, float]) -> Judgement:
+def _unjudged(comparison: Comparison, verdict: Verdict, reason: str, draws: int) -> Judgement:
+    loss = split(comparison.rates, draws=draws)
+    return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
+
+
+def _judge(comparison: Comparison, p: tuple[float, float, float, float], draws: int) -> Judgement:
     _, _, exceeds, equivalent = p
-    seeds, change = _seeds(m), _change(m)
+    rates, loss = comparison.rates, split(comparison.rates, draws=draws)
+    seeds, change = _seeds(rates), _change(rates, loss)
     verdict: Verdict = "inconclusive"
-    if min(m.seeds) < MIN_SEEDS:
+    if min(len(rates.home), len(rates.home if rates.native is None else rates.native)) < MIN_SEEDS:
         reason = f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
     elif exceeds < ALPHA:
         verdict = "fails"
-        reason = f"Loses more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
+        reason = (
+            f"Overfitting is above {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
+        )
     elif equivalent < ALPHA:
         verdict = "transfers"
         reason = (
-            f"Stays within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, "
+            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, "
             f"{seeds}): {change}."
         )
     else:
         reason = (
-            f"Shown neither to lose more than {FAIL_MARGIN} (adjusted {p_text(exceeds)}) nor to "
-            f"stay within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with "
+            f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {p_text(exceeds)}) "
+            f"nor to be within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with "
             f"{seeds}: {change}."
         )
-    return Judgement(m.comparison.name, verdict, m.quantity, m.difference.interval, *p, reason)
+    return Judgement(comparison.name, verdict, loss, *p, reason=reason)
 
 
-def _not_learned(m: _Measured) -> Judgement:
-    reason = f"Home success {m.home:.2f} is below {LEARNED}, so there is nothing to transfer."
-    gap = m.difference.interval
-    return Judgement(
-        m.comparison.name, "not_learned", m.quantity, gap, None, None, None, None, reason
+def _change(rates: Rates, loss: Loss) -> str:
+    """Loss and parts in words."""
+    home, there, later = (mean_rate(own) for own in rates.row)
+    return (
+        f"success {home:.2f} at home and {there:.2f} there, {later:.2f} within two horizons; "
+        f"overfitting {loss.overfitting}, deadline {loss.deadline.estimate:z.2f}, difficulty "
+        f"{loss.difficulty.estimate:z.2f}"
     )
 
 
-def _change(m: _Measured) -> str:
-    gap = m.difference.interval
-    if m.quantity == "transfer_gap":
-        return (
-            f"success {m.transferred:.2f} against {m.native:.2f} for policies trained there, "
-            f"transfer gap {gap}"
-        )
-    text = f"success {m.transferred:.2f} against {m.home:.2f} at home, home drop {gap}"
-    if m.native is None:
-        return text
-    return f"{text}, as policies trained there did not learn ({m.native:.2f})"
-
-
-def _seeds(m: _Measured) -> str:
-    if m.quantity == "transfer_gap":
-        return f"{m.seeds[0]} native and {m.seeds[1]} transferred seeds"
-    return f"{m.seeds[0]} paired seeds"
+def _seeds(rates: Rates) -> str:
+    own = f"{len(rates.home)} seeds"
+    return own if rates.native is None else f"{own} and {len(rates.native)} native ones"

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Final
 
 FAIL_MARGIN: Final = 0.2
-"""A loss of success shown to be larger than this is a failure to transfer."""
+"""Overfitting shown to be larger than this is a failure to transfer."""
 
 EQUIVALENCE_MARGIN: Final = 0.1
-"""A change of success shown to be smaller than this, in either direction, is a transfer."""
+"""Overfitting shown to be smaller than this, in either direction, is a transfer."""
 
 ALPHA: Final = 0.05
 """Significance level of every test here."""
@@ -23,6 +23,9 @@ PASS: Final = 0.5
 
 LEARNED: Final = 0.5
 """Mean home success below which a policy counts as not learned."""
+
+ACHIEVED: Final = 0.5
+"""Share of the starts from which success shows that a cell can be solved."""
 
 UNSOLVED: Final = 0.05
 """Mean success below which a policy counts as not solving a cell."""

@@ -11,9 +11,15 @@ from hypothesis import strategies as st
 from rate_laws import Array, lattice
 from scipy import integrate, stats
 
+from integ_gym.eval.statistics.bounds import SHOWN, p_equivalent
 from integ_gym.eval.statistics.family import holm
 from integ_gym.eval.statistics.interval import Interval
-from integ_gym.eval.statistics.posterior import DRAWS, rate_posterior, unpaired_posterior
+from integ_gym.eval.statistics.posterior import (
+    DRAWS,
+    paired_posterior,
+    rate_posterior,
+    unpaired_posterior,
+)
 from integ_gym.eval.statistics.rates import (
     Difference,
     paired_difference,
@@ -25,6 +31,7 @@ from integ_gym.eval.statistics.scalars import mean_interval, student_t_quantile
 
 GRID = np.linspace(0.0, 1.0, 201)
 several_rates = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12)
+HOME, AWAY = [1.0, 0.9, 1.0, 0.8, 0.7, 0.95], [0.5, 0.8, 0.9, 0.9, 0.1, 0.6]
 fast = settings(max_examples=8, deadline=None, derandomize=True)
 
 
@@ -66,26 +73,51 @@ def test_rate_posterior_agrees_with_exact_inversion(at: float) -> None:
 
 @pytest.mark.parametrize("at", [0.0, 0.2, 0.35])
 def test_paired_posterior_has_a_quarter_at_each_corner(at: float) -> None:
-    home = np.array([1.0, 0.9, 1.0, 0.8, 0.7, 0.95])
-    away = np.array([0.5, 0.8, 0.9, 0.9, 0.1, 0.6])
+    home, away = np.array(HOME), np.array(AWAY)
     corners = np.array([0.0 - 0.0, 0.0 - 1.0, 1.0 - 0.0, 1.0 - 1.0])
     weights = np.array([1.0] * 6 + [0.25] * 4)
     exact = imhof(np.append(home - away, corners), weights, at)
     assert 0.01 < exact < 0.99
+    assert (paired_posterior(home, away) <= at).mean() == pytest.approx(exact, abs=4e-3)
     difference = paired_difference(home, away)
-    assert difference.p_exceeds(at) == pytest.approx(exact, abs=4e-3)
-    assert difference.p_less(at) == pytest.approx(1.0 - exact, abs=4e-3)
     assert difference.interval.estimate == pytest.approx(np.mean(home - away), abs=1e-15)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.2, 0.35])
+def test_paired_tests_have_one_pair_that_speaks_against_the_claim(at: float) -> None:
+    drop, weights = np.array(HOME) - np.array(AWAY), np.array([1.0] * 6 + [SHOWN])
+    difference = paired_difference(HOME, AWAY)
+    exceeds = imhof(np.append(drop, -1.0), weights, at)
+    assert difference.p_exceeds(at) == pytest.approx(exceeds, abs=4e-3)
+    less = 1.0 - imhof(np.append(drop, 1.0), weights, at)
+    assert difference.p_less(at) == pytest.approx(less, abs=4e-3)
+    assert exceeds + less > 1.0
+
+
 @pytest.mark.parametrize(("k", "other", "size"), [(10, 5, 8), (9, 5, 8), (7, 4, 10), (9, 7, 10)])
-def test_unpaired_posterior_is_of_independent_groups(k: int, other: int, size: int) -> None:
-    first, second = stats.beta(k + 0.5, 10.5 - k), stats.beta(other + 0.5, size - other + 0.5)
-    quantiles = first.ppf((np.arange(4000) + 0.5) / 4000)
-    exact = float(second.sf(quantiles - 0.2).mean())  # P(first − second <= 0.2)
-    difference = unpaired_difference(lattice(10)[k], lattice(size)[other])
-    assert difference.p_exceeds(0.2) == pytest.approx(exact, abs=4e-3)
+def test_unpaired_groups_are_independent(k: int, other: int, size: int) -> None:
+    many, few = lattice(10)[k], lattice(size)[other]
+    middle = (np.arange(4000) + 0.5) / 4000
+
+    def at_most(first: tuple[float, float], second: tuple[float, float]) -> float:
+        """P(first − second <= 0.2) of two Beta laws."""
+        return float(stats.beta(*second).sf(stats.beta(*first).ppf(middle) - 0.2).mean())
+
+    posterior = at_most((k + 0.5, 10.5 - k), (other + 0.5, size - other + 0.5))
+    assert (unpaired_posterior(many, few) <= 0.2).mean() == pytest.approx(posterior, abs=4e-3)
+    difference = unpaired_difference(many, few)
+    lowered = at_most((k, 10.5 - k), (other + 0.5, float(size - other)))
+    assert difference.p_exceeds(0.2) == pytest.approx(lowered, abs=4e-3)
     assert difference.interval.estimate == pytest.approx(k / 10 - other / size)
+
+
+@pytest.mark.parametrize("seeds", [5, 10, 40])
+def test_equivalence_of_all_or_nothing_seeds_is_tested_exactly(seeds: int) -> None:
+    """Against a perfect side, the p-value is the binomial tail of Clopper and Pearson."""
+    for k, away in enumerate(lattice(seeds)):
+        exact = stats.binom.cdf(seeds - k, seeds, 0.1)  # as few failures or fewer at a loss of 0.1
+        found = p_equivalent([1.0] * seeds, away, 0.1)
+        assert found == pytest.approx(max(exact, 0.9**seeds), abs=4e-3)
 
 
 @given(rate=st.floats(0.0, 1.0), seeds=st.integers(1, 20))
@@ -116,7 +148,8 @@ def test_order_of_seeds_does_not_matter(data: st.DataObject, rates: list[float])
     shuffled_away = [away[i] for i in order]
     assert paired_difference(shuffled, shuffled_away) == paired_difference(rates, away)
     moved, still = unpaired_difference(shuffled, away), unpaired_difference(rates, away)
-    assert np.array_equal(moved.draws, still.draws)
+    assert np.array_equal(moved.lowered, still.lowered)
+    assert np.array_equal(moved.raised, still.raised)
 
 
 def test_pairing_matters() -> None:
@@ -142,7 +175,7 @@ def test_same_input_gives_same_output_whatever_the_global_generator() -> None:
     np.random.seed(2)  # noqa: NPY002
     second = (rate_interval(rates), paired_difference(rates, rates), iqm_interval(returns))
     assert first == second
-    assert np.array_equal(first[1].draws, second[1].draws)
+    assert np.array_equal(first[1].lowered, second[1].lowered)
 
 
 def test_batches_equal_single_calls() -> None:
@@ -154,12 +187,11 @@ def test_batches_equal_single_calls() -> None:
 
 
 def test_p_values_are_counted_and_never_zero() -> None:
-    difference = Difference(Interval(0.0, 0.0, 0.0, 0.95), np.array([-0.2, 0.1, 0.3, 0.5]))
+    draws = np.array([-0.2, 0.1, 0.3, 0.5])
+    difference = Difference(Interval(0.0, 0.0, 0.0, 0.95), draws, draws)
     assert difference.p_exceeds(0.1) == pytest.approx(3 / 5)
     assert difference.p_greater() == pytest.approx(2 / 5)
     assert difference.p_less() == pytest.approx(4 / 5)
-    assert difference.p_equivalent(0.25) == pytest.approx(3 / 5)
-    assert difference.p_equivalent(0.6) == pytest.approx(1 / 5)
     clear = unpaired_difference([1.0] * 30, [0.0] * 30)
     assert clear.p_exceeds(0.2) == 1 / (DRAWS + 1)
 
@@ -179,7 +211,7 @@ def test_interval_reads_as_text_without_negative_zero() -> None:
         (lambda: paired_difference([1.0], [1.0, 0.0]), "unpaired_difference"),
         (lambda: unpaired_difference([1.0], []), "transferred with at least one"),
         (lambda: unpaired_posterior([1.0], np.ones((2, 1))), "as many axes"),
-        (lambda: paired_difference([1.0], [1.0]).p_equivalent(0.0), "margin > 0"),
+        (lambda: p_equivalent([1.0], [1.0], 0.0), "margin > 0"),
         (lambda: iqm([]), "at least one value"),
         (lambda: iqm([1.0, float("inf")]), "finite values, got inf"),
         (lambda: iqm_interval([1.0, 2.0]), r"\(seeds, episodes\)"),

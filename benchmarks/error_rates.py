@@ -1,0 +1,176 @@
+"""Do a panel's verdicts and intervals keep their promises?
+
+    python benchmarks/error_rates.py [--seeds 10 20 48 64] [--family 4] [--starts 20]
+                                     [--repeats 400] [--json FILE]
+
+Simulates families of declared transfers in three worlds: seeds that succeed from every start or
+from none, seeds whose rates vary smoothly (Beta laws), and a mixture (half of what is missing to 1
+is lost by seeds that fail altogether, half smoothly). Every seed has starts of its own, and a
+hand-made controller has 100. It prints how often a family is given any wrong `fails` or
+`transfers` where overfitting is exactly at a margin (at most 0.05 is promised), how often a
+comparison is given its right verdict where overfitting is far from the margins, and how often the
+95 % intervals of overfitting and of a plain success rate hold the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import results
+from tqdm import tqdm
+
+from integ_gym.eval.statistics.rates import rate_interval
+from integ_gym.eval.verdict.achievability import Achieved
+from integ_gym.eval.verdict.family import Comparison, judge_family
+from integ_gym.eval.verdict.loss import Rates, split
+
+Array = npt.NDArray[np.float64]
+Draw = Callable[[np.random.Generator, float, int], Array]
+
+DRAWS = 4000
+HANDMADE_STARTS = 100
+CONCENTRATION = 10.0
+SOLVED = Achieved("achievable", "It is solved.")
+
+
+def all_or_nothing(rng: np.random.Generator, mean: float, seeds: int) -> Array:
+    """True rates of seeds that succeed from every start or from none."""
+    return (rng.random(seeds) < mean).astype(np.float64)
+
+
+def smooth(rng: np.random.Generator, mean: float, seeds: int) -> Array:
+    """True rates from a Beta law; its standard deviation at a mean of 0.9 is 0.09."""
+    if mean in (0.0, 1.0):
+        return np.full(seeds, mean)
+    return rng.beta(CONCENTRATION * mean, CONCENTRATION * (1.0 - mean), seeds)
+
+
+def mixed(rng: np.random.Generator, mean: float, seeds: int) -> Array:
+    """Half of what is missing to 1 is lost by seeds that fail altogether."""
+    lost = 0.5 * (1.0 - mean)
+    return np.where(rng.random(seeds) < lost, 0.0, smooth(rng, mean / (1.0 - lost), seeds))
+
+
+WORLDS: dict[str, Draw] = {"all or nothing": all_or_nothing, "smooth": smooth, "mixed": mixed}
+
+
+class Case(NamedTuple):
+    """True means of one comparison; without a hand-made controller None.
+
+    ``asked`` is what is counted: a wrong verdict at a margin, or the right one.
+    """
+
+    name: str
+    home: float
+    native: float
+    handmade: float | None
+    recovered: float
+    asked: str
+    wrong: bool = True
+
+    @property
+    def overfitting(self) -> float:
+        """The true one."""
+        possible = max(self.native, -1.0 if self.handmade is None else self.handmade)
+        return min(self.home, possible) - self.recovered
+
+
+CASES = (
+    Case("0.1, yardsticks perfect", 1.0, 1.0, 1.0, 0.9, "transfers"),
+    Case("0.1, all vary", 0.95, 0.95, None, 0.85, "transfers"),
+    Case("0.1, two yardsticks", 0.9, 0.9, 0.9, 0.8, "transfers"),
+    Case("−0.1, all vary", 0.9, 0.9, None, 1.0, "transfers"),
+    Case("−0.1, two yardsticks", 0.95, 0.8, 0.8, 0.9, "transfers"),
+    Case("0.2, yardsticks perfect", 1.0, 1.0, 1.0, 0.8, "fails"),
+    Case("0.2, all vary", 0.9, 0.9, None, 0.7, "fails"),
+    Case("0.2, two yardsticks", 1.0, 0.8, 0.8, 0.6, "fails"),
+    Case("0, all perfect", 1.0, 1.0, 1.0, 1.0, "transfers", wrong=False),
+    Case("0, one percent lost", 0.99, 0.99, 1.0, 0.99, "transfers", wrong=False),
+    Case("0, three percent lost", 0.97, 0.97, 1.0, 0.97, "transfers", wrong=False),
+    Case("0.35", 0.97, 0.97, 1.0, 0.62, "fails", wrong=False),
+    Case("0.5", 0.97, 0.97, 1.0, 0.47, "fails", wrong=False),
+)
+
+
+def rates_of(case: Case, draw: Draw, seeds: int, starts: int, rng: np.random.Generator) -> Rates:
+    """One comparison's measured rates."""
+
+    def measured(mean: float) -> Array:
+        return np.asarray(rng.binomial(starts, draw(rng, mean, seeds)) / starts)
+
+    handmade = None
+    if case.handmade is not None:
+        handmade = (rng.random(HANDMADE_STARTS) < case.handmade).astype(np.float64)
+    recovered = measured(case.recovered)
+    return Rates(measured(case.home), recovered, recovered, measured(case.native), handmade)
+
+
+def measure(
+    case: Case, world: str, seeds: int, given: argparse.Namespace, rng: np.random.Generator
+) -> dict[str, object]:
+    """Verdicts and coverage of one case in one world."""
+    verdicts, held, rate_held = [], [], []
+    for _ in range(given.repeats):
+        family = [
+            Comparison(str(k), rates_of(case, WORLDS[world], seeds, given.starts, rng), SOLVED)
+            for k in range(given.family)
+        ]
+        verdicts.append([j.verdict == case.asked for j in judge_family(family, draws=DRAWS)])
+        found = split(family[0].rates, draws=DRAWS).overfitting
+        held.append(found.low <= case.overfitting <= found.high)
+        rate = rate_interval(family[0].rates.recovered)
+        rate_held.append(rate.low <= case.recovered <= rate.high)
+    told = np.array(verdicts)
+    return {
+        "overfitting": case.name,
+        "world": world,
+        "seeds": seeds,
+        "verdict": case.asked,
+        "wrong": case.wrong,
+        "any of the family": float(told.any(axis=1).mean()),
+        "each": float(told.mean()),
+        "coverage": float(np.mean(held)),
+        "coverage of a rate": float(np.mean(rate_held)),
+    }
+
+
+def simulate(given: argparse.Namespace) -> Iterator[dict[str, object]]:
+    """All cases in all worlds."""
+    rng = np.random.default_rng(given.seed)
+    plan = [(c, w, n) for n in given.seeds for c in CASES for w in WORLDS]
+    for case, world, seeds in tqdm(plan, unit=" cases"):
+        yield measure(case, world, seeds, given, rng)
+
+
+def main() -> None:
+    """Simulate and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=[10, 20, 48, 64])
+    parser.add_argument("--family", type=int, default=4, help="declared transfers")
+    parser.add_argument("--starts", type=int, default=20, help="of every seed")
+    parser.add_argument("--repeats", type=int, default=400, help="simulated families per case")
+    parser.add_argument("--seed", type=int, default=0, help="of the simulation")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    found = list(simulate(given))
+    for wrong, title in ((True, "wrong verdicts at the margins"), (False, "right verdicts")):
+        print(f"\n{title}, families of {given.family}, {given.starts} starts per seed")
+        chosen = [one for one in found if one["wrong"] is wrong]
+        names = [name for name in chosen[0] if name != "wrong"]
+        results.print_table(names, [[_cell(one[name]) for name in names] for one in chosen])
+    results.write(given.json, {"cases": found}, ["numpy", "integ-gym"])
+
+
+def _cell(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    main()

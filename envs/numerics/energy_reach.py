@@ -1,0 +1,127 @@
+"""How much energy a limited control can bring into a plant, in a discretization."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arithmetic import ARRAY
+from ..episode import Setup
+from ..plants import join_state, split_state
+from .stepping import Array
+
+CONTROLS = np.linspace(-1.0, 1.0, 5)
+"""What is tried at every decision, in shares of the control's limit."""
+
+METHOD = (
+    "At every decision the torque or force among -1, -1/2, 0, 1/2 and 1 times its limit is taken "
+    "that leaves the most energy at the next decision."
+)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Energy that a search reaches.
+
+    Attributes:
+        energy: highest energy at a decision from each start, J, shape (starts,).
+        time: first decision at which the energy that was asked for is reached, s, shape
+            (starts,); inf where it is not.
+    """
+
+    energy: Array
+    time: Array
+
+
+def goal_energy(setup: Setup) -> float | None:
+    """Least energy of rest at the goal, J; None where the task names no such place.
+
+    It is necessary for success, and not sufficient.
+    """
+    edge = getattr(setup.task, "goal_edge", None)
+    if edge is None:
+        return None
+    return float(setup.system.energy(ARRAY, edge, (0.0,) * len(edge)))
+
+
+def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach:
+    """Search greedily for the most energy.
+
+    Energy is pumped fastest by the control that does the most work in each moment; taking at
+    every decision what leaves the most energy at the next one does so within the discretization,
+    whose own gains and losses count as well. It is a search and no proof: against looking two
+    decisions ahead and a grid twice as fine, critical torques of the pendulum differ by less
+    than 2 % (`benchmarks/critical_torque.py`). Delays and noise are left out.
+
+    Args:
+        setup: plant, discretization and limits, with one value for all lanes.
+        starts: true states, shape (starts, n), in state order.
+        horizon: time that there is, s.
+        required: energy asked for, J.
+    """
+    timing, engine = setup.timing, setup.engine
+    controls = CONTROLS * float(setup.task.control_limit)
+    states = np.asarray(starts, dtype=np.float64)
+    energy = _energy(setup, states)
+    highest, time = energy, np.where(energy >= required, 0.0, np.inf)
+    tried = np.tile(controls, len(states))
+    places = np.arange(len(states))
+    for decision in range(1, round(horizon / timing.control_period) + 1):
+        q, v = split_state(tuple(np.repeat(states, len(controls), axis=0).T))
+        with np.errstate(all="ignore"):
+            motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
+        ends = np.stack(join_state(motion.q, motion.v), axis=-1)
+        energies = np.nan_to_num(_energy(setup, ends), nan=-np.inf).reshape(len(states), -1)
+        best = energies.argmax(axis=1)
+        states = ends.reshape(len(states), len(controls), -1)[places, best]
+        highest = np.maximum(highest, energies[places, best])
+        now = decision * timing.control_period
+        time = np.where((time == np.inf) & (highest >= required), now, time)
+        if np.isfinite(time).all():
+            break
+    return Reach(highest, time)
+
+
+def critical_limit(
+    setup_of: Callable[[float], Setup],
+    start: Array,
+    deadline: float,
+    low: float,
+    high: float,
+    tolerance: float = 1e-3,
+) -> float:
+    """Smallest limit of the control with which the search reaches the goal's energy in time.
+
+    Args:
+        setup_of: makes the setup with a limit of the control, N m or N.
+        start: true state, shape (n,).
+        deadline: time that there is, s.
+        low, high: limits between which it lies.
+        tolerance: largest error of the bisection.
+
+    Raises:
+        ValueError: if the energy is not reached with ``high``, or the task names no goal.
+    """
+
+    def enough(limit: float) -> bool:
+        setup = setup_of(limit)
+        required = goal_energy(setup)
+        if required is None:
+            raise ValueError(f"{type(setup.task).__name__} names no goal at rest: no `goal_edge`")
+        return bool(np.isfinite(reach(setup, start[None], deadline, required).time[0]))
+
+    if not enough(high):
+        raise ValueError(f"the goal's energy is not reached within {deadline:g} s with {high:g}")
+    while high - low > tolerance:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high
+
+
+def _energy(setup: Setup, states: Array) -> Array:
+    """Energy of states (lanes, n), J, shape (lanes,)."""
+    q, v = split_state(tuple(states.T))
+    with np.errstate(all="ignore"):
+        return np.asarray(setup.system.energy(ARRAY, q, v))

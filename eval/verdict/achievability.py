@@ -1,0 +1,108 @@
+"""Can the task be done in a cell at all, and in time?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from .rules import ACHIEVED
+
+Achievability: TypeAlias = Literal["achievable", "too_slow", "unachievable", "undecided"]
+"""Within the horizon; only within two; not within two; not known."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What somebody who was not trained elsewhere reaches in a cell.
+
+    Attributes
+    ----------
+    name
+        Who it is, in words.
+    success
+        Mean success within the horizon, in [0, 1].
+    recovered
+        Mean success within one horizon or two.
+    """
+
+    name: str
+    success: float
+    recovered: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """Whether the goal's energy can be reached, by a search over controls.
+
+    Attributes
+    ----------
+    horizon
+        Time that the search had, s: twice the duration.
+    required
+        Energy that the goal takes, J.
+    highest
+        Highest energy reached from each start, J.
+    method
+        How it was searched, in a sentence with the search's error.
+    """
+
+    horizon: float
+    required: float
+    highest: Sequence[float]
+    method: str
+
+    @property
+    def reached(self) -> float:
+        """Share of the starts from which the energy was reached."""
+        return float(np.mean(np.asarray(self.highest) >= self.required))
+
+
+@dataclass(frozen=True)
+class Achieved:
+    """Status of a cell, decided without the rows that are judged in it.
+
+    Attributes
+    ----------
+    status
+        `achievable`, `too_slow`, `unachievable` or `undecided`.
+    reason
+        One sentence with numbers.
+    """
+
+    status: Achievability
+    reason: str
+
+
+def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
+    """Status of a cell for a horizon.
+
+    `achievable` if an attempt succeeds from at least half of the starts; `too_slow` if one does
+    within two horizons alone; `unachievable` if a search does not find the goal's energy from
+    more than half of the starts within two horizons; `undecided` otherwise: that nobody has
+    learned proves nothing, and neither does an energy that can be reached.
+    """
+    for status, time, rate in (
+        ("achievable", "within the horizon", "success"),
+        ("too_slow", "within two horizons alone", "recovered"),
+    ):
+        best = max(attempts, key=lambda one: float(getattr(one, rate)), default=None)
+        if best is not None and getattr(best, rate) >= ACHIEVED:
+            reason = f"{best.name} succeed in {getattr(best, rate):.0%} of the starts {time}."
+            return Achieved(status, reason)  # type: ignore[arg-type]
+    if search is not None and search.reached < 1.0 - ACHIEVED:
+        return Achieved("unachievable", _lost(search))
+    tried = ", ".join(f"{one.name} {one.recovered:.0%}" for one in attempts) or "nobody tried"
+    return Achieved(
+        "undecided", f"Success within two horizons: {tried}; no search rules the goal out."
+    )
+
+
+def _lost(search: Search) -> str:
+    return (
+        f"A search over controls reaches the goal's energy of {search.required:.3g} J from "
+        f"{search.reached:.0%} of the starts within {search.horizon:g} s (at most "
+        f"{max(search.highest):.3g} J)."
+    )
