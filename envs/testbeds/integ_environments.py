@@ -24,6 +24,7 @@ class IntegTestbed:
 
     batched = True
     control_period = None
+    horizon = "duration"
 
     def __init__(self, env_id: str, **arguments: Any) -> None:
         self.env_id = env_id

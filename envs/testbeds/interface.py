@@ -53,6 +53,8 @@ class Testbed(Hashable, Protocol):
         batched: whether lanes advance together, so that many cost little more than one.
         home: the discretization that the task has by itself.
         control_period: the only one that it can have, s; None: any that ``dt`` divides.
+        horizon: name of the argument that sets how long an episode lasts, s; None where that
+            cannot be set.
         success: what success is.
         controller: name of its hand-made controller among the baselines, or ``"module:Class"``;
             None: none is known.
@@ -69,6 +71,9 @@ class Testbed(Hashable, Protocol):
 
     @property
     def control_period(self) -> float | None: ...
+
+    @property
+    def horizon(self) -> str | None: ...
 
     @property
     def success(self) -> Success: ...

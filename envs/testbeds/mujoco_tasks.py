@@ -39,6 +39,7 @@ class MujocoTestbed:
     """
 
     batched = False
+    horizon = None
     controller = None
 
     def __init__(self, env_id: str, **arguments: Any) -> None:

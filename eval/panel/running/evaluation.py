@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector import VectorEnv
 
+from integ_gym.envs import DiscretizedVectorEnv
 from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
 from integ_gym.support import report_work
 from integ_gym.train import Policy, PolicyStack
@@ -19,6 +21,7 @@ from .expected_time import cell_seconds
 from .replays import Successes
 
 Array = npt.NDArray[Any]
+Flags = npt.NDArray[np.bool_]
 
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
@@ -33,12 +36,14 @@ class Subject:
         cells: what it is evaluated in.
         home: discretization or mixture that it was trained on, or None.
         seed: training seed, or None.
+        starts: training seed whose starts it acts from.
     """
 
     policy: Policy
     cells: tuple[Cell, ...]
     home: Home | None = None
     seed: int | None = None
+    starts: int = 0
 
 
 class _Played(NamedTuple):
@@ -76,7 +81,7 @@ def evaluate(
     Args:
         spec: the panel.
         subjects: the policies.
-        episodes: those to run; episode k starts from seed ``episode_seed + k`` in every cell.
+        episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
         store: where the records are meant for; nothing is written.
     """
     latencies = inference_latencies(spec, subjects)
@@ -90,8 +95,9 @@ def evaluate(
     for cell, places in _schedule(subjects):
         contexts = [context_of(spec, subjects[place], cell, latencies[place]) for place in places]
         recorder = _recorder(spec, cell, contexts, episodes, store)
-        policies = [subjects[place].policy for place in places]
-        successes.note(cell, places, roll_out(spec, recorder, policies, episodes))
+        own = [subjects[place] for place in places]
+        success = roll_out(spec, recorder, own, episodes)
+        successes.note(cell, places, success, second_horizon(spec, cell, own, episodes, success))
         recorder.close()
         report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
         waiting.append(_Played(cell, places, recorder))
@@ -133,48 +139,71 @@ def _recorder(
 
 
 def roll_out(
-    spec: PanelSpec, recorder: RecordVectorEvidence, policies: Sequence[Policy], episodes: range
-) -> Array:
-    """Success of each policy's episode from every paired start, shape (policies, episodes).
+    spec: PanelSpec,
+    environments: DiscretizedVectorEnv | RecordVectorEvidence,
+    subjects: Sequence[Subject],
+    episodes: range,
+) -> Flags:
+    """Success of each policy's episode from every start of its own, shape (policies, episodes).
 
     As many starts are run side by side as there are lanes for each policy, the rest after them.
     """
-    together, stack = recorder.num_envs // len(policies), PolicyStack(policies)
-    rounds = [
-        _round(spec, recorder, stack, len(policies), episodes[done : done + together])
-        for done in range(0, len(episodes), together)
-    ]
+    together = environments.num_envs // len(subjects)
+    stack = PolicyStack([subject.policy for subject in subjects])
+    rounds = []
+    for done in range(0, len(episodes), together):
+        part = episodes[done : done + together]
+        if isinstance(environments, RecordVectorEvidence):
+            environments.assign([*part] * len(subjects))
+        seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in part]
+        rounds.append(_round(environments, stack, seeds, len(subjects)))
     return np.concatenate(rounds, axis=1)
 
 
 def _round(
-    spec: PanelSpec,
-    recorder: RecordVectorEvidence,
-    stack: PolicyStack,
-    policies: int,
-    episodes: range,
-) -> Array:
-    """One episode per lane: for each policy one from each of some starts."""
-    recorder.assign([*episodes] * policies)
-    seeds = [spec.episode_seed + episode for episode in episodes] * policies
-    observation, _ = recorder.reset(seed=seeds)
+    environments: VectorEnv[Any, Any, Any], stack: PolicyStack, seeds: list[int], policies: int
+) -> Flags:
+    """One episode per lane, for each policy as many; whether it succeeds."""
+    observation, _ = environments.reset(seed=seeds)
     running = np.ones(len(seeds), dtype=bool)
     success = np.zeros(len(seeds), dtype=bool)
     while running.any():
-        actions = stack.act(observation.reshape(policies, len(episodes), -1))
-        observation, _, terminated, truncated, info = recorder.step(
-            actions.reshape(recorder.action_space.shape)
+        actions = stack.act(observation.reshape(policies, len(seeds) // policies, -1))
+        observation, _, terminated, truncated, info = environments.step(
+            actions.reshape(environments.action_space.shape)
         )
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
         running &= ~ended
-    return success.reshape(policies, len(episodes))
+    return success.reshape(policies, -1)
+
+
+def second_horizon(
+    spec: PanelSpec, cell: Cell, subjects: Sequence[Subject], episodes: range, success: Flags
+) -> Flags | None:
+    """Which episodes succeed within one horizon or two, shape (policies, episodes).
+
+    Policies that failed once act again from all their starts, for twice the duration; None where
+    the testbed's horizon is fixed.
+    """
+    testbed = spec.testbed
+    if testbed.horizon is None:
+        return None
+    recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1))
+    if failing.size:
+        twice = {testbed.horizon: 2.0 * spec.nominal.settings.duration}
+        lanes = len(failing) * (len(episodes) if testbed.batched else 1)
+        environments = environments_of(testbed, cell, lanes, **twice)
+        again = roll_out(spec, environments, [subjects[place] for place in failing], episodes)
+        environments.close()
+        recovered[failing] |= again
+    return recovered
 
 
 def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy."""
     environments = environments_of(spec.testbed, subjects[0].cells[0], 1)
-    observation, _ = environments.reset(seed=spec.episode_seed)
+    observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
     environments.close()
     return [inference_latency(subject.policy, observation) for subject in subjects]
 

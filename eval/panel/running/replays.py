@@ -47,11 +47,15 @@ class Successes:
         self._first = first
         self._awaited = [{_key(cell) for cell in own} for own in cells]
         self._known: dict[tuple[int, Key], Flags] = {}
+        self._recovered: dict[tuple[int, Key], Flags | None] = {}
 
-    def note(self, cell: Cell, policies: Sequence[int], success: Flags) -> None:
-        """Take in a cell's outcomes, shape (policies, episodes)."""
-        for place, flags in zip(policies, success, strict=True):
-            self._known[place, _key(cell)] = flags
+    def note(
+        self, cell: Cell, policies: Sequence[int], success: Flags, recovered: Flags | None
+    ) -> None:
+        """Take in a cell's outcomes, shape (policies, episodes), within one horizon and two."""
+        for i, place in enumerate(policies):
+            self._known[place, _key(cell)] = success[i]
+            self._recovered[place, _key(cell)] = None if recovered is None else recovered[i]
             self._awaited[place].discard(_key(cell))
 
     def suffice(self, cell: Cell, policies: Sequence[int]) -> bool:

@@ -87,13 +87,21 @@ class Cell:
         return values
 
 
-def environments_of(testbed: Testbed, cell: Cell, lanes: int) -> DiscretizedVectorEnv:
+def environments_of(
+    testbed: Testbed, cell: Cell, lanes: int, **changed: Any
+) -> DiscretizedVectorEnv:
     """A cell's environments.
+
+    Args:
+        testbed: what makes them.
+        cell: where.
+        lanes: number of environments.
+        changed: arguments that differ from the cell's.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
-    given = cell.arguments(testbed.arguments)
+    given = {**cell.arguments(testbed.arguments), **changed}
     asked = Discretization(**{name: given.pop(name) for name in DISCRETIZATION})
     return make_checked(testbed, asked, lanes, **given)
 

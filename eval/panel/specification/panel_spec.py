@@ -17,6 +17,12 @@ _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""
 
 
+STARTS_APART = 10_000
+"""Seeds between the first starts of one training seed and of the next."""
+
+START_SETS = 5
+"""Training seeds whose starts a hand-made controller acts from."""
+
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
@@ -66,6 +72,20 @@ class PanelSpec:
     def reference(self) -> Discretization | None:
         """The truth column: the plant solved to rounding under the same zero-order hold."""
         return self.testbed.truth(self.control_period)
+
+    def start_seed(self, starts: int, episode: int) -> int:
+        """Seed of a start, the same in every cell.
+
+        Args:
+            starts: training seed of the policy; every seed has starts of its own.
+            episode: place among them.
+        """
+        return self.episode_seed + STARTS_APART * starts + episode
+
+    @property
+    def start_sets(self) -> tuple[int, ...]:
+        """Whose starts baselines act from: the first training seeds'."""
+        return self.seeds[:START_SETS] or (0,)
 
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, then the reference if there is one."""

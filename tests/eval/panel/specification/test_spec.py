@@ -65,6 +65,7 @@ class OwnEngine(NativeEngine):
     """An engine of a user's own."""
 
     batched = False
+    horizon = None
 
 
 def test_what_the_fleet_cannot_train_is_refused_with_the_other_trainer():
