@@ -10,6 +10,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .energy import BOUNDED, energies, energy_growth, ledger
+    from .energy_reach import METHOD, Reach, critical_limit, goal_energy, reach
     from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
     from .identity import (
         ORDER_TOLERANCE,
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
         classify,
         declared,
     )
-    from .energy_reach import METHOD, Reach, critical_limit, goal_energy, reach
     from .independent import IndependentMotion, independent_motion
     from .linear import critical_step, linear_map, stability_limit
     from .matching import Case, cases_of, largest_error, mapped, match

@@ -144,7 +144,7 @@ def split(rates: Rates, *, draws: int = DRAWS) -> Loss:
         ],
     )
     means = np.array([mean_of(quantity) for quantity in rates.row])
-    found = _parts(means, [np.float64(mean_of(own)) for own, _ in rates.yardsticks])
+    found = _parts(means, [np.asarray(mean_of(own)) for own, _ in rates.yardsticks])
     return Loss(*(equal_tailed(float(x), own, LEVEL) for x, own in zip(found, drawn, strict=True)))
 
 

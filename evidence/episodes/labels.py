@@ -3,30 +3,52 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 Home = bool | Literal["is home", "no home"] | None
 
 SATURATED = 0.5
 """Share of saturated control steps from which saturation counts as the reason."""
 
+LEARNED = 0.5
+"""Share of its starts at home from which a policy counts as one that has learned."""
+
 
 @dataclass(frozen=True)
 class Replays:
-    """What the same policy did from the same start under other conditions.
+    """What is known about an episode from outside it.
 
-    True: it succeeded; False: it failed; None: the replay was not run.
+    Of replays, in which the same policy acts from the same start under other conditions, True: it
+    succeeded; False: it failed; None: the replay was not run.
 
     Attributes:
         home: on the policy's training discretization; ``"is home"`` where the episode itself ran
             on it, ``"no home"`` for a policy that was not trained.
         without_noise: without observation noise.
         without_delay: without action latency and with a sample at every decision.
+        second_horizon: within one duration or two.
+        home_success: share of its starts from which the policy succeeds at home; None: not known.
+        cell_status: one of :data:`integ_gym.evidence.schema.fields.CELL_STATUSES`, decided without
+            the policy; None: not known.
     """
 
     home: Home = None
     without_noise: bool | None = None
     without_delay: bool | None = None
+    second_horizon: bool | None = None
+    home_success: float | None = None
+    cell_status: str | None = None
+
+    def columns(self) -> dict[str, Any]:
+        """Fields of a record by name."""
+        return {
+            "replay_home": self.home if isinstance(self.home, bool) else None,
+            "replay_without_noise": self.without_noise,
+            "replay_without_delay": self.without_delay,
+            "replay_second_horizon": self.second_horizon,
+            "home_success": self.home_success,
+            "cell_status": self.cell_status,
+        }
 
 
 @dataclass(frozen=True)
@@ -83,6 +105,10 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
         )
         return "none", f"succeeded: {facts.goal}{since}"
     course = _course(facts)
+    beyond = _beyond(replays)
+    if beyond is not None:
+        label, reason = beyond
+        return label, f"{reason}; it {course}"
     for rule in _rules(facts, replays):
         if rule.replay is None:
             return "unattributed", f"the replay {rule.replayed} was not run; it {course}"
@@ -92,6 +118,18 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     if facts.saturated_share >= SATURATED or facts.goal_left is not None:
         return "control_error", f"it {course}"
     return "planning_error", f"it {course}"
+
+
+def _beyond(replays: Replays) -> tuple[str, str] | None:
+    """What explains a failure by no fault of the policy in this cell."""
+    if replays.cell_status == "unachievable":
+        return "unachievable", "no control reaches the goal's energy here, in twice the time either"
+    home = replays.home_success
+    if home is not None and home < LEARNED:
+        return "not_learned", f"the policy succeeds from {home:.0%} of its starts at home"
+    if replays.second_horizon:
+        return "too_slow", "the same policy succeeds from the same start in twice the time"
+    return None
 
 
 class _Rule(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..schema import described, is_trace, pyarrow
+from ..schema import SUMMARY_FIELDS, described, is_trace, pyarrow
 
 Array = npt.NDArray[Any]
 
@@ -58,6 +58,10 @@ class EvidenceRecord:
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
 
 
+_LATER = {field.name: None for field in SUMMARY_FIELDS if field.since > 1}
+"""Fields that records of earlier schema versions do not have."""
+
+
 def records_of(table: Any) -> list[EvidenceRecord]:
     """The records of an Arrow table with the columns of one file."""
     about = {field.name: described(field) for field in table.schema}
@@ -70,7 +74,7 @@ def records_of(table: Any) -> list[EvidenceRecord]:
     for i, row in enumerate(table.select(names).to_pylist()):
         trace = {name: arrays[i] for name, arrays in traces.items()}
         present = {name: array for name, array in trace.items() if array is not None}
-        records.append(EvidenceRecord(row, present, units, frames))
+        records.append(EvidenceRecord({**_LATER, **row}, present, units, frames))
     return records
 
 

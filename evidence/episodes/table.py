@@ -61,8 +61,8 @@ def record_table(
     columns = _summary_columns(contexts, episodes, setups)
     columns["env_id"] = [env_id] * len(episodes.heads)
     columns["content_hash"] = [""] * len(episodes.heads)
-    labels = _labels(contexts, episodes, columns, setups, replays)
-    columns["failure_label"], columns["failure_reason"] = zip(*labels, strict=True)
+    attributed = list(_attributed(contexts, episodes, columns, setups, replays))
+    columns.update({name: [own[name] for own in attributed] for name in attributed[0]})
     arrays = [
         _trace_array(log.layout, episodes, field)
         if field.at
@@ -102,13 +102,14 @@ def _summary_columns(
     return columns
 
 
-def _labels(
+def _attributed(
     contexts: Sequence[EpisodeContext],
     episodes: Episodes,
     columns: Columns,
     setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None,
-) -> Iterator[tuple[str, str]]:
+) -> Iterator[dict[str, Any]]:
+    """Label, reason and what they rest on, episode by episode."""
     given = {**{name: _values(values) for name, values in episodes.summary.items()}, **columns}
     lookups = _lookups(contexts, replays)
     for i, head in enumerate(episodes.heads):
@@ -125,7 +126,8 @@ def _labels(
         said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
         if said.home is None:
             said = replace(said, home=context.home(own))
-        yield failure_label(facts, said)
+        label, reason = failure_label(facts, said)
+        yield {"failure_label": label, "failure_reason": reason, **said.columns()}
 
 
 def _lookups(

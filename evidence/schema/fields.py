@@ -1,4 +1,4 @@
-"""The EvidenceRecord, version 1: every field that is not part of the trace.
+"""The EvidenceRecord, version 2: every field that is not part of the trace.
 
 This table and :mod:`integ_gym.evidence.schema.trace_fields` are the definition of a record: what a
 column is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the
@@ -27,13 +27,16 @@ from .description import (
 )
 from .origins import Origin, context, first, head, last, most, rows, setup, total
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 PHASES = ("training", "evaluation")
 
 LABELS = (
     "none",
     "evaluation_error",
+    "unachievable",
+    "not_learned",
+    "too_slow",
     "discretization_error",
     "perception_error",
     "state_error",
@@ -41,6 +44,10 @@ LABELS = (
     "planning_error",
     "unattributed",
 )
+
+
+CELL_STATUSES = ("achievable", "too_slow", "unachievable", "undecided")
+"""Whether a cell can be solved within the horizon; only within two; not within two; not known."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,7 @@ class Field:
             step); empty outside the trace.
         source: name of the row entry that a trace column is made of; see
             :class:`integ_gym.evidence.episodes.layout.Layout`.
+        since: schema version that brought it; null in records of earlier ones.
     """
 
     name: str
@@ -78,6 +86,7 @@ class Field:
     choices: tuple[str, ...] = ()
     at: str = ""
     source: str = ""
+    since: int = 1
 
 
 def _field(
@@ -233,6 +242,36 @@ _OUTCOME = _group(
     _text("failure_reason", "why, in a sentence with numbers", None),
 )  # fmt: skip
 
+_replayed = partial(_flag, origin=None, nullable=True, since=2)
+
+_REPLAYS = _group(
+    "replays",
+    _replayed(
+        "replay_home",
+        "whether the same policy succeeds from the same start at home; null: not run, or no other",
+    ),
+    _replayed("replay_without_noise", "the same without observation noise; null: not run"),
+    _replayed(
+        "replay_without_delay", "the same without latency and staleness; null: not run"
+    ),
+    _replayed(
+        "replay_second_horizon",
+        "whether the same policy succeeds from the same start within one duration or two; null: "
+        "not run",
+    ),
+    Field(
+        "home_success", "float64", "1",
+        "share of its starts from which the policy succeeds at home; null: not known",
+        nullable=True, since=2,
+    ),
+    Field(
+        "cell_status", "string", "",
+        "whether a hand-made controller or a search shows that the goal can be reached here; "
+        "null: neither was tried",
+        nullable=True, choices=CELL_STATUSES, since=2,
+    ),
+)  # fmt: skip
+
 _LEDGER = _group(
     "ledger",
     _real("energy_start", "J", "energy at time 0; zero at rest hanging", first("energy")),
@@ -307,7 +346,7 @@ _PROVENANCE = _group(
 )  # fmt: skip
 
 SUMMARY_FIELDS: tuple[Field, ...] = (
-    *_IDENTITY, *_DISCRETIZATION, *_POLICY, *_OUTCOME, *_LEDGER, *_SOLVER, *_PROVENANCE
+    *_IDENTITY, *_DISCRETIZATION, *_POLICY, *_OUTCOME, *_REPLAYS, *_LEDGER, *_SOLVER, *_PROVENANCE
 )  # fmt: skip
 """Every field that is not part of the trace, in the order of the columns."""
 

@@ -103,19 +103,23 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
 
 
 def check_schema(file: Path) -> Any:
-    """The Arrow schema of a file that has all fields of this schema version.
+    """The Arrow schema of a file that has all fields of its schema version.
 
     Raises:
         EvidenceError: for another file, with the remedy.
     """
     schema = _metadata(file).schema.to_arrow_schema()
     version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
-    if version != str(SCHEMA_VERSION):
+    if version not in map(str, range(1, SCHEMA_VERSION + 1)):
         raise EvidenceError(
-            f"{file} has schema version {version}, and this integ-gym reads {SCHEMA_VERSION}; read "
-            "it with the version that wrote it, or move it away"
+            f"{file} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; "
+            "read it with the version that wrote it, or move it away"
         )
-    missing = [field.name for field in SUMMARY_FIELDS if field.name not in schema.names]
+    missing = [
+        field.name
+        for field in SUMMARY_FIELDS
+        if field.since <= int(version) and field.name not in schema.names
+    ]
     if missing:
         raise EvidenceError(
             f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"

@@ -11,7 +11,13 @@ from typing import Any
 from integ_gym.support import remove_leftovers, write_once
 
 from ..episodes import EvidenceRecord, records_of
-from ..schema import BatchExistsError, EvidenceError, content_hashes, duckdb
+from ..schema import (
+    SUMMARY_FIELDS,
+    BatchExistsError,
+    EvidenceError,
+    content_hashes,
+    duckdb,
+)
 from .parquet_file import check_schema, read, row_count, write
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
@@ -162,7 +168,9 @@ class EvidenceStore:
                 relation = connection.read_parquet(
                     [str(file) for file in files], union_by_name=True
                 )
-                relation.create_view("records")
+                absent = [f.name for f in SUMMARY_FIELDS if f.name not in relation.columns]
+                later = "".join(f", NULL AS {name}" for name in absent)
+                relation.project(f"*{later}").create_view("records")
                 _check_reads(engine, connection.extract_statements(sql))
                 return connection.sql(sql).to_arrow_table()
             except engine.Error as error:

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from ...verdict import CellRole, CellStatus, Outcome, Quantity
+from ...verdict import CellRole, CellStatus, Outcome
 from ...verdict import Verdict as Judged
 from .part import Estimate, Part
 
 
 class Verdict(Part, frozen=True, kw_only=True):
-    """Verdict on one declared transfer; the p-values are null for `not_learned`.
+    """Verdict on one declared transfer; the p-values are null without one.
 
     Attributes:
         row: name of the row.
         cell: name of the cell that its policies were transferred to.
         name: name of the transfer.
-        verdict: `fails`, `transfers`, `inconclusive` or `not_learned`.
-        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
-        gap: loss of success; positive is worse.
-        p_exceeds: p-value for "gap > 0.2".
-        p_equivalent: p-value for "gap within ±0.1".
-        p_exceeds_adjusted: p-value for "gap > 0.2" after Holm's procedure over the family.
-        p_equivalent_adjusted: p-value for "gap within ±0.1" after Holm's procedure.
+        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, or the
+            cell's status.
+        total: success at home minus success here; positive is worse. The next three add up to it.
+        difficulty: what policies trained here and the hand-made controller do not reach either.
+        deadline: what is won back within a second horizon.
+        overfitting: the rest, which the verdict is about.
+        p_exceeds: p-value for "overfitting > 0.2".
+        p_equivalent: p-value for "overfitting within ±0.1".
+        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family.
+        p_equivalent_adjusted: p-value for "overfitting within ±0.1" after Holm's procedure.
         reason: why, in one sentence with numbers.
     """
 
@@ -28,8 +31,10 @@ class Verdict(Part, frozen=True, kw_only=True):
     cell: str
     name: str
     verdict: Judged
-    quantity: Quantity
-    gap: Estimate
+    total: Estimate
+    difficulty: Estimate
+    deadline: Estimate
+    overfitting: Estimate
     p_exceeds: float | None
     p_equivalent: float | None
     p_exceeds_adjusted: float | None
@@ -80,18 +85,16 @@ class PolicyComparison(Part, frozen=True, kw_only=True):
 
 
 class RemedyLoss(Part, frozen=True, kw_only=True):
-    """A row of a single discretization that loses success in a cell.
+    """A row of a single discretization that loses success in a cell by overfitting.
 
     Attributes:
         row: name of the row.
-        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
-        gap: loss of success of the row.
+        overfitting: see :class:`Verdict`.
         difference: success of the mixture minus its own.
     """
 
     row: str
-    quantity: Quantity
-    gap: Estimate
+    overfitting: Estimate
     difference: Estimate
 
 
@@ -102,16 +105,14 @@ class RemedyCell(Part, frozen=True, kw_only=True):
         cell: name of the cell.
         member: whether the mixture was trained there.
         solved: whether any row solves the cell.
-        quantity: what ``gap`` is, `transfer_gap` or `home_drop`.
-        gap: loss of success of the mixture.
-        lost: rows trained elsewhere whose loss is estimated above 0.2.
+        overfitting: of the mixture; see :class:`Verdict`.
+        lost: rows trained elsewhere whose overfitting is estimated above 0.2.
     """
 
     cell: str
     member: bool
     solved: bool
-    quantity: Quantity
-    gap: Estimate
+    overfitting: Estimate
     lost: tuple[RemedyLoss, ...]
 
 

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from ...verdict import CellRole, ReferenceClass
+from ...verdict import Achievability, CellRole, ReferenceClass
 from .part import Estimate, Part
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
@@ -86,6 +86,9 @@ class Cell(Part, frozen=True, kw_only=True):
         kind: `grid`, `reference`, `perturbation` or `ladder`.
         perturbation: name of the change of the plant or its delays; null without one.
         role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
+            `undecided`; null where it was not asked.
+        achievability_reason: why, in one sentence with numbers.
     """
 
     name: str
@@ -96,6 +99,8 @@ class Cell(Part, frozen=True, kw_only=True):
     kind: CellKind
     perturbation: str | None
     role: CellRole | None
+    achievability: Achievability | None = None
+    achievability_reason: str | None = None
 
     @property
     def reference(self) -> bool:
@@ -122,6 +127,7 @@ class Entry(Part, frozen=True, kw_only=True):
         episodes: how many episodes, over all policies of the row.
         success: success rate, in [0, 1].
         success_by_seed: success rate of each policy, shape (seeds,).
+        recovered: success rate within one horizon or two, in [0, 1].
         returns: interquartile mean of the returns; null where one of them is not finite; called
             ``return`` in the file.
         time_to_success: time to success, s, of the episodes that succeed; null without one.
@@ -130,7 +136,11 @@ class Entry(Part, frozen=True, kw_only=True):
         energy_residual_abs: sum of the residual's sizes, J; null where not known.
         diverged: episodes that the simulation did not survive.
         not_converged: episodes in which the solver missed its tolerance.
-        home_drop: success at home minus success here; null at home and without one.
+        home_drop: success at home minus success here; null at home and without one. The next
+            three add up to it.
+        difficulty: what policies trained here and the hand-made controller do not reach either.
+        deadline: what is won back within a second horizon.
+        overfitting: the rest.
         transfer_gap: success of the policies trained here minus that of these; null without any.
         reference_class: the cell's pass or fail beside the reference's; null where the reference
             has another plant or control period.
@@ -144,6 +154,7 @@ class Entry(Part, frozen=True, kw_only=True):
     episodes: int
     success: Estimate
     success_by_seed: tuple[float, ...]
+    recovered: Estimate
     returns: Estimate | None = msgspec.field(name="return")
     time_to_success: Estimate | None
     time_to_success_episodes: int
@@ -152,6 +163,9 @@ class Entry(Part, frozen=True, kw_only=True):
     diverged: int
     not_converged: int
     home_drop: Estimate | None
+    difficulty: Estimate | None
+    deadline: Estimate | None
+    overfitting: Estimate | None
     transfer_gap: Estimate | None
     reference_class: ReferenceClass | None
     labels: dict[str, int]

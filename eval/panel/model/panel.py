@@ -12,7 +12,7 @@ from .conclusions import EngineAgreement, Failure, PolicyComparison, Remedy, Tra
 from .matrix import Cell, Entry, Row
 from .part import Part
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 """Version of ``panel.json`` that is written and read here."""
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
@@ -76,7 +76,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             not declare.
     """
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[3] = SCHEMA_VERSION
     name: str
     question: str
     answer: str

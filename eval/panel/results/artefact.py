@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from integ_gym.envs import Discretization
 
 from ...statistics import rate_interval
-from ...verdict import LEARNED, Judgement, PolicyCell, compare_policies, judge_family
+from ...verdict import (
+    LEARNED,
+    WITHOUT_VERDICT,
+    Judgement,
+    PolicyCell,
+    compare_policies,
+    judge_family,
+)
 from ..model import Cell as PanelCell
 from ..model import (
     EngineAgreement,
@@ -75,13 +82,14 @@ def build_artefact(
         created=datetime.now(UTC).replace(microsecond=0),
         platform=platform.platform(),
         rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),
-        cells=tuple(_cell(cell) for cell in layout.cells.values()),
+        cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
         matrix=tuple(
             matrix.entry(
                 row.name,
                 cell,
                 layout.native(cell),
                 layout.reference_of(cell),
+                layout.loss(matrix, row.name, cell),
                 tuple(dict.fromkeys(files[policy] for policy in row.policies)),
                 _query(directory, row, cell),
             )
@@ -89,8 +97,8 @@ def build_artefact(
             for cell in layout.cells_of[row.name]
         ),
         verdicts=tuple(
-            build(Verdict, **vars(judgement), row=row, cell=cell)
-            for judgement, (row, cell) in zip(judgements, layout.family, strict=True)
+            _verdict(judgement, *pair)
+            for judgement, pair in zip(judgements, layout.family, strict=True)
         ),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         remedies=remedies(layout, matrix),
@@ -98,6 +106,11 @@ def build_artefact(
         failures=_spread(failures),
         failures_total=len(failures),
     )
+
+
+def _verdict(judgement: Judgement, row: str, cell: str) -> Verdict:
+    told = {name: value for name, value in vars(judgement).items() if name != "loss"}
+    return build(Verdict, row=row, cell=cell, **told, **vars(judgement.loss))
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
@@ -146,7 +159,8 @@ def _row(
     )
 
 
-def _cell(cell: Cell) -> PanelCell:
+def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> PanelCell:
+    can = layout.achieved(matrix, cell.name) if cell.name in layout.columns() else None
     return build(
         PanelCell,
         name=cell.name,
@@ -154,6 +168,8 @@ def _cell(cell: Cell) -> PanelCell:
         kind=cell.kind,
         perturbation=cell.perturbation.name if cell.perturbation else None,
         role=cell.role,
+        achievability=can and can.status,
+        achievability_reason=can and can.reason,
     )
 
 
@@ -197,23 +213,36 @@ def _answer(
     judged = [
         (judgement, pair)
         for judgement, pair in zip(judgements, layout.family, strict=True)
-        if judgement.verdict != "not_learned"
+        if judgement.verdict not in WITHOUT_VERDICT
     ]
     if not judged:
         if judgements:
-            return _unlearned_answer(dict.fromkeys(row for row, _ in layout.family), matrix)
+            return _unjudged_answer(judgements, layout, matrix)
         return agreement_answer(agreement) or _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
-    worst, pair = max(failed or judged, key=lambda one: one[0].gap.estimate)
-    fails = len(failed)
+    worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
+    fails, unreached = len(failed), _unreached(layout, matrix)
     holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
     if holds == len(judged):
-        return f"Yes: all {holds} declared transfers hold within ±0.1 success."
+        return f"Yes: all {holds} declared transfers hold within ±0.1 success.{unreached}"
     verdict = "No" if fails else "Not shown either way"
     return (
         f"{verdict}: of {len(judged)} declared transfers {fails} fail and {holds} hold; "
-        f"{_most(worst, pair, matrix)}."
+        f"{_most(worst, pair, matrix)}.{unreached}"
     )
+
+
+def _unreached(layout: PanelLayout, matrix: Matrix) -> str:
+    """Cells that cannot be solved in time, in a sentence after a space; nothing without any."""
+    statuses = {cell: layout.achieved(matrix, cell).status for cell in layout.columns()}
+    named = {
+        words: [cell for cell, own in statuses.items() if own == status]
+        for status, words in (
+            ("unachievable", "cannot be solved by any control that was found"),
+            ("too_slow", "can be solved in twice the time alone"),
+        )
+    }
+    return "".join(f" {', '.join(cells)} {words}." for words, cells in named.items() if cells)
 
 
 def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
@@ -222,15 +251,22 @@ def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
     home = matrix.home_rates(row)
     assert home is not None
     at_home, there = home.mean(), matrix.rates(row, cell).mean()
-    quantity = judgement.quantity.replace("_", " ")
+    loss = judgement.loss
     return (
-        f"the most is lost by policies trained on {row}, whose success is {at_home:.2f} at home "
-        f"and {there:.2f} on {cell} ({quantity} {judgement.gap})"
+        f"the most is lost by overfitting to {row}: success is {at_home:.2f} at home and "
+        f"{there:.2f} on {cell} (overfitting {loss.overfitting}, deadline "
+        f"{loss.deadline.estimate:z.2f}, difficulty {loss.difficulty.estimate:z.2f})"
     )
 
 
-def _unlearned_answer(rows: Iterable[str], matrix: Matrix) -> str:
-    """What to say where no row of the declared transfers has learned."""
+def _unjudged_answer(judgements: Sequence[Judgement], layout: PanelLayout, matrix: Matrix) -> str:
+    """What to say where no declared transfer can be judged."""
+    rows = dict.fromkeys(row for row, _ in layout.family)
+    if any(judgement.verdict != "not_learned" for judgement in judgements):
+        return (
+            "Not answered: no declared transfer can be judged, for the want of policies that learn "
+            f"or of cells that can be solved in time.{_unreached(layout, matrix)}"
+        )
     home = {
         row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
     }

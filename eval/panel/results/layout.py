@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from ...verdict import Comparison
+from ...verdict import Achieved, Attempt, Comparison, Loss, Rates, split
+from ..running import Tried
 from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
 
@@ -21,6 +22,7 @@ class PanelLayout:
         reference: name of the reference cell; None where the plant has no reference.
         family: declared comparisons (row, cell).
         compare: declared pairs of rows.
+        tried: what a hand-made controller and a search reach, by cell.
     """
 
     rows: tuple[Row, ...]
@@ -29,9 +31,10 @@ class PanelLayout:
     reference: str | None
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
+    tried: Mapping[str, Tried] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, spec: PanelSpec, rows: tuple[Row, ...]) -> PanelLayout:
+    def of(cls, spec: PanelSpec, rows: tuple[Row, ...], tried: Mapping[str, Tried]) -> PanelLayout:
         """Rows of a panel with the cells that each is evaluated in."""
         own = {row.name: spec.cells_of(row.trained_on) for row in rows}
         every = [*spec.columns(), *(cell for cells in own.values() for cell in cells)]
@@ -42,6 +45,7 @@ class PanelLayout:
             reference=next((c.name for c in every if c.kind == "reference"), None),
             family=spec.family,
             compare=spec.compare,
+            tried=tried,
         )
 
     def native(self, cell: str) -> str | None:
@@ -59,13 +63,38 @@ class PanelLayout:
         """Names of the cells that every row is evaluated in."""
         return tuple(n for n, c in self.cells.items() if c.kind in ("grid", "reference"))
 
+    def rates(self, matrix: Matrix, row: str, cell: str) -> Rates | None:
+        """What the loss of a row in a cell is made of; None without a home."""
+        native, home = self.native(cell), matrix.home_rates(row)
+        if home is None:
+            return None
+        return Rates(
+            home,
+            matrix.rates(row, cell),
+            matrix.recovered_rates(row, cell),
+            None if native in (None, row) else matrix.recovered_rates(str(native), cell),
+            self._tried(cell).recovered or None,
+        )
+
+    def loss(self, matrix: Matrix, row: str, cell: str) -> Loss | None:
+        """The loss of a row in a cell; None at home and without one."""
+        rates = self.rates(matrix, row, cell)
+        return None if rates is None or cell == matrix.rows[row].home else split(rates)
+
+    def achieved(self, matrix: Matrix, cell: str) -> Achieved:
+        """Whether a cell can be solved: by its natives, or by what was tried before."""
+        native = self.native(cell)
+        natives = []
+        if native is not None and matrix.has(native, cell):
+            rates = matrix.rates(native, cell).mean(), matrix.recovered_rates(native, cell).mean()
+            natives = [Attempt("policies trained there", *map(float, rates))]
+        return self._tried(cell).achieved(*natives)
+
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:
         """The transfer of a row with a home to a cell, as it is judged."""
-        native, home = self.native(cell), matrix.home_rates(row)
-        assert home is not None
-        return Comparison(
-            name=f"{row} → {cell}",
-            home=home,
-            native=None if native in (None, row) else matrix.rates(str(native), cell),
-            transferred=matrix.rates(row, cell),
-        )
+        rates = self.rates(matrix, row, cell)
+        assert rates is not None
+        return Comparison(f"{row} → {cell}", rates, self.achieved(matrix, cell))
+
+    def _tried(self, cell: str) -> Tried:
+        return self.tried.get(cell, Tried())

@@ -15,11 +15,10 @@ from ...statistics import (
     iqm,
     iqm_interval,
     mean_interval,
-    paired_difference,
     rate_interval,
     unpaired_difference,
 )
-from ...verdict import LEARNED, ReferenceClass, reference_class
+from ...verdict import LEARNED, Loss, ReferenceClass, reference_class
 from ..model import Entry, Estimate, Failure, RowKind
 from ..specification import Home
 
@@ -28,7 +27,7 @@ Array = npt.NDArray[Any]
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
-    "failure_reason",
+    "failure_reason", "replay_second_horizon",
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
 
@@ -105,6 +104,12 @@ class Matrix:
         means: Array = self.values(row, cell, "success").mean(axis=1)
         return means
 
+    def recovered_rates(self, row: str, cell: str) -> Array:
+        """Success rate of every seed within one horizon or two, shape (seeds,)."""
+        later = np.nan_to_num(self.values(row, cell, "replay_second_horizon"))
+        means: Array = np.maximum(self.values(row, cell, "success"), later).mean(axis=1)
+        return means
+
     def home_rates(self, row: str) -> Array | None:
         """Success rate of every seed at home, shape (seeds,), or None without a home.
 
@@ -129,6 +134,7 @@ class Matrix:
         cell: str,
         native: str | None,
         reference: str | None,
+        loss: Loss | None = None,
         file: Sequence[str] = (),
         query: str = "",
     ) -> Entry:
@@ -140,6 +146,7 @@ class Matrix:
             native: the row that was trained in this cell, if there is one.
             reference: name of the reference cell, or None where the cell's plant or control
                 period is another.
+            loss: of success against home, with its parts; None at home and without one.
             file: evidence files that hold the records.
             query: command that lists them.
         """
@@ -151,6 +158,7 @@ class Matrix:
             episodes=len(records),
             success=Estimate.of(rate_interval(rates)),
             success_by_seed=tuple(rates.tolist()),
+            recovered=Estimate.of(rate_interval(self.recovered_rates(row, cell))),
             returns=self._return(row, cell),
             time_to_success=self._mean(row, cell, "time_to_success"),
             time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
@@ -158,7 +166,10 @@ class Matrix:
             energy_residual_abs=self._mean(row, cell, "energy_residual_abs_total"),
             diverged=sum(record["solver_status"] == "diverged" for record in records),
             not_converged=sum(r["solver_status"] == "not_converged" for r in records),
-            home_drop=self._home_drop(row, cell),
+            home_drop=None if loss is None else Estimate.of(loss.total),
+            difficulty=None if loss is None else Estimate.of(loss.difficulty),
+            deadline=None if loss is None else Estimate.of(loss.deadline),
+            overfitting=None if loss is None else Estimate.of(loss.overfitting),
             transfer_gap=self._transfer_gap(row, cell, native),
             reference_class=self._reference_class(row, cell, reference),
             labels=dict(Counter(record["failure_label"] for record in records)),
@@ -195,12 +206,6 @@ class Matrix:
         present = np.isfinite(values)
         means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
         return _estimate(mean_interval(means), means[0]) if means else None
-
-    def _home_drop(self, row: str, cell: str) -> Estimate | None:
-        home = self.home_rates(row)
-        if home is None or self.rows[row].home == cell:
-            return None
-        return Estimate.of(paired_difference(home, self.rates(row, cell)).interval)
 
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":

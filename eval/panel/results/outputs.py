@@ -11,7 +11,7 @@ from integ_gym.train import POLICY_FILE
 from ...report.figures import write_figures
 from ...report.page import write_report
 from ..model import Cost, Panel, Policy, write_panel
-from ..running import RunDirectory, evaluated, training_config, units_of
+from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
 from .engine_agreement import agreements
@@ -70,7 +70,8 @@ def reduced(
     table = EvidenceStore(directory.evidence).query(
         f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
     )
-    return PanelLayout.of(spec, rows), Matrix(rows, table.to_pylist(), spec.episodes)
+    layout = PanelLayout.of(spec, rows, tried(directory))
+    return layout, Matrix(rows, table.to_pylist(), spec.episodes)
 
 
 def write_outputs(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ...statistics import unpaired_difference
-from ...verdict import FAIL_MARGIN, UNSOLVED, loss_of
+from ...verdict import FAIL_MARGIN, UNSOLVED, split
 from ..model import Estimate, Remedy, RemedyCell, RemedyLoss
 from .layout import PanelLayout
 from .matrix import Matrix
@@ -15,8 +15,8 @@ def remedies(layout: PanelLayout, matrix: Matrix) -> tuple[Remedy, ...]:
     """One entry per mixture: its loss in every column, beside that of single discretizations.
 
     Only rows of a single discretization that learned are held against it. In every column
-    ``lost`` lists those among them, trained elsewhere, whose loss (as a verdict would measure it)
-    is estimated above 0.2. Everything here is exploratory.
+    ``lost`` lists those among them, trained elsewhere, whose overfitting is estimated above 0.2.
+    Everything here is exploratory.
     """
     singles = [
         row.name
@@ -42,29 +42,31 @@ def _remedy(layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence
 def _cell(
     layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence[str], cell: str
 ) -> RemedyCell:
-    quantity, gap = loss_of(layout.comparison(matrix, mixture, cell))
     elsewhere = [row for row in singles if matrix.rows[row].home != cell]
     lost = [_lost(layout, matrix, mixture, row, cell) for row in elsewhere]
     return RemedyCell(
         cell=cell,
         member=cell in matrix.rows[mixture].shares,
         solved=any(bool(matrix.rates(row, cell).mean() >= UNSOLVED) for row in matrix.rows),
-        quantity=quantity,
-        gap=Estimate.of(gap),
-        lost=tuple(one for one in lost if one.gap.estimate > FAIL_MARGIN),
+        overfitting=_overfitting(layout, matrix, mixture, cell),
+        lost=tuple(one for one in lost if one.overfitting.estimate > FAIL_MARGIN),
     )
 
 
 def _lost(layout: PanelLayout, matrix: Matrix, mixture: str, single: str, cell: str) -> RemedyLoss:
     """A row's loss, and success of the mixture minus its own."""
-    quantity, gap = loss_of(layout.comparison(matrix, single, cell))
     better = unpaired_difference(matrix.rates(mixture, cell), matrix.rates(single, cell))
     return RemedyLoss(
         row=single,
-        quantity=quantity,
-        gap=Estimate.of(gap),
+        overfitting=_overfitting(layout, matrix, single, cell),
         difference=Estimate.of(better.interval),
     )
+
+
+def _overfitting(layout: PanelLayout, matrix: Matrix, row: str, cell: str) -> Estimate:
+    rates = layout.rates(matrix, row, cell)
+    assert rates is not None
+    return Estimate.of(split(rates).overfitting)
 
 
 def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
@@ -76,7 +78,7 @@ def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
             f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} "
             f"anywhere, so there is nothing for {mixture} to remedy."
         ]
-    kept = [cell for cell in harmful if cell.gap.estimate <= FAIL_MARGIN]
+    kept = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
     own = sum(cell.member for cell in kept)
     lost = [cell.cell for cell in harmful if cell not in kept]
     trained = f", {own} of which they were trained in" if own else ""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .achievability import Tried, tried
     from .evaluation import Subject
     from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
     from .panel import baseline_of, completed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -71,7 +71,11 @@ def divided(spec: PanelSpec, parts: int) -> list[range]:
 
 
 def evaluate(
-    spec: PanelSpec, subjects: Sequence[Subject], episodes: range, store: EvidenceStore
+    spec: PanelSpec,
+    subjects: Sequence[Subject],
+    episodes: range,
+    store: EvidenceStore,
+    statuses: Mapping[str, str],
 ) -> Iterator[Any]:
     """Run all policies side by side, cell by cell; the records of every cell as a table.
 
@@ -83,6 +87,7 @@ def evaluate(
         subjects: the policies.
         episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
         store: where the records are meant for; nothing is written.
+        statuses: whether a cell can be solved, by its name.
     """
     latencies = inference_latencies(spec, subjects)
     successes = Successes(
@@ -90,6 +95,8 @@ def evaluate(
         [subject.cells for subject in subjects],
         spec.environment,
         episodes.start,
+        statuses,
+        whole=spec.testbed.batched,
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
@@ -164,7 +171,7 @@ def _round(
     environments: VectorEnv[Any, Any, Any], stack: PolicyStack, seeds: list[int], policies: int
 ) -> Flags:
     """One episode per lane, for each policy as many; whether it succeeds."""
-    observation, _ = environments.reset(seed=seeds)
+    observation, _ = environments.reset(seed=seeds)  # type: ignore[arg-type]
     running = np.ones(len(seeds), dtype=bool)
     success = np.zeros(len(seeds), dtype=bool)
     while running.any():
@@ -189,8 +196,8 @@ def second_horizon(
     testbed = spec.testbed
     if testbed.horizon is None:
         return None
-    recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1))
-    if failing.size:
+    recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1)).tolist()
+    if failing:
         twice = {testbed.horizon: 2.0 * spec.nominal.settings.duration}
         lanes = len(failing) * (len(episodes) if testbed.batched else 1)
         environments = environments_of(testbed, cell, lanes, **twice)

@@ -16,6 +16,7 @@ import numpy as np
 from integ_gym.evidence import EvidenceStore, Layout
 
 from ..specification import Cell, PanelSpec
+from .achievability import try_cells
 from .evaluation import Subject, divided, evaluate
 from .expected_time import cell_seconds, cell_timing
 from .run_directory import RunDirectory, key_of
@@ -121,11 +122,15 @@ def evaluate_all(
     batches = batches_of(spec, waiting, parts)
     with working(label, seconds, workers, progress) as work:
         work.skip(seconds - evaluation_seconds(spec, waiting))
+        found = try_cells(spec, directory, work)
+        can = {cell: own.achieved().status for cell, own in found.items()}
         if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
-            work.do("evaluating", _commit, {_named(b): (spec, directory, b) for b in batches})
+            tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
+            work.do("evaluating", _commit, tasks)
             return
         for batch in batches:
-            _commit(spec, directory, batch, _divided(spec, directory, batch, work, parts))
+            tables = _divided(spec, directory, batch, can, work, parts)
+            _commit(spec, directory, batch, can, tables)
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
@@ -138,12 +143,17 @@ def _listed(*given: Any) -> list[Any]:
 
 
 def _divided(
-    spec: PanelSpec, directory: RunDirectory, batch: Sequence[Subject], work: Work, workers: int
+    spec: PanelSpec,
+    directory: RunDirectory,
+    batch: Sequence[Subject],
+    can: Mapping[str, str],
+    work: Work,
+    workers: int,
 ) -> Iterator[Any]:
     """The tables of a batch whose episodes are divided among all workers."""
     store = EvidenceStore(directory.evidence)
     parts = {
-        f"{_named(batch)} from episode {part.start}": (spec, batch, part, store)
+        f"{_named(batch)} from episode {part.start}": (spec, batch, part, store, can)
         for part in divided(spec, workers)
     }
     for tables in work.do("evaluating", _listed, parts):
@@ -154,6 +164,7 @@ def _commit(
     spec: PanelSpec,
     directory: RunDirectory,
     batch: Sequence[Subject],
+    can: Mapping[str, str],
     tables: Iterable[Any] | None = None,
 ) -> None:
     """Evaluate policies in all their cells, by default here, and mark that as finished."""
@@ -162,7 +173,7 @@ def _commit(
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
     start = time.time()
     store = EvidenceStore(directory.evidence)
-    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store))
+    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store, can))
     directory.finish(unit, _key(spec, hashes), start, policies=hashes)
 
 

@@ -93,7 +93,7 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     """The policy of a unit, read from its file or built."""
     cells = spec.cells_of(unit.home)
     if unit.home is None:
-        return Subject(baseline_of(spec, unit.row), cells)
+        return Subject(baseline_of(spec, unit.row), cells, starts=spec.start_sets[0])
     policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
     marker = directory.marker(unit.training)
     if marker is None or marker.get("policy") != card["content_hash"]:
@@ -101,4 +101,5 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
             f"policies/{unit.policy} is not the policy that this panel trained; restore it, or "
             "give another directory with --out"
         )
-    return Subject(replace(policy, policy_id=unit.policy), cells, unit.home, unit.seed)
+    own = replace(policy, policy_id=unit.policy)
+    return Subject(own, cells, unit.home, unit.seed, unit.seed or 0)

@@ -33,6 +33,10 @@ class Successes:
         cells: cells that every policy is evaluated in.
         environment: constructor arguments common to all cells.
         first: index of the first episode of every cell.
+        statuses: whether a cell can be solved, by its name; see
+            :data:`integ_gym.evidence.schema.fields.CELL_STATUSES`.
+        whole: whether every policy's episodes at home are all here, so that its success there is
+            known.
     """
 
     def __init__(
@@ -41,10 +45,14 @@ class Successes:
         cells: Sequence[Sequence[Cell]],
         environment: Mapping[str, Any],
         first: int = 0,
+        statuses: Mapping[str, str] | None = None,
+        whole: bool = True,
     ) -> None:
         self._homes = homes
         self._environment = environment
         self._first = first
+        self._statuses = statuses or {}
+        self._whole = whole
         self._awaited = [{_key(cell) for cell in own} for own in cells]
         self._known: dict[tuple[int, Key], Flags] = {}
         self._recovered: dict[tuple[int, Key], Flags | None] = {}
@@ -67,15 +75,32 @@ class Successes:
         return [self._replays_of(cell, place) for place in policies]
 
     def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
-        said = {"home": self._said_at_home(cell, place), **self._undisturbed(cell, place)}
+        said: dict[str, Any] = {
+            "home": self._said_at_home(cell, place),
+            "second_horizon": self._recovered[place, _key(cell)],
+            **self._undisturbed(cell, place),
+        }
+        whole: dict[str, Any] = {
+            "home_success": self._home_success(place),
+            "cell_status": self._statuses.get(cell.name),
+        }
         return {
-            self._first + k: Replays(**{name: _episode(x, k) for name, x in said.items()})
+            self._first + k: Replays(**{n: _episode(x, k) for n, x in said.items()}, **whole)
             for k in range(len(self._known[place, _key(cell)]))
         }
 
+    def _home_success(self, place: int) -> float | None:
+        """Success in what the policy was trained on, by shares; None where that was not run."""
+        home = self._homes[place]
+        shares = {} if home is None or not self._whole else home.shares
+        rates = {d: self._known.get((place, (d, None))) for d in shares}
+        known = [shares[d] * float(flags.mean()) for d, flags in rates.items() if flags is not None]
+        return sum(known) if known and len(known) == len(shares) else None
+
     def _needed(self, cell: Cell, place: int) -> set[Key]:
         home = self._homes[place]
-        at_home = set() if home is None else {(d, _disturbance(cell)) for d in home.shares}
+        shares = () if home is None else home.shares
+        at_home = {(d, disturbance) for d in shares for disturbance in (_disturbance(cell), None)}
         return {*at_home, (cell.discretization, None)} - {_key(cell)}
 
     def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:

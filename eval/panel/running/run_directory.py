@@ -137,13 +137,16 @@ class RunDirectory:
         found = sorted(self._units.glob(f"{prefix}*.json"))
         return {path.stem: read_json(path) for path in found}
 
-    def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
+    def finished(
+        self, unit: str, key: str, *files: Path, records: bool = True
+    ) -> Mapping[str, Any] | None:
         """The marker of a finished unit, or None; one that has lost a file is done again.
 
         Args:
             unit: name.
             key: of its inputs; see :func:`key_of`.
             files: what it wrote beside its records.
+            records: whether it writes records.
 
         Raises:
             RunDirectoryError: if the unit was finished under another key.
@@ -154,7 +157,8 @@ class RunDirectory:
                 f"{self.path}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
-        return held if self.has_records(unit) and all(file.exists() for file in files) else None
+        complete = self.has_records(unit) or not records
+        return held if complete and all(file.exists() for file in files) else None
 
     def has_records(self, unit: str) -> bool:
         """Whether the unit's records are there."""

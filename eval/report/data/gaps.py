@@ -1,4 +1,4 @@
-"""Losses of success: the declared family with its verdicts, and the rest of the matrix."""
+"""Losses by overfitting: the declared family with its verdicts, and the rest of the matrix."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Final
 from integ_gym.support import fixed
 
 from ...panel.model import Estimate, Panel, Verdict
-from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
+from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
 from .axes import difference_axis
 from .forest import Block, Forest, Line, Mark, Tone
 
-VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", "not_learned")
+VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", *WITHOUT_VERDICT)
 """Order in which verdicts are shown."""
 
 SHOWN_GAPS: Final = 30
@@ -22,11 +22,10 @@ SHOWN_GAPS: Final = 30
 
 @dataclass(frozen=True)
 class Gap:
-    """A loss of success with its interval, and where it comes from; no verdict: exploratory."""
+    """Overfitting with its interval, and where it comes from; no verdict: exploratory."""
 
     row: str
     cell: str
-    quantity: str
     value: Estimate
     verdict: Tone | None = None
 
@@ -35,27 +34,28 @@ def ordered_verdicts(panel: Panel) -> tuple[Verdict, ...]:
     """Judgements of the declared family, the ones that matter most first."""
 
     def order(judged: Verdict) -> tuple[int, float]:
-        return VERDICT_ORDER.index(judged.verdict), -judged.gap.estimate
+        return VERDICT_ORDER.index(judged.verdict), -judged.overfitting.estimate
 
     return tuple(sorted(panel.verdicts, key=order))
 
 
 def declared_gaps(panel: Panel) -> tuple[Gap, ...]:
-    """Gaps of the declared family, largest first; a row that did not learn has none."""
+    """Those of the declared family that have a verdict, largest first."""
     return _largest_first(
-        Gap(judged.row, judged.cell, judged.quantity, judged.gap, judged.verdict)
+        Gap(judged.row, judged.cell, judged.overfitting, judged.verdict)  # type: ignore[arg-type]
         for judged in ordered_verdicts(panel)
-        if judged.verdict != "not_learned"
+        if judged.verdict not in WITHOUT_VERDICT
     )
 
 
 def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
-    """The matrix's other gaps, largest first; home drops where there is no transfer gap.
+    """Those of the rest of the matrix, largest first.
 
-    Rows that did not learn and baselines have nothing to transfer and are left out.
+    Rows that did not learn and baselines have nothing to transfer and are left out, and so are
+    cells that are known not to be solved in time.
     """
     declared = {(gap.row, gap.cell) for gap in declared_gaps(panel)}
-    columns = {cell.name for cell in panel.columns}
+    columns = {c.name for c in panel.columns if c.achievability not in ("too_slow", "unachievable")}
     gaps = []
     for entry in panel.matrix:
         row = panel.row(entry.row)
@@ -63,10 +63,8 @@ def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
             continue
         if (entry.row, entry.cell) in declared or entry.cell not in columns:
             continue
-        quantity = "home_drop" if entry.transfer_gap is None else "transfer_gap"
-        value = entry.transfer_gap or entry.home_drop
-        if value is not None:
-            gaps.append(Gap(entry.row, entry.cell, quantity, value))
+        if entry.overfitting is not None:
+            gaps.append(Gap(entry.row, entry.cell, entry.overfitting))
     return _largest_first(gaps)
 
 
@@ -83,8 +81,8 @@ def gap_forest(panel: Panel) -> Forest | None:
     more = f", the {SHOWN_GAPS} largest of {len(others)}" if len(others) > SHOWN_GAPS else ""
     found = (("declared family", declared), (f"exploratory{more}", others[:SHOWN_GAPS]))
     return Forest(
-        "Transfer gaps",
-        f"loss of success against policies trained there, or against home (home drop); shaded: "
+        "Overfitting",
+        f"loss of success that neither difficulty nor a deadline explains; shaded: "
         f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}{_level(shown)}",
         difference_axis((gap.value for gap in shown), margins=True),
         tuple(Block(title, [_line(gap) for gap in gaps]) for title, gaps in found if gaps),
@@ -101,7 +99,6 @@ def _level(gaps: Iterable[Gap]) -> str:
 def _line(gap: Gap) -> Line:
     low, high = gap.value.ends
     details = [f"{fixed(low)} to {fixed(high)}"] if gap.value.bounded else []
-    details += ["home drop"] if gap.quantity == "home_drop" else []
     return Line(
         gap.row,
         gap.cell,
@@ -109,5 +106,5 @@ def _line(gap: Gap) -> Line:
         (Mark(gap.value, gap.verdict or "soft", filled=gap.verdict is not None),),
         fixed(gap.value.estimate, 2, True),
         ", ".join(details),
-        f"{gap.row} on {gap.cell}: {gap.quantity.replace('_', ' ')} {gap.value}",
+        f"{gap.row} on {gap.cell}: overfitting {gap.value}",
     )

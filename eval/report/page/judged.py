@@ -20,16 +20,18 @@ _SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
 def card_of(judged: Verdict) -> dict[str, Any]:
     """One verdict of the declared family."""
     p_values = [
-        (f"gap > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
-        (f"gap within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
+        (f"overfitting > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
+        (f"overfitting within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
     ]
-    marks = {"fails": "✕", "transfers": "✓", "inconclusive": "?", "not_learned": "○"}
+    signs = {"fails": "✕", "transfers": "✓", "inconclusive": "?"}
+    judged_at_all = judged.verdict not in rules.WITHOUT_VERDICT
+    tone: Any = judged.verdict if judged_at_all else "not_learned"
     return {
         "judged": judged,
-        "sign": marks[judged.verdict],
+        "sign": signs.get(judged.verdict, "○"),
         "word": judged.verdict.replace("_", " "),
-        "quantity": judged.quantity.replace("_", " "),
-        "marks": [] if judged.verdict == "not_learned" else [Mark(judged.gap, judged.verdict)],
+        "tone": tone,
+        "marks": [Mark(judged.overfitting, tone)] if judged_at_all else [],
         "reason": true_minus(judged.reason),
         "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
     }

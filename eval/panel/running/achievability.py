@@ -1,0 +1,134 @@
+"""What can be done in a cell at all, tried before any policy is judged in it.
+
+A hand-made controller acts from the starts of the first training seeds; where it fails, a search
+over controls tells whether the goal's energy can be reached. Each cell is a unit of work.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs import numerics
+from integ_gym.train import make_baseline, possible_baselines
+
+from ...verdict import ACHIEVED, Achieved, Attempt, Search, achieved
+from ..specification import Cell, PanelSpec, environments_of, file_name
+from .evaluation import Subject, roll_out, second_horizon
+from .run_directory import RunDirectory, key_of
+from .work import Work
+
+PREFIX = "achieve-"
+HANDMADE = "handmade"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What was tried in a cell.
+
+    Attributes:
+        success: whether the hand-made controller succeeds within the horizon, start by start;
+            empty without one.
+        recovered: the same within one horizon or two.
+        search: what a search over controls reaches; None where none was made.
+    """
+
+    success: tuple[float, ...] = ()
+    recovered: tuple[float, ...] = ()
+    search: Search | None = None
+
+    def achieved(self, *others: Attempt) -> Achieved:
+        """Whether the cell can be solved.
+
+        Args:
+            others: attempts beside the hand-made controller's.
+        """
+        own = []
+        if self.success:
+            rates = float(np.mean(self.success)), float(np.mean(self.recovered))
+            own = [Attempt("the hand-made controller", *rates)]
+        return achieved([*others, *own], self.search)
+
+
+def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> dict[str, Tried]:
+    """Try every cell of the matrix that has not been tried, each a unit; all, by cell."""
+    waiting = {
+        cell.name: (spec, directory, cell)
+        for cell in spec.columns()
+        if directory.finished(_unit(cell), _key(spec, cell), records=False) is None
+    }
+    work.do("trying what can be done", _try, waiting)
+    return tried(directory)
+
+
+def tried(directory: RunDirectory) -> dict[str, Tried]:
+    """What was tried, by cell."""
+    return {marker["cell"]: _read(marker) for marker in directory.markers(PREFIX).values()}
+
+
+def try_cell(spec: PanelSpec, cell: Cell) -> Tried:
+    """What can be done in a cell."""
+    testbed = spec.testbed
+    success, recovered = (), ()
+    if HANDMADE in possible_baselines(spec.nominal, testbed.controller):
+        controller = make_baseline(HANDMADE, spec.nominal, controller=testbed.controller)
+        subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
+        episodes = range(spec.episodes)
+        lanes = len(subjects) * (len(episodes) if testbed.batched else 1)
+        environments = environments_of(testbed, cell, lanes)
+        found = roll_out(spec, environments, subjects, episodes)
+        environments.close()
+        later = second_horizon(spec, cell, subjects, episodes, found)
+        success = tuple(found.ravel().astype(float).tolist())
+        recovered = success if later is None else tuple(later.ravel().astype(float).tolist())
+    solved = bool(recovered) and float(np.mean(recovered)) >= ACHIEVED
+    return Tried(success, recovered, None if solved else _search(spec, cell))
+
+
+def _search(spec: PanelSpec, cell: Cell) -> Search | None:
+    """What a search over controls reaches from the first starts; None where there is none."""
+    if spec.testbed.horizon is None:
+        return None
+    environments = environments_of(spec.testbed, cell, spec.episodes)
+    seeds = [spec.start_seed(spec.start_sets[0], episode) for episode in range(spec.episodes)]
+    environments.reset(seed=seeds)  # type: ignore[arg-type]
+    starts = np.stack(environments.state_components, axis=-1)
+    setup = environments.setups[0]
+    environments.close()
+    required = numerics.goal_energy(setup)
+    if required is None or not setup.engine.batched:
+        return None
+    horizon = 2.0 * spec.nominal.settings.duration
+    highest = numerics.reach(setup, starts, horizon, required).energy
+    return Search(horizon, required, tuple(highest.tolist()), numerics.METHOD)
+
+
+def _try(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
+    start = time.time()
+    found = try_cell(spec, cell)
+    search = None if found.search is None else vars(found.search)
+    directory.finish(
+        _unit(cell), _key(spec, cell), start,
+        cell=cell.name, success=found.success, recovered=found.recovered, search=search,
+    )  # fmt: skip
+
+
+def _read(marker: Mapping[str, Any]) -> Tried:
+    search = marker["search"]
+    return Tried(
+        tuple(marker["success"]),
+        tuple(marker["recovered"]),
+        None if search is None else Search(**search),
+    )
+
+
+def _unit(cell: Cell) -> str:
+    return f"{PREFIX}{file_name(cell.name)}"
+
+
+def _key(spec: PanelSpec, cell: Cell) -> str:
+    return key_of(spec.engine_versions(), spec=spec.to_json(), cell=cell.name)
