@@ -10,7 +10,7 @@ import pytest
 
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.tasks import TASKS
-from integ_gym.evidence.schema.fields import LABELS, SUMMARY_FIELDS
+from integ_gym.evidence.schema.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.schema.trace_fields import trace_fields
 from integ_gym.evidence.store.store import open_run
 
@@ -47,6 +47,30 @@ def test_no_other_fields_are_listed():
 @pytest.mark.parametrize("label", LABELS)
 def test_labels_are_listed(label):
     assert f"\n| `{label}` |" in TEXT
+
+
+def test_labels_are_listed_in_the_order_of_their_rules():
+    rules = TEXT.partition("## Failure labels")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| `(\w+)` \|", rules, re.MULTILINE)
+    assert listed == ["evaluation_error", "none", *(x for x in LABELS if x not in listed[:2])]
+
+
+def test_fields_are_listed_by_group_in_their_order():
+    listed = re.findall(r"^(?:\*\*(\w+)\*\*$|\| `(\w+)` \| \S+ )", TEXT, re.MULTILINE)
+    first = next(i for i, (group, _) in enumerate(listed) if group)
+    expected = []
+    for field in SUMMARY_FIELDS:
+        if (field.group, "") not in expected:
+            expected.append((field.group, ""))
+        expected.append(("", field.name))
+    assert listed[first : first + len(expected)] == expected
+
+
+def test_the_schema_version_is_told():
+    assert f"The schema version, {SCHEMA_VERSION} now, is in every file's metadata" in TEXT
+    later = {field.group for field in SUMMARY_FIELDS if field.since == SCHEMA_VERSION}
+    assert later == {"replays"}
+    assert f"Version {SCHEMA_VERSION} brought the group *replays* and the labels" in TEXT
 
 
 def test_examples_run(tmp_path, monkeypatch, capsys):

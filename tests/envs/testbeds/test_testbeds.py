@@ -86,10 +86,28 @@ def test_what_a_testbed_says_of_itself():
     assert theirs.truth(0.04) is None
     assert (ours.controller, theirs.controller) == ("pendulum_swing_up", None)
     assert (ours.control_period, theirs.control_period) == (None, 0.04)
+    assert (ours.horizon, theirs.horizon) == ("duration", None)
     assert "0.2 rad" in ours.success.goal
     assert theirs.success.parameter == "success_return"
     assert _testbed(TASK, success_return=5).success.goal == "return of at least 5"
     assert _testbed(TASK) is theirs
+
+
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_the_horizon_is_how_long_an_episode_lasts(env_id):
+    """Twice the horizon is twice the episode, and the discretization is as it was."""
+    testbed, steps = _testbed(env_id), {}
+    for parts in (1, 2):
+        horizon = {testbed.horizon: 3 * parts * testbed.home.control_period}
+        environments = make_checked(testbed, testbed.home, 1, **horizon)
+        environments.reset(seed=0)
+        steps[parts], ended = 0, False
+        while not ended:
+            *_, terminated, truncated, _ = environments.step(environments.action_space.sample())
+            assert not terminated.any()
+            steps[parts], ended = steps[parts] + 1, truncated.all()
+        environments.close()
+    assert steps == {1: 3, 2: 6}
 
 
 class Rounding(IntegTestbed):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from integ_gym.evidence.episodes.labels import EpisodeFacts, Replays, failure_label
-from integ_gym.evidence.schema.fields import LABELS
+from integ_gym.evidence.schema.fields import CELL_STATUSES, LABELS, SUMMARY_FIELDS
 
 FAILED = EpisodeFacts(
     success=False,
@@ -24,7 +25,17 @@ FAILED = EpisodeFacts(
     goal_since=None,
 )
 HOME = Replays(home="is home")
-EVERYTHING = Replays(home=False, without_noise=False, without_delay=False)
+EVERYTHING = Replays(
+    home=False,
+    without_noise=False,
+    without_delay=False,
+    second_horizon=False,
+    home_success=1.0,
+    cell_status="achievable",
+)
+NEVER = (
+    "it never reached the goal (|theta| < 0.2 rad) in 10 s, with 10% of the control steps saturated"
+)
 
 
 def _label(replays=HOME, **changes):
@@ -47,6 +58,42 @@ def test_broken_simulator_or_metric(success):
 
 def test_solver_that_did_not_converge_is_not_by_itself_an_evaluation_error():
     assert _label(solver_status="not_converged")[0] == "planning_error"
+
+
+def test_unachievable():
+    label, reason = _label(replace(HOME, cell_status="unachievable"))
+    assert label == "unachievable"
+    assert reason == (
+        f"no control reaches the goal's energy here, in twice the time either; {NEVER}"
+    )
+    for status in (None, "achievable", "too_slow", "undecided"):
+        assert _label(replace(HOME, cell_status=status)) == _label()
+    assert _label(Replays(cell_status="unachievable"))[0] == "unachievable", "without any replay"
+    success = {"success": True, "goal_since": 3.0}
+    assert _label(Replays(cell_status="unachievable"), **success) == _label(HOME, **success)
+
+
+def test_not_learned():
+    label, reason = _label(replace(HOME, home_success=0.375))
+    assert label == "not_learned"
+    assert reason == f"the policy succeeds from 38% of its starts at home; {NEVER}"
+    assert "from 0% of its starts" in _label(replace(HOME, home_success=0.0))[1]
+    assert _label(replace(HOME, home_success=np.nextafter(0.5, 0.0)))[0] == "not_learned"
+    for home in (None, 0.5, 1.0):
+        assert _label(replace(HOME, home_success=home)) == _label()
+    assert _label(Replays(home=True, home_success=0.25))[0] == "not_learned"
+    assert _label(Replays(home_success=0.25))[0] == "not_learned", "without any replay"
+
+
+def test_too_slow():
+    label, reason = _label(replace(HOME, second_horizon=True))
+    assert label == "too_slow"
+    assert reason == (f"the same policy succeeds from the same start in twice the time; {NEVER}")
+    for again in (None, False):
+        assert _label(replace(HOME, second_horizon=again)) == _label()
+    assert _label(Replays(home=True, second_horizon=True))[0] == "too_slow"
+    assert _label(Replays(second_horizon=True))[0] == "too_slow", "without any other replay"
+    assert _label(replace(HOME, cell_status="too_slow"))[0] == "planning_error"
 
 
 def test_discretization():
@@ -119,6 +166,10 @@ def test_planning():
 
 RULES = (
     ({"solver_status": "diverged"}, {}, "evaluation_error"),
+    ({"success": True}, {}, "none"),
+    ({}, {"cell_status": "unachievable"}, "unachievable"),
+    ({}, {"home_success": 0.25}, "not_learned"),
+    ({}, {"second_horizon": True}, "too_slow"),
     ({}, {"home": True}, "discretization_error"),
     ({"observation_noise": 0.1}, {"without_noise": True}, "perception_error"),
     ({"staleness": 0.1}, {"without_delay": True}, "state_error"),
@@ -135,6 +186,10 @@ def test_the_first_rule_that_fits_is_taken(chosen):
         said |= RULES[rule][1]
     label, _ = failure_label(replace(FAILED, **facts), replace(EVERYTHING, **said))
     assert label == RULES[min(chosen, default=len(RULES) - 1)][2]
+
+
+def test_every_label_has_its_rule():
+    assert {label for *_, label in RULES} == set(LABELS) - {"unattributed"}
 
 
 known = st.one_of(st.none(), st.booleans())
@@ -163,6 +218,9 @@ times = st.one_of(st.none(), shares)
         home=st.one_of(known, st.sampled_from(["is home", "no home"])),
         without_noise=known,
         without_delay=known,
+        second_horizon=known,
+        home_success=st.one_of(st.none(), shares),
+        cell_status=st.one_of(st.none(), st.sampled_from(CELL_STATUSES)),
     ),
 )
 def test_every_episode_has_one_label_and_a_reason(facts, replays):
@@ -174,3 +232,30 @@ def test_every_episode_has_one_label_and_a_reason(facts, replays):
     if label == "unattributed":
         assert "not run" in reason
         assert None in (replays.home, replays.without_noise, replays.without_delay)
+
+
+@pytest.mark.parametrize("home", [True, False, None, "is home", "no home"])
+def test_what_is_known_beside_the_episode_is_a_field_of_its_record(home):
+    """Where the episode ran at home, or has none, there was no replay at home."""
+    assert Replays(home=home).columns() == {
+        "replay_home": home if isinstance(home, bool) else None,
+        "replay_without_noise": None,
+        "replay_without_delay": None,
+        "replay_second_horizon": None,
+        "home_success": None,
+        "cell_status": None,
+    }
+
+
+def test_every_field_of_replays_is_a_column():
+    said = Replays(
+        home=True,
+        without_noise=False,
+        without_delay=True,
+        second_horizon=False,
+        home_success=0.75,
+        cell_status="undecided",
+    )
+    assert list(said.columns().values()) == list(vars(said).values())
+    names = [field.name for field in SUMMARY_FIELDS if field.group == "replays"]
+    assert list(said.columns()) == names

@@ -165,6 +165,34 @@ def test_replays_by_episode(tmp_path, play):
     env.close()
 
 
+def test_what_a_label_rests_on_is_recorded(tmp_path, play):
+    """By episode: whether the policy's replays succeeded, and what was known beside them."""
+    context = EpisodeContext("run", "cell", training_discretization={"integrator": "rk4"})
+    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=0.5), tmp_path, context)
+    play(env, range(6))
+    said = {
+        0: Replays(home=True, cell_status="unachievable", home_success=0.25, second_horizon=True),
+        1: Replays(home=True, cell_status="too_slow", home_success=0.25, second_horizon=True),
+        2: Replays(home=True, cell_status="achievable", home_success=0.75, second_horizon=True),
+        3: Replays(home=True, without_noise=False, without_delay=True, second_horizon=False),
+        4: Replays(home="is home", cell_status="undecided", home_success=1.0),
+    }
+    env.commit(replays=said)
+    env.close()
+    records = list(EvidenceStore(tmp_path).records())
+    names = (*Replays().columns(), "failure_label")
+    assert [tuple(record[name] for name in names) for record in records] == [
+        (True, None, None, True, 0.25, "unachievable", "unachievable"),
+        (True, None, None, True, 0.25, "too_slow", "not_learned"),
+        (True, None, None, True, 0.75, "achievable", "too_slow"),
+        (True, False, True, False, None, None, "discretization_error"),
+        (None, None, None, None, 1.0, "undecided", records[4]["failure_label"]),
+        (None, None, None, None, None, None, "unattributed"),
+    ]
+    assert records[4]["failure_label"] in ("control_error", "planning_error")
+    assert EvidenceStore(tmp_path).verify() == []
+
+
 def test_divergence_is_an_evaluation_error(tmp_path, context):
     env = gym.make("IntegCartPole-v0", integrator="explicit_euler", dt=1.0, force_mag=1e4)
     env = RecordEvidence(env, tmp_path, context)

@@ -272,6 +272,9 @@ def test_lanes_are_shared_out_among_contexts(paired, tmp_path, context):
         assert not paired or len(own) == lanes
     if paired:
         assert labels["a", 0] == "discretization_error" != labels["c", 0]
+    said = {(r["policy_id"], r["episode_index"]): r["replay_home"] for r in found}
+    own = {"a": True, "b": None, "c": False}
+    assert said == {(name, k): None if k else own[name] for name, k in said}
 
 
 def test_contexts_must_divide_the_lanes(tmp_path, context):

@@ -88,7 +88,7 @@ def test_every_field_counts_unless_volatile(table, field):
     values = table.column(field.name).to_pylist()
     changed = [_altered(value) for value in values]
     if changed == values:
-        filled = {"float64": 1.5, "int64": 1, "string": "x", "json": "{}"}
+        filled = {"float64": 1.5, "int64": 1, "string": "x", "json": "{}", "bool": False}
         changed = [filled[field.kind]] * len(values)
     before, after = content_hashes(table), content_hashes(_with(table, field.name, changed))
     if field.name in VOLATILE_NAMES:

@@ -16,7 +16,12 @@ from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.tasks import TASKS
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.schema.arrow import ENV_KEY, VERSION_KEY, arrow_schema, described
-from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_NAMES
+from integ_gym.evidence.schema.fields import (
+    CELL_STATUSES,
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    VOLATILE_NAMES,
+)
 from integ_gym.evidence.schema.json import SCHEMA_PATH, json_schema, schema_text
 from integ_gym.evidence.schema.trace_fields import record_fields
 from integ_gym.evidence.store.store import EvidenceStore
@@ -29,7 +34,8 @@ PROMISED = """
     truncated energy_start energy_end work_total dissipated_total clip_loss_total
     energy_residual_total energy_residual_abs_total solver_iterations_max solver_iterations_mean
     solver_status fallback_count recovery_count saturated_share penetration_max
-    constraint_violation_max failure_label failure_reason inference_latency_mean
+    constraint_violation_max failure_label failure_reason replay_home replay_without_noise
+    replay_without_delay replay_second_horizon home_success cell_status inference_latency_mean
     inference_latency_p99 latency_budget wall_start wall_end package_versions platform
     float_width content_hash
 """.split()  # noqa: SIM905
@@ -113,5 +119,9 @@ def test_records_of_every_environment_follow_both_schemas(env_id, tmp_path, cont
         validator.validate(record.summary())
         with pytest.raises(jsonschema.ValidationError):
             validator.validate({**document, "success": "yes"})
+        for status in CELL_STATUSES:
+            validator.validate({**document, "cell_status": status})
+        with pytest.raises(jsonschema.ValidationError):
+            validator.validate({**document, "cell_status": "impossible"})
         with pytest.raises(jsonschema.ValidationError):
             validator.validate({**document, "surprise": "text"})

@@ -62,8 +62,8 @@ def test_show_prints_every_field_with_its_unit(two_environments, record_id, caps
     assert lines["mass"].split() == ["mass", "1", "kg"]
     assert lines["theta_dot"].endswith("rad/s")
     assert lines["torque_applied"].endswith("N m")
-    for group in ("identity", "discretization", "policy", "outcome", "ledger", "solver",
-                  "provenance", "trace"):  # fmt: skip
+    for group in ("identity", "discretization", "policy", "outcome", "replays", "ledger",
+                  "solver", "provenance", "trace"):  # fmt: skip
         assert group in text.splitlines()
 
 

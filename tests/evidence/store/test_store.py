@@ -150,7 +150,7 @@ def test_file_is_compressed_and_self_describing(store):
     schema = pq.read_schema(store.files()[0])
     assert schema.field("theta").metadata[b"unit"] == b"rad"
     assert b"upright" in schema.field("theta").metadata[b"frame"]
-    assert schema.metadata[VERSION_KEY] == b"1"
+    assert schema.metadata[VERSION_KEY] == b"2"
 
 
 def test_find_by_id_and_by_prefix(store):
@@ -246,14 +246,14 @@ def test_verify_finds_broken_and_foreign_files(store, table):
     half[len(half) // 3 : len(half) // 2] = bytes(len(half) // 2 - len(half) // 3)
     (directory / "corrupt.parquet").write_bytes(half)
     pq.write_table(pa.table({"x": [1]}), directory / "foreign.parquet")
-    newer = table.schema.metadata | {VERSION_KEY: b"2"}
+    newer = table.schema.metadata | {VERSION_KEY: b"3"}
     pq.write_table(table.replace_schema_metadata(newer), directory / "newer.parquet")
     pq.write_table(table.drop_columns(["success"]), directory / "partial.parquet")
     problems = {problem.file: problem.message for problem in store.verify()}
     assert "cannot read" in problems["broken.parquet"]
     assert "corrupt.parquet" in problems
     assert "schema version none" in problems["foreign.parquet"]
-    assert "schema version 2, and this integ-gym reads 1" in problems["newer.parquet"]
+    assert "schema version 3, and this integ-gym reads 1 to 2;" in problems["newer.parquet"]
     assert "lacks the columns success" in problems["partial.parquet"]
     assert "batch.parquet" not in problems
 
@@ -263,7 +263,7 @@ def test_bad_files_stop_every_reader(store, table, name):
     if name == "broken":
         (store.directory / "broken.parquet").write_bytes(b"nothing")
     else:
-        newer = table.schema.metadata | {VERSION_KEY: b"2"}
+        newer = table.schema.metadata | {VERSION_KEY: b"3"}
         pq.write_table(table.replace_schema_metadata(newer), store.directory / "newer.parquet")
     for read in (
         lambda: list(store.records()),

@@ -1,0 +1,248 @@
+"""Files of an earlier schema version are still read; files of a later one are refused."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import gymnasium as gym
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from integ_gym.cli import main as run
+from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.arrow import VERSION_KEY
+from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from integ_gym.evidence.store.exporting import EXPORT_FORMATS, export
+from integ_gym.evidence.store.showing import show
+from integ_gym.evidence.store.store import EvidenceStore
+
+LATER = tuple(field.name for field in SUMMARY_FIELDS if field.since > 1)
+
+
+def _of_version(table, version):
+    """A table as a file of that schema version has it, with the hashes of its records."""
+    lacking = [field.name for field in SUMMARY_FIELDS if field.since > version]
+    table = table.drop_columns(lacking)
+    index = table.schema.get_field_index("schema_version")
+    field = table.schema.field(index)
+    table = table.set_column(index, field, pa.array([version] * len(table), field.type))
+    return with_hashes(table.replace_schema_metadata(_metadata(table, version)))
+
+
+def _metadata(table, version):
+    return table.schema.metadata | {VERSION_KEY: str(version).encode()}
+
+
+@pytest.fixture
+def table(store):
+    return pq.read_table(store.files()[0])
+
+
+@pytest.fixture
+def old(tmp_path, table):
+    """A store whose one file has version 1."""
+    old = EvidenceStore(tmp_path / "old" / "evidence")
+    old.commit("batch", _of_version(table, 1))
+    return old
+
+
+@pytest.fixture
+def both(old, play, context):
+    """A store with three records of version 1 and three of the present one."""
+    env = gym.make("IntegPendulum-v0", duration=0.5)
+    env = RecordEvidence(env, old, context)
+    play(env, range(3))
+    env.commit("new", Replays(home_success=0.25, cell_status="achievable", second_horizon=False))
+    return old
+
+
+def test_what_each_version_brought():
+    """A field without its version would have files of earlier ones refused."""
+    assert SCHEMA_VERSION == 2
+    assert {field.since for field in SUMMARY_FIELDS} == {1, 2}
+    assert len(SUMMARY_FIELDS) - len(LATER) == 68
+    assert LATER == (
+        "replay_home",
+        "replay_without_noise",
+        "replay_without_delay",
+        "replay_second_horizon",
+        "home_success",
+        "cell_status",
+    )
+    assert all(field.nullable for field in SUMMARY_FIELDS if field.name in LATER)
+
+
+def test_an_older_file_is_read_with_null_for_what_it_lacks(old, table):
+    assert old.count() == 3
+    assert not set(LATER) & set(pq.read_schema(old.files()[0]).names)
+    for record, before in zip(old.records(), table.to_pylist(), strict=True):
+        assert record["schema_version"] == 1
+        assert {record[name] for name in LATER} == {None}
+        assert set(record.fields) == {field.name for field in SUMMARY_FIELDS}
+        for field in SUMMARY_FIELDS:
+            if field.name not in ("schema_version", "content_hash"):
+                assert record[field.name] == before[field.name], field.name
+        np.testing.assert_array_equal(record["theta"], before["theta"])
+        assert old.find(record["record_id"]).fields == record.fields
+        assert not set(LATER) & set(record.units)
+    for record in old.records(trace=False):
+        assert not record.trace
+        assert {record[name] for name in LATER} == {None}
+
+
+def test_an_older_file_keeps_its_hashes_and_is_verified(old, table):
+    file = old.files()[0]
+    kept = pq.read_table(file)
+    assert old.verify() == []
+    hashes = kept.column("content_hash").to_pylist()
+    assert not set(hashes) & set(table.column("content_hash").to_pylist())
+    index = kept.schema.get_field_index("success")
+    pq.write_table(kept.set_column(index, kept.schema.field(index), [[True] * 3]), file)
+    problems = old.verify()
+    assert len(problems) == 3
+    assert all("was altered" in problem.message for problem in problems)
+
+
+def test_a_column_added_to_an_older_file_is_an_alteration(old, table):
+    file = old.files()[0]
+    kept = pq.read_table(file)
+    given = kept.append_column(table.schema.field("cell_status"), table.column("cell_status"))
+    pq.write_table(given.replace_schema_metadata(kept.schema.metadata), file)
+    assert ["was altered" in problem.message for problem in old.verify()] == [True] * 3
+
+
+def test_an_older_file_is_queried_with_null_for_what_it_lacks(old):
+    names = ", ".join(LATER)
+    rows = old.query(f"SELECT schema_version, {names} FROM records").to_pylist()
+    assert rows == [{"schema_version": 1, **dict.fromkeys(LATER)}] * 3
+    for condition in (
+        "cell_status = 'too_slow'",
+        "home_success < 0.5",
+        "replay_home",
+        "NOT replay_second_horizon",
+    ):
+        sql = f"SELECT count(*) AS n FROM records WHERE {condition}"
+        assert old.query(sql).to_pylist() == [{"n": 0}], condition
+    described = old.query("DESCRIBE records").column("column_name").to_pylist()
+    assert {field.name for field in SUMMARY_FIELDS} <= set(described)
+    assert len(set(described)) == len(described)
+    with pytest.raises(EvidenceError, match="DuckDB refuses the query"):
+        old.query("SELECT replay_elsewhere FROM records")
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_an_older_file_is_exported(old, form):
+    file = io.StringIO()
+    assert export(old.records(trace=False), file, form) == 3
+    file.seek(0)
+    if form == "csv":
+        rows = list(csv.DictReader(file))
+        assert all(list(row) == [field.name for field in SUMMARY_FIELDS] for row in rows)
+        nothing = ""
+    else:
+        rows = [json.loads(line) for line in file]
+        assert rows == [record.summary() for record in old.records()]
+        nothing = None
+    assert [int(row["schema_version"]) for row in rows] == [1] * 3
+    assert {row[name] for row in rows for name in LATER} == {nothing}
+
+
+def test_an_older_file_is_shown(old):
+    record = next(old.records())
+    lines = {line.split()[0]: line.split()[1:] for line in show(record).splitlines() if line}
+    assert lines["schema_version"] == ["1"]
+    for name in LATER:
+        assert lines[name] == ["-"], name
+    assert lines["energy_start"][-1] == "J"
+    assert lines["theta"][-1] == "rad"
+
+
+def test_the_commands_take_an_older_file(old, tmp_path, capsys):
+    directory, output = str(old.directory.parent), tmp_path / "records.csv"
+    record_id = next(old.records())["record_id"]
+    for argv in (
+        ["verify", directory],
+        ["show", directory, record_id],
+        ["query", directory, "SELECT record_id, cell_status FROM records"],
+        ["export", directory, "--output", str(output)],
+    ):
+        assert run(["evidence", *argv]) == 0, argv
+    assert "records: 3, files: 1" in capsys.readouterr().out
+    assert output.read_text(encoding="utf-8").count("\n") == 4
+
+
+def test_both_versions_in_one_store(both):
+    """The columns have their types and the older rows null."""
+    assert [problem.message.split(";")[0] for problem in both.verify()] == [
+        "is also in batch.parquet"
+    ] * 3
+    rows = both.query(
+        "SELECT schema_version, cell_status, home_success, replay_second_horizon, replay_home "
+        "FROM records ORDER BY schema_version"
+    )
+    assert rows.to_pylist() == [
+        {"schema_version": 1, **dict.fromkeys(rows.column_names[1:])},
+    ] * 3 + [
+        {"schema_version": 2, "cell_status": "achievable", "home_success": 0.25,
+         "replay_second_horizon": False, "replay_home": None},
+    ] * 3  # fmt: skip
+    assert [str(field.type) for field in rows.schema] == [
+        "int64", "string", "double", "bool", "bool"
+    ]  # fmt: skip
+    records = list(both.records())
+    assert [record["schema_version"] for record in records] == [1] * 3 + [2] * 3
+    assert {frozenset(record.fields) for record in records} == {frozenset(records[0].fields)}
+    file = io.StringIO()
+    assert export(records, file, "csv") == 6
+    file.seek(0)
+    assert [row["cell_status"] for row in csv.DictReader(file)] == [""] * 3 + ["achievable"] * 3
+
+
+@pytest.mark.parametrize("version", ["3", "0", "-1", "01", "1.0", "", "none"])
+def test_another_version_is_refused(store, table, version):
+    other = store.directory / "other.parquet"
+    metadata = table.schema.metadata | {VERSION_KEY: version.encode()}
+    pq.write_table(table.replace_schema_metadata(metadata), other)
+    message = (
+        f"{other} has schema version {version}, and this integ-gym reads 1 to 2; read it with the "
+        "version that wrote it, or move it away"
+    )
+    for read in (lambda: list(store.records()), lambda: store.query("SELECT 1")):
+        with pytest.raises(EvidenceError) as refused:
+            read()
+        assert str(refused.value) == message
+    assert [(problem.file, problem.message) for problem in store.verify()] == [
+        ("other.parquet", message)
+    ]
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_a_file_that_lacks_a_column_of_its_version_is_refused(store, table, name):
+    file = store.files()[0]
+    pq.write_table(table.drop_columns([name]), file)
+    with pytest.raises(EvidenceError, match=f"lacks the columns {name}; restore it from a copy"):
+        list(store.records())
+    with pytest.raises(EvidenceError, match=f"lacks the columns {name};"):
+        store.query("SELECT 1")
+    (problem,) = store.verify()
+    assert f"lacks the columns {name};" in problem.message
+
+
+def test_all_that_a_file_lacks_is_named(store, table):
+    pq.write_table(table.drop_columns(LATER), store.files()[0])
+    with pytest.raises(EvidenceError, match=f"lacks the columns {', '.join(LATER)};"):
+        list(store.records())
+
+
+def test_an_older_file_that_lacks_a_column_of_its_version_is_refused(old):
+    file = old.files()[0]
+    pq.write_table(pq.read_table(file).drop_columns(["success", "return"]), file)
+    with pytest.raises(EvidenceError, match="lacks the columns return, success;"):
+        list(old.records())
