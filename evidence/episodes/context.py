@@ -32,7 +32,7 @@ class EpisodeContext:
         training_seed: seed of its training.
         perturbation: plant parameters changed in this cell.
         first_episode: index of the first episode where episodes are counted.
-        trace_every: episodes whose index is a multiple of it have a trace; 1 in an evaluation.
+        trace_every: episodes whose index is a multiple of it have a trace.
         replays: what replays said, for all episodes; see also ``commit`` of the recorder.
         inference_latency_mean: mean time of a decision at batch size 1, ns.
         inference_latency_p99: 99th percentile of the same, ns.
@@ -40,8 +40,7 @@ class EpisodeContext:
         packages: versions of further packages that matter, such as the trainer's.
 
     Raises:
-        ValueError: for an unknown phase or discretization key, a ``trace_every`` below 1, or one
-            above 1 in an evaluation.
+        ValueError: for an unknown phase or discretization key, or a ``trace_every`` below 1.
     """
 
     run_id: str
@@ -65,11 +64,6 @@ class EpisodeContext:
             raise ValueError(f"`phase` must be one of {', '.join(PHASES)}, got {self.phase!r}")
         if self.trace_every < 1:
             raise ValueError(f"`trace_every` must be 1 or above, got {self.trace_every}")
-        if self.phase == "evaluation" and self.trace_every != 1:
-            raise ValueError(
-                f"every evaluation episode has a trace: `trace_every` must be 1, got "
-                f"{self.trace_every}"
-            )
         for member in self.homes:
             unknown = sorted(set(member) - set(DISCRETIZATION))
             if unknown or not member:

@@ -104,7 +104,17 @@ def build_artefact(
         remedies=remedies(layout, matrix),
         engine_agreement=engine_agreement,
         failures=_spread(failures),
-        failures_total=len(failures),
+        failures_total=_failed(layout, matrix),
+    )
+
+
+def _failed(layout: PanelLayout, matrix: Matrix) -> int:
+    """Failed episodes of all rows that are no baselines, with a trace or without."""
+    return sum(
+        int((matrix.values(row.name, cell, "success") == 0.0).sum())
+        for row in layout.rows
+        if row.kind != "baseline"
+        for cell in layout.cells_of[row.name]
     )
 
 

@@ -67,16 +67,22 @@ class Matrix:
         rows: the panel's rows.
         records: one mapping per evaluation record, with at least :data:`COLUMNS`.
         episodes: paired starts per policy and cell.
+        trace_every: which of them have a trace.
 
     Raises:
         ValueError: if a policy's episodes in a cell are not exactly 0 … episodes - 1.
     """
 
     def __init__(
-        self, rows: Sequence[Row], records: Sequence[Mapping[str, Any]], episodes: int
+        self,
+        rows: Sequence[Row],
+        records: Sequence[Mapping[str, Any]],
+        episodes: int,
+        trace_every: int = 1,
     ) -> None:
         self.rows = {row.name: row for row in rows}
         self.episodes = episodes
+        self.trace_every = trace_every
         self._records: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
         for record in records:
             key = (record["policy_id"], record["cell"])
@@ -178,7 +184,7 @@ class Matrix:
         )
 
     def failures(self, row: str, cell: str) -> list[Failure]:
-        """Failed episodes with their labels and reasons."""
+        """Failed episodes that have a trace, with their labels and reasons."""
         return [
             Failure(
                 row=row,
@@ -191,7 +197,7 @@ class Matrix:
             )
             for group in self.records(row, cell)
             for record in group
-            if not record["success"]
+            if not record["success"] and record["episode_index"] % self.trace_every == 0
         ]
 
     def _return(self, row: str, cell: str) -> Estimate | None:

@@ -71,7 +71,7 @@ def reduced(
         f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
     )
     layout = PanelLayout.of(spec, rows, tried(directory))
-    return layout, Matrix(rows, table.to_pylist(), spec.episodes)
+    return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
 def write_outputs(

@@ -245,6 +245,7 @@ def context_of(
         training_discretization=subject.home.arguments() if subject.home else None,
         training_seed=subject.seed,
         perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
+        trace_every=spec.trace_every,
         inference_latency_mean=latency[0],
         inference_latency_p99=latency[1],
     )

@@ -43,7 +43,12 @@ def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
 
 def trained_units(spec: PanelSpec) -> tuple[Unit, ...]:
     """The training runs, seed by seed."""
-    return tuple(Unit(h.name, h, seed) for seed in spec.seeds for h in spec.train)
+    return tuple(
+        Unit(home.name, home, seed)
+        for seed in spec.seeds
+        for home in spec.train
+        if seed in spec.seeds_of(home)
+    )
 
 
 def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:

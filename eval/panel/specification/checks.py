@@ -8,7 +8,7 @@ from typing import Any
 from integ_gym.envs import DISCRETIZATION, Discretization
 
 from .cells import environments_of, file_name
-from .panel_spec import PanelSpec
+from .panel_spec import STARTS_APART, PanelSpec
 from .values import SpecError, check_known, check_unique
 
 TRAINERS = ("fleet", "sb3")
@@ -24,6 +24,12 @@ def check_parts(spec: PanelSpec) -> None:
     check_known("trainer", spec.trainer, TRAINERS)
     if spec.episodes < 1 or not spec.seeds or not spec.train:
         raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
+    if spec.episodes > STARTS_APART:
+        raise SpecError(f"`episodes` must be at most {STARTS_APART}, got {spec.episodes}")
+    for name in ("exploratory_seeds", "trace_every"):
+        value = getattr(spec, name)
+        if value is not None and value < 1:
+            raise SpecError(f"`{name}` must be 1 or above, got {value}")
     named: dict[str, Sequence[Any]] = {
         "seeds": spec.seeds,
         "train": [home.name for home in spec.train],

@@ -42,6 +42,8 @@ class PanelSpec:
     train: tuple[Home, ...]
     grid: tuple[Discretization, ...]
     seeds: tuple[int, ...]
+    exploratory_seeds: int | None = None
+    """How many of the seeds rows are trained with that no declared comparison names; all."""
     baselines: tuple[str, ...] = ()
     """Policies without training that the rows are held against."""
     perturbations: tuple[Perturbation, ...] = ()
@@ -53,6 +55,8 @@ class PanelSpec:
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20
     episode_seed: int = 1000
+    trace_every: int = 1
+    """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
     memory_gib: float | None = None
     """What the fleet's processes may take together, GiB."""
     left_out: tuple[str, ...] = ()
@@ -81,6 +85,11 @@ class PanelSpec:
             episode: place among them.
         """
         return self.episode_seed + STARTS_APART * starts + episode
+
+    def seeds_of(self, home: Home) -> tuple[int, ...]:
+        """Training seeds of a row: all, or the first of them where nothing declared names it."""
+        named = {row for row, _ in self.family}
+        return self.seeds if home.name in named else self.seeds[: self.exploratory_seeds]
 
     @property
     def start_sets(self) -> tuple[int, ...]:

@@ -33,6 +33,8 @@ _VALUES: dict[str, Callable[[str, Any], Any]] = {
     "ladder": flag,
     "episodes": integer,
     "episode_seed": integer,
+    "exploratory_seeds": integer,
+    "trace_every": integer,
 }
 """Key of a single value to what reads it."""
 

@@ -93,11 +93,11 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, m
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
     monkeypatch.setattr("integ_gym.eval.panel.running.evaluation.report_work", counted.append)
-    store.commit_all("together", evaluate(spec, subjects, every, store))
+    store.commit_all("together", evaluate(spec, subjects, every, store, {}))
     assert len(counted) == len({cell.name for subject in subjects for cell in subject.cells})
     assert sum(counted) == pytest.approx(evaluation_seconds(spec, subjects))
     for place, subject in enumerate(subjects):
-        store.commit_all(f"alone-{place}", evaluate(spec, [subject], every, store))
+        store.commit_all(f"alone-{place}", evaluate(spec, [subject], every, store, {}))
     alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
     together = _records(store, "together")
     assert together.num_rows == sum(table.num_rows for table in alone)
@@ -125,10 +125,10 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
         name="run", env_id=env_id, control_period=period, train=(), grid=(), seeds=(),
         episodes=5, episode_seed=7,
     )  # fmt: skip
-    store.commit_all("whole", evaluate(spec, [subject], range(5), store))
+    store.commit_all("whole", evaluate(spec, [subject], range(5), store, {}))
     shares = divided(spec, 2)
     assert [(part.start, len(part)) for part in shares] == [(0, 3), (3, 2)]
-    tables = [table for part in shares for table in evaluate(spec, [subject], part, store)]
+    tables = [table for part in shares for table in evaluate(spec, [subject], part, store, {})]
     store.commit_all("parts", tables)
     whole, parts = _records(store, "whole"), _records(store, "parts")
     assert whole.num_rows == 10
@@ -143,16 +143,16 @@ def test_labels_wait_for_the_replays_that_they_rest_on():
     known = Successes([home, other], cells, {})
     at_home, at_other = Cell(home, "grid"), Cell(other, "grid")
     flags = np.array([[True, False], [False, True]])
-    known.note(at_home, [0, 1], flags)
+    known.note(at_home, [0, 1], flags, None)
     assert known.suffice(at_home, [0])
     assert not known.suffice(at_home, [0, 1])
-    known.note(at_other, [0, 1], ~flags)
+    known.note(at_other, [0, 1], ~flags, None)
     assert known.suffice(at_home, [0, 1])
     said = known.replays(at_home, [0, 1])
     assert [r.home for r in said[0].values()] == ["is home", "is home"]
     assert [r.home for r in said[1].values()] == [True, False]
     heavy = Cell(spec.reference, "perturbation", PERTURBATIONS[2])
-    known.note(heavy, [0], flags[:1])
+    known.note(heavy, [0], flags[:1], None)
     assert not known.suffice(heavy, [0])
 
 
@@ -174,8 +174,8 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
     plain = Cell(rk4, "grid")
     disturbed = Cell(rk4, "perturbation", Perturbation("x", changed))
     known = Successes([None], [[plain, disturbed]], environment)
-    known.note(plain, [0], np.array([[True]]))
-    known.note(disturbed, [0], np.array([[False]]))
+    known.note(plain, [0], np.array([[True]]), None)
+    known.note(disturbed, [0], np.array([[False]]), None)
     (((_, said),),) = (replays.items() for replays in known.replays(disturbed, [0]))
     nothing = bool(environment)
     assert said.home == "no home"

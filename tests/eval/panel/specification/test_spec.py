@@ -22,14 +22,18 @@ SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.t
 def test_quick_panel_is_what_it_says():
     spec = built_in_spec()
     *single, mixture = spec.train
-    assert [d.integrator for d in single] == [
-        "explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference",
+    assert [d.name for d in single] == [
+        "explicit_euler dt=0.05", "symplectic_euler dt=0.05", "rk4 dt=0.05", "reference dt=0.05",
+        "explicit_euler dt=0.0125", "implicit_euler dt=0.00625",
     ]  # fmt: skip
+    assert {len(spec.seeds_of(home)) for home in spec.train} == {48, 10}
+    assert len(spec.seeds_of(single[1])) == 48
+    assert len(spec.seeds_of(mixture)) == 10
     assert {d.name: share for d, share in mixture.shares.items()} == {
         "explicit_euler dt=0.05": 0.25, "symplectic_euler dt=0.05": 0.25, "rk4 dt=0.05": 0.25,
         "rk4 dt=0.025": 0.25,
     }  # fmt: skip
-    assert {d.dt for d in spec.grid} == {0.05, 0.025, 0.0125}
+    assert {d.dt for d in spec.grid} == {0.05, 0.025, 0.0125, 0.00625}
     assert {d.control_period for d in spec.grid} == {0.05}
     assert len(spec.seeds) >= 5
     assert {"random", "zero", "handmade"} <= set(spec.baselines)

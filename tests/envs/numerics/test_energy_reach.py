@@ -1,0 +1,69 @@
+"""What a search over controls reaches, against what can be said by hand."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+
+from integ_gym.envs import environment_setup, numerics
+from integ_gym.envs.episode.settings import Setup
+
+HANGING = np.array([math.pi, 0.0])
+
+
+def setup(max_torque: float, env_id: str = "IntegPendulum-v0", **arguments: object) -> Setup:
+    given = {"integrator": "rk4", "dt": 0.05, "control_period": 0.05, **arguments}
+    return environment_setup(env_id, {**given, "max_torque": max_torque})
+
+
+def test_goal_energy_is_that_of_rest_at_the_goals_edge() -> None:
+    """A rod of 1 kg and 1 m under 10 m/s² has m g l / 2 (1 + cos θ)."""
+    assert numerics.goal_energy(setup(1.0)) == pytest.approx(5.0 * (1.0 + math.cos(0.2)))
+    balance = environment_setup("IntegCartPole-v0", {})
+    assert numerics.goal_energy(balance) is None
+
+
+def test_a_strong_motor_lifts_at_once_and_none_does_not_move() -> None:
+    required = numerics.goal_energy(setup(1.0))
+    strong = numerics.reach(setup(20.0), HANGING[None], 2.0, required)
+    assert strong.time[0] < 1.0
+    none = numerics.reach(setup(1e-9), HANGING[None], 2.0, required)
+    assert none.time[0] == math.inf
+    assert none.energy[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_work_of_a_limited_torque_bounds_the_energy() -> None:
+    """|torque| times the angle swept is the most work there is, where numerics add none."""
+    reached = numerics.reach(setup(0.1, integrator="reference"), HANGING[None], 2.0, 10.0)
+    assert 0.0 < reached.energy[0] < 0.1 * 2.0 * math.sqrt(30.0)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "critical"),
+    [
+        ("explicit_euler", 0.05, 0.133), ("symplectic_euler", 0.05, 0.573), ("rk4", 0.05, 0.519),
+        ("implicit_euler", 0.0125, 0.661), ("implicit_euler", 0.025, 0.840),
+        ("implicit_euler", 0.05, 1.129),
+    ],
+)  # fmt: skip
+def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
+    """Of the rod, from rest, for the goal's energy within 8 s: as docs/panel.md has it."""
+    made = partial(setup, integrator=integrator, dt=dt)
+    found = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
+    assert found == pytest.approx(critical, abs=2e-3)
+
+
+def test_dissipating_numerics_cost_torque_and_pumping_ones_give() -> None:
+    exact = numerics.critical_limit(partial(setup, integrator="rk4"), HANGING, 8.0, 0.05, 3.0)
+    pumped = partial(setup, integrator="explicit_euler")
+    drained = partial(setup, integrator="implicit_euler")
+    assert numerics.critical_limit(pumped, HANGING, 8.0, 0.05, 3.0) < exact
+    assert numerics.critical_limit(drained, HANGING, 8.0, 0.05, 3.0) > exact
+
+
+def test_what_cannot_be_reached_is_said() -> None:
+    with pytest.raises(ValueError, match=r"not reached within 8 s with 0\.2"):
+        numerics.critical_limit(setup, HANGING, 8.0, 0.05, 0.2)
