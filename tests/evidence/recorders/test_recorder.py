@@ -17,6 +17,7 @@ from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders import recorder as recorder_module
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.schema.errors import BatchExistsError
+from integ_gym.evidence.schema.fields import PHASES
 from integ_gym.evidence.schema.trace_fields import record_fields
 from integ_gym.evidence.store.store import EvidenceStore
 
@@ -301,15 +302,21 @@ def test_keys_count_the_episodes_since_seeding(tmp_path, context, play):
     assert again.unwrapped.state.tolist() == records[0]["initial_state"]
 
 
-def test_training_traces_every_nth(tmp_path, play):
-    context = EpisodeContext("run", "cell", phase="training", trace_every=3)
+@pytest.mark.parametrize("phase", PHASES)
+def test_traces_every_nth(phase, tmp_path, play):
+    context = EpisodeContext("run", "cell", phase=phase, trace_every=3)
     env = RecordEvidence(gym.make("IntegPendulum-v0", duration=0.5), tmp_path, context)
     play(env, range(7))
     env.close()
     records = list(EvidenceStore(tmp_path).records())
     assert [bool(record.trace) for record in records] == [k % 3 == 0 for k in range(7)]
     assert all(record["length"] == 10 for record in records)
+    assert all(record["trace_every"] == 3 for record in records)
     assert EvidenceStore(tmp_path).verify() == []
+
+
+def test_every_episode_has_a_trace_unless_told_otherwise():
+    assert all(EpisodeContext("run", "cell").has_trace(index) for index in range(9))
 
 
 def test_many_episodes_pass_through_a_small_buffer(tmp_path, context, play, monkeypatch):
@@ -404,7 +411,7 @@ def test_other_environments_are_refused(tmp_path, context):
     ("arguments", "message"),
     [
         ({"phase": "test"}, "`phase` must be one of training, evaluation, got 'test'"),
-        ({"trace_every": 2}, "every evaluation episode has a trace"),
+        ({"trace_every": 0}, "`trace_every` must be 1 or above, got 0"),
         ({"phase": "training", "trace_every": 0}, "`trace_every` must be 1 or above"),
         ({"training_discretization": {"step": 0.1}}, "got {'step': 0.1}"),
         ({"training_discretization": [{}]}, "must have some of engine, integrator"),
