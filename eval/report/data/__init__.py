@@ -9,9 +9,17 @@ if TYPE_CHECKING:
     from .checks import check_forest
     from .findings import findings_of
     from .forest import Forest, Line, Mark, Tone
-    from .gaps import gap_forest, ordered_verdicts
+    from .gaps import VERDICT_ORDER, gap_forest, ordered_verdicts
     from .ladders import LadderPlot, LadderPlots, Series, ladder_plots
-    from .matrices import Matrix, MatrixLine, Shade, energy_matrix, return_matrix, success_matrix
+    from .matrices import (
+        Matrix,
+        MatrixLine,
+        Shade,
+        energy_matrix,
+        return_matrix,
+        solved_words,
+        success_matrix,
+    )
     from .remedy import costs_of, mixtures_of, remedy_forest
     from .trust import CLASS_WORDS, Trust, trust_of
 else:

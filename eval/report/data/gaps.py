@@ -54,7 +54,7 @@ def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
     Rows that did not learn and baselines have nothing to transfer and are left out, and so are
     cells that are known not to be solved in time.
     """
-    declared = {(gap.row, gap.cell) for gap in declared_gaps(panel)}
+    declared = {(judged.row, judged.cell) for judged in panel.verdicts}
     columns = {c.name for c in panel.columns if c.achievability not in ("too_slow", "unachievable")}
     gaps = []
     for entry in panel.matrix:

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.support import ENERGY_FLOOR, compact, fixed, plural, symlog
+from integ_gym.support import ENERGY_FLOOR, NONE, compact, fixed, plural, symlog, true_minus
 
 from ...panel.model import Cell, Entry, Group, Panel, Row
+from ...verdict import Achievability
 from .trust import CLASS_WORDS
 
 KIND_WORDS: Final = {
@@ -20,6 +21,12 @@ KIND_WORDS: Final = {
 
 Tone: TypeAlias = Literal["rate", "warm", "cool", "empty"]
 """The scale of a colour: of rates, of what is above or below zero, or none."""
+
+HATCHED: Final[dict[Achievability, str]] = {
+    "too_slow": "too slow: solved within two horizons alone",
+    "unachievable": "unachievable: no control found that solves it within two horizons",
+}
+"""Cells that no policy is blamed for, in words; each has a hatching of its own."""
 
 Shades: TypeAlias = tuple[tuple[Cell, "Shade | None"], ...]
 """Neighbouring cells; None where a row was not evaluated."""
@@ -36,6 +43,7 @@ class Shade:
         marks: short signs under the number.
         words: all of it in words.
         home: whether the row was trained there.
+        hatched: why the cell is hatched, a name in :data:`HATCHED`; None where it is not.
     """
 
     text: str
@@ -44,6 +52,7 @@ class Shade:
     marks: tuple[str, ...]
     words: str
     home: bool
+    hatched: Achievability | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,7 @@ class Matrix:
         signed: whether the scale is that of `warm` and `cool`.
         notes: what else the legend says.
         periods: whether columns name their control period.
+        hatchings: those that cells have, each with its words, in the legend's order.
     """
 
     title: str
@@ -85,18 +95,21 @@ class Matrix:
     signed: bool
     notes: tuple[str, ...]
     periods: bool
+    hatchings: tuple[tuple[Achievability, str], ...] = ()
 
 
 def success_matrix(panel: Panel) -> Matrix | None:
     """Matrix of success rates, None without any column."""
     classes = ("▲ false pass", "▽ false fail") if panel.truth is not None else ()
+    found = {cell.achievability for cell in panel.columns}
     return _matrix(
         panel,
         "Success, trained on × evaluated on",
         "share of episodes that succeed, mean over training seeds",
         ("0", "1"),
         (*classes, "✕n episodes diverged", "columns: step in seconds, coarse to fine"),
-        _success,
+        lambda entry, home: _success(entry, home, panel.cell(entry.cell)),
+        hatchings=tuple((name, words) for name, words in HATCHED.items() if name in found),
     )
 
 
@@ -168,6 +181,7 @@ def _matrix(
     shade: Callable[[Entry, bool], Shade],
     *,
     signed: bool = False,
+    hatchings: tuple[tuple[Achievability, str], ...] = (),
 ) -> Matrix | None:
     """Rows by kind; ``shade`` turns an entry, and whether it is at home, into what it shows."""
     if not panel.columns:
@@ -177,8 +191,9 @@ def _matrix(
         rows = [row for row in panel.ordered_rows if row.kind == kind]
         if rows:
             blocks.append(Block(heading, tuple(_line(panel, row, shade) for row in rows)))
+    periods = panel.mixed_periods
     return Matrix(
-        title, about, panel.groups, tuple(blocks), ends, signed, notes, panel.mixed_periods
+        title, about, panel.groups, tuple(blocks), ends, signed, notes, periods, hatchings
     )
 
 
@@ -192,11 +207,19 @@ def _line(panel: Panel, row: Row, shade: Callable[[Entry, bool], Shade]) -> Matr
     )
 
 
+def solved_words(cell: Cell) -> str:
+    """Whether a cell can be solved, and why; empty where it was not asked."""
+    if cell.achievability is None:
+        return ""
+    status = cell.achievability.replace("_", " ")
+    return f"{status}: {true_minus(cell.achievability_reason or NONE)}"
+
+
 def _where(entry: Entry) -> str:
     return f"{entry.row}, evaluated on {entry.cell}"
 
 
-def _success(entry: Entry, home: bool) -> Shade:
+def _success(entry: Entry, home: bool, cell: Cell) -> Shade:
     words = [f"{_where(entry)}: success {entry.success}", plural(entry.episodes, "episode")]
     marks = []
     if home:
@@ -207,5 +230,8 @@ def _success(entry: Entry, home: bool) -> Shade:
     if entry.diverged:
         words.append(f"{entry.diverged} diverged")
         marks.append(f"✕{entry.diverged}")
+    hatched = cell.achievability if cell.achievability in HATCHED else None
+    if hatched is not None:
+        words.append(f"the cell is {solved_words(cell)}")
     rate = entry.success.estimate
-    return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home)
+    return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home, hatched)

@@ -35,6 +35,9 @@ _LEFT, _TOP = 2.75, 1.62
 _GROUP_GAP: Final = 0.14  # inches between groups of columns
 _TRUTH_GAP: Final = 0.34
 _BOLD: Final = 0.0098  # width of a bold letter, inches per point of its size
+_HATCHES: Final = {"too_slow": "////", "unachievable": "xxxx"}
+_STRIPES: Final = 0.45  # share of the ink in a hatching's colour
+_LEGEND_LINE: Final = 0.24  # inches
 _BLOCK_GAP: Final = 0.36  # inches between blocks of rows, where their heading stands
 
 
@@ -43,7 +46,8 @@ def draw_matrix(matrix: Matrix) -> Figure:
     columns, right = _column_places(matrix.groups)
     rows = [line for block in matrix.blocks for line in block.lines]
     bottom = _TOP + HEIGHT * len(rows) + _BLOCK_GAP * (len(matrix.blocks) - 1)
-    figure = blank_figure(max(right + 0.35, 7.2), bottom + 0.6 + 0.24 * len(_notes(matrix)))
+    lines = len(_notes(matrix)) + len(matrix.hatchings)
+    figure = blank_figure(max(right + 0.35, 7.2), bottom + 0.6 + _LEGEND_LINE * lines)
     axes = inch_canvas(figure)
     draw_heading(axes, 0.3, matrix.title, matrix.about)
     _column_heads(axes, matrix, columns, bottom)
@@ -78,13 +82,22 @@ def _draw_shade(axes: Axes, x: float, y: float, shade: Shade) -> None:
     colour = SUNK if shade.tone == "empty" else _colour(shade.tone, shade.share)
     ink = SOFT if shade.tone == "empty" else ink_on(colour)
     _box(axes, x, y, facecolor=colour, linewidth=0)
+    if shade.hatched:
+        _box(axes, x, y, linewidth=0, **_stripes(shade.hatched, colour, ink))
     if shade.home:
         _box(axes, x, y, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
         _box(axes, x, y, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
     size = 6.8 if len(shade.text) > 7 else 9.0
-    _cell_text(axes, x, y, shade.text, ink, size, 0.05 if shade.marks else 0.0)
+    behind = {"facecolor": colour, "edgecolor": "none", "pad": 1.2} if shade.hatched else None
+    _cell_text(axes, x, y, shade.text, ink, size, 0.05 if shade.marks else 0.0, behind)
     if shade.marks:
-        _cell_text(axes, x, y, " ".join(shade.marks), ink, 6.5, -0.13)
+        _cell_text(axes, x, y, " ".join(shade.marks), ink, 6.5, -0.13, behind)
+
+
+def _stripes(hatched: str, ground: str, ink: str) -> dict[str, Any]:
+    """Properties of a hatched rectangle, as Matplotlib takes them."""
+    colour = mixed(ground, ink, _STRIPES)
+    return {"facecolor": ground, "edgecolor": colour, "hatch": _HATCHES[hatched]}
 
 
 def _colour(tone: str, share: float) -> str:
@@ -104,8 +117,13 @@ def _legend(axes: Axes, matrix: Matrix, y: float) -> None:
     x += 1.38 + 0.07 * len(high)
     _rectangle(axes, x, y - 0.07, 0.2, 0.14, fill=False, edgecolor=INK, linewidth=1.6)
     _small(axes, x + 0.28, y, "trained here")
-    for number, note in enumerate(_notes(matrix), start=1):
-        _small(axes, _LEFT, y + 0.24 * number, plain(note, 80))
+    for note in _notes(matrix):
+        y += _LEGEND_LINE
+        _small(axes, _LEFT, y, plain(note, 80))
+    for hatched, words in matrix.hatchings:
+        y += _LEGEND_LINE
+        _rectangle(axes, _LEFT, y - 0.08, 0.3, 0.16, linewidth=0, **_stripes(hatched, SUNK, INK))
+        _small(axes, _LEFT + 0.38, y, plain(words, 80))
 
 
 def _notes(matrix: Matrix) -> list[str]:
@@ -126,12 +144,19 @@ def _box(axes: Axes, x: float, y: float, gap: float = 0.02, **style: Any) -> Non
 
 
 def _cell_text(
-    axes: Axes, x: float, y: float, text: str, colour: str, size: float = 9.0, up: float = 0.0
+    axes: Axes,
+    x: float,
+    y: float,
+    text: str,
+    colour: str,
+    size: float = 9.0,
+    up: float = 0.0,
+    behind: dict[str, Any] | None = None,
 ) -> None:
-    """A text in the middle, moved by ``up`` inches."""
+    """A text in the middle, moved by ``up`` inches, on a patch ``behind`` it if one is given."""
     axes.text(
         x + WIDTH / 2, y + HEIGHT / 2 - up, text, size=size, color=colour, ha="center",
-        va="center_baseline" if up else "center",
+        va="center_baseline" if up else "center", bbox=behind,
     )  # fmt: skip
 
 

@@ -38,5 +38,5 @@ def shading(shade: Shade) -> str:
     """Inline style of a matrix's cell."""
     if shade.tone == "rate":
         background = success_colour(shade.share)
-        return f"background:{background};color:{ink_on(background)}"
+        return f"background-color:{background};color:{ink_on(background)}"
     return "" if shade.tone == "empty" else f"--a:{shade.share:.3f}"

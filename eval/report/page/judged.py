@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.support import fixed, true_minus
 
 from ... import verdict as rules
-from ...panel.model import CellFinding, PolicyComparison, Verdict
-from ..data import Line, Mark, Tone, difference_axis
+from ...panel.model import CellFinding, Estimate, PolicyComparison, Verdict
+from ...verdict import Verdict as Judged
+from ..data import VERDICT_ORDER, Line, Mark, Tone, difference_axis
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
 _TONES: dict[str, Tone] = {
     "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
 }  # fmt: skip
 _SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
+
+
+_PARTS = ("difficulty", "deadline", "overfitting")
 
 
 def card_of(judged: Verdict) -> dict[str, Any]:
@@ -24,17 +30,28 @@ def card_of(judged: Verdict) -> dict[str, Any]:
         (f"overfitting within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
     ]
     signs = {"fails": "✕", "transfers": "✓", "inconclusive": "?"}
-    judged_at_all = judged.verdict not in rules.WITHOUT_VERDICT
-    tone: Any = judged.verdict if judged_at_all else "not_learned"
+    tone = _tone(judged.verdict)
     return {
         "judged": judged,
         "sign": signs.get(judged.verdict, "○"),
-        "word": judged.verdict.replace("_", " "),
+        "word": _words(judged.verdict),
         "tone": tone,
-        "marks": [Mark(judged.overfitting, tone)] if judged_at_all else [],
+        "parts": [(part, _signed(getattr(judged, part))) for part in _PARTS],
+        "total": _signed(judged.total),
+        "marks": [Mark(judged.overfitting, tone)] if judged.verdict in signs else [],
         "reason": true_minus(judged.reason),
         "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
     }
+
+
+def tally_of(cards: Sequence[dict[str, Any]]) -> list[tuple[str, int, str]]:
+    """Tone, number and words of every verdict; of those that are none, only if there are some."""
+    counts = Counter(card["judged"].verdict for card in cards)
+    return [
+        (_tone(name), counts[name], _words(name))
+        for name in VERDICT_ORDER
+        if counts[name] or name not in rules.WITHOUT_VERDICT
+    ]
 
 
 def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
@@ -48,6 +65,22 @@ def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
         "lines": [_line(compared, cell, tone) for cell in compared.cells],
         "axis": difference_axis([cell.difference for cell in compared.cells], 0.5),
     }
+
+
+def _tone(verdict: Judged) -> Tone:
+    """Colour of a verdict; those that are none share one."""
+    match verdict:
+        case "fails" | "transfers" | "inconclusive":
+            return verdict
+    return "not_learned"
+
+
+def _words(verdict: Judged) -> str:
+    return verdict.replace("_", " ")
+
+
+def _signed(value: Estimate) -> str:
+    return fixed(value.estimate, 2, True)
 
 
 def _line(compared: PolicyComparison, cell: CellFinding, tone: Tone) -> Line:

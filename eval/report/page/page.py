@@ -31,7 +31,7 @@ from ..data import (
 )
 from . import drawing
 from .failures import LABEL_WORDS, failure_table, failures_of
-from .judged import card_of, comparison_of
+from .judged import card_of, comparison_of, tally_of
 from .method import limits_of, settings_of
 from .records import records_of
 from .tiles import tiles_of
@@ -94,6 +94,7 @@ def _template() -> Any:
 
 def _context(panel: Panel) -> dict[str, Any]:
     trusts = trust_of(panel)
+    cards = [card_of(judged) for judged in ordered_verdicts(panel)]
     return {
         **page_parts(),
         "panel": panel,
@@ -102,7 +103,8 @@ def _context(panel: Panel) -> dict[str, Any]:
         "success": success_matrix(panel),
         "returns": return_matrix(panel),
         "energy": energy_matrix(panel),
-        "cards": [card_of(judged) for judged in ordered_verdicts(panel)],
+        "cards": cards,
+        "tally": tally_of(cards),
         "gaps": gap_forest(panel),
         "remedies": mixtures_of(panel),
         "engine_lines": sorted(

@@ -8,7 +8,7 @@ from typing import Any
 from integ_gym.support import compact, fixed
 
 from ...panel.model import Entry, Estimate, Panel
-from ..data import CLASS_WORDS, RATE_AXIS
+from ..data import CLASS_WORDS, RATE_AXIS, solved_words
 from .drawing import percent
 
 
@@ -20,11 +20,11 @@ def records_of(panel: Panel) -> list[dict[str, Any]]:
         entries = [entry for entry in panel.matrix if entry.row == row.name]
         entries.sort(key=lambda entry: order.get(entry.cell, len(order)))
         if entries:
-            blocks.append({"row": row, "entries": [_record(entry) for entry in entries]})
+            blocks.append({"row": row, "entries": [_record(panel, e) for e in entries]})
     return blocks
 
 
-def _record(entry: Entry) -> dict[str, Any]:
+def _record(panel: Panel, entry: Entry) -> dict[str, Any]:
     """The numbers of one entry as (name, text) pairs."""
     facts = [
         ("success", _long(entry.success, fixed)),
@@ -39,6 +39,7 @@ def _record(entry: Entry) -> dict[str, Any]:
         ("of it overfitting", _long(entry.overfitting, fixed)),
         ("transfer gap", _long(entry.transfer_gap, fixed)),
         ("against the reference", CLASS_WORDS.get(entry.reference_class or "")),
+        ("the cell", solved_words(panel.cell(entry.cell))),
         ("diverged", str(entry.diverged) if entry.diverged else None),
         ("solver not converged", str(entry.not_converged) if entry.not_converged else None),
     ]

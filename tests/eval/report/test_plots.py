@@ -8,8 +8,10 @@ import re
 import numpy as np
 import pytest
 from house import ROOT
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from report_pages import every_panel, page_of, panel_of
+from report_rows import IMPOSSIBLE, SLOW
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.integrators import INTEGRATORS
@@ -146,9 +148,42 @@ def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe) -> 
         assert shade.words in page.values("aria-label")
         assert shade.text in text
         assert shade.text in said
-    for words in (*matrix.notes, *matrix.ends):
+    for words in (*matrix.notes, *matrix.ends, *(words for _, words in matrix.hatchings)):
         assert words in text
         assert words in said
+
+
+def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_figure() -> None:
+    panel, page = panel_of("full"), page_of("full")
+    matrix = success_matrix(panel)
+    hatched = [
+        (cell, shade)
+        for block in matrix.blocks
+        for line in block.lines
+        for _, cells in line.shades
+        for cell, shade in cells
+        if shade.hatched
+    ]
+    rows, statuses = len(panel.rows), {"too_slow", "unachievable"}
+    assert {cell.name for cell, _ in hatched} == {IMPOSSIBLE, SLOW}
+    assert [name for name, _ in matrix.hatchings] == ["too_slow", "unachievable"]
+    for cell, shade in hatched:
+        assert shade.hatched == cell.achievability
+        assert shade.words.endswith(
+            f"the cell is {shade.hatched.replace('_', ' ')}: {cell.achievability_reason}"
+        )
+        assert shade.words in page.values("title")
+    classes = [set(own.get("class", "").split()) for tag, own in page.tags if tag == "a"]
+    _, draw = FIGURES["success_matrix"]
+    patches = [patch.get_hatch() for patch in draw(matrix).findobj(Rectangle)]
+    hatches = {patch for patch in patches if patch}
+    assert len(hatches) == len(statuses)
+    for status in statuses:
+        assert classes.count({"rate", "hatched", status}) >= rows - 1
+        assert sum(status in own for own in classes) == rows
+    assert sorted(patches.count(hatch) for hatch in hatches) == [rows + 1, rows + 1]
+    for other in (energy_matrix(panel), success_matrix(panel_of("given"))):
+        assert other.hatchings == ()
 
 
 def test_ladders_are_the_same_on_the_page_and_in_the_figure() -> None:

@@ -120,6 +120,47 @@ def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     assert "10 min 11 s" in text
 
 
+def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
+    panel, page = panel_of("every verdict"), page_of("every verdict")
+    words = [
+        "fails", "transfers", "inconclusive", "not learned", "unachievable", "too slow",
+        "undecided",
+    ]  # fmt: skip
+    judged_in_turn = {judged.verdict.replace("_", " "): judged for judged in panel.verdicts}
+    assert set(judged_in_turn) == set(words)
+    shown = " ".join(page.text.split()).split("Success, trained on × evaluated on")[0]
+    tally = " ".join(f"1 {word}" for word in words)
+    assert tally in shown
+    cards = shown.split(tally)[1]
+    for word in words:
+        judged = judged_in_turn[word]
+        head = f"{word} {judged.row} evaluated on {judged.cell}"
+        assert head in cards
+        card = cards.split(head)[1].split(" evaluated on ")[0]
+        parts = " ".join(
+            f"{name} {fixed(part.estimate, 2, True)}"
+            for name, part in (
+                ("difficulty", judged.difficulty),
+                ("deadline", judged.deadline),
+                ("overfitting", judged.overfitting),
+                ("loss in all", judged.total),
+            )
+        )
+        assert parts in card
+        assert judged.reason.replace(" -0.", " −0.") in card
+    few = " ".join(page_of("nothing learned").text.split())
+    assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
+    assert "0 too slow" not in few
+
+
+def test_records_say_whether_their_cell_can_be_solved() -> None:
+    panel, page = panel_of("every verdict"), page_of("every verdict")
+    text = " ".join(page.text.split())
+    for cell in panel.columns:
+        status = cell.achievability.replace("_", " ")
+        assert f"the cell{status}: {cell.achievability_reason}" in text
+
+
 def test_one_seed_gets_no_verdict_and_a_warning() -> None:
     text = " ".join(page_of("given").text.split())
     assert "declares no family" in text

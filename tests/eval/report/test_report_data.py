@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 
+import pytest
 import report_example as example
 from report_pages import page_of, panel_from, panel_of, raw_of
+from report_rows import IMPOSSIBLE, SLOW, UNKNOWN
 
 from integ_gym.eval.report.data.checks import checks_of
 from integ_gym.eval.report.data.findings import findings_of
@@ -44,6 +46,30 @@ def test_rows_that_did_not_learn_have_no_gap() -> None:
     text = " ".join(page_of("nothing learned").text.split())
     assert "1 not learned" in text
     assert "there is nothing to transfer" in text
+
+
+def test_what_has_no_verdict_is_not_among_the_rest_either() -> None:
+    panel = panel_of("every verdict")
+    declared = {(judged.row, judged.cell) for judged in panel.verdicts}
+    judged = {(gap.row, gap.cell): gap.verdict for gap in declared_gaps(panel)}
+    assert set(judged.values()) == {"fails", "transfers", "inconclusive"}
+    assert set(judged) < declared
+    others = {(gap.row, gap.cell) for gap in exploratory_gaps(panel)}
+    assert not others & declared
+    assert not {cell for _, cell in others} & {IMPOSSIBLE, SLOW}
+    assert UNKNOWN in {cell for _, cell in others}
+
+
+def test_parts_add_up_to_the_loss() -> None:
+    for name in ("full", "every verdict"):
+        panel = panel_of(name)
+        losses = [entry for entry in panel.matrix if entry.home_drop is not None]
+        assert len(losses) > 30
+        totals = [(entry.home_drop, entry) for entry in losses]
+        totals += [(judged.total, judged) for judged in panel.verdicts]
+        for total, own in totals:
+            parts = (own.difficulty, own.deadline, own.overfitting)
+            assert sum(part.estimate for part in parts) == pytest.approx(total.estimate)
 
 
 def test_groups_are_integrators_from_coarse_to_fine_with_the_reference_last() -> None:

@@ -9,10 +9,13 @@ import numpy as np
 from report_judged import compared, failures, judge, remedy, training_cost
 from report_rows import (
     EPISODES,
+    IMPOSSIBLE,
     PERIOD,
     SCHEMES,
+    SLOW,
     STEPS,
     TRUTH,
+    UNKNOWN,
     baselines,
     complete,
     extra_cells,
@@ -33,7 +36,7 @@ def base_panel(
     rng = np.random.default_rng(seed)
     skipped = {"perturbation", "ladder"}
     panel: dict[str, Any] = {
-        "schema_version": 2,
+        "schema_version": 3,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
         "answer": (
@@ -105,10 +108,32 @@ def full_panel(seeds: int = 5, seed: int = 0) -> dict[str, Any]:
             ("rk4 dt=0.05", TRUTH),
             (TRUTH, "explicit_euler dt=0.05"),
             ("implicit_euler dt=0.05", TRUTH),
+            ("rk4 dt=0.05", IMPOSSIBLE),
+            ("rk4 dt=0.05", SLOW),
+            ("rk4 dt=0.05", UNKNOWN),
         ],
     )
     panel["policy_comparisons"] = compared()
     panel["failures"] = failures(panel, 24)
+    return panel
+
+
+def every_verdict_panel() -> dict[str, Any]:
+    """Seeds enough for every verdict, and cells of every kind."""
+    rows = [*trained(("explicit_euler", "rk4", "implicit_euler", "reference"), 48), *baselines(48)]
+    panel = base_panel(rows, grid_cells(("explicit_euler", "rk4", "implicit_euler"), STEPS), 4)
+    panel["verdicts"] = judge(
+        panel,
+        [
+            ("explicit_euler dt=0.05", TRUTH),
+            ("rk4 dt=0.05", TRUTH),
+            ("explicit_euler dt=0.05", "explicit_euler dt=0.0125"),
+            ("implicit_euler dt=0.05", TRUTH),
+            ("rk4 dt=0.05", IMPOSSIBLE),
+            ("rk4 dt=0.05", SLOW),
+            ("rk4 dt=0.05", UNKNOWN),
+        ],
+    )
     return panel
 
 
@@ -140,15 +165,19 @@ def none_panel() -> dict[str, Any]:
         entry.update(dict.fromkeys(("return", "time_to_success", "reference_class")))
         entry.update(energy_residual=None, energy_residual_abs=None, labels={}, file=[])
         entry.update(home_drop=None, transfer_gap=None, success_by_seed=[])
-        entry["success"].update(low=None, high=None, level=None)
+        entry.update(difficulty=None, deadline=None, overfitting=None)
+        for rate in ("success", "recovered"):
+            entry[rate].update(low=None, high=None, level=None)
     for line in panel["rows"]:
         line.update(home=None, integrator=None, dt=None, control_period=None)
         line.update(home_success=None, learned=None, training_steps=None, policies=[], shares={})
     for place in panel["cells"]:
-        place.update(role=None)
+        place.update(role=None, achievability=None, achievability_reason=None)
     for judged in panel["verdicts"]:
         judged.update(p_exceeds=None, p_equivalent=None)
         judged.update(p_exceeds_adjusted=None, p_equivalent_adjusted=None)
+        for part in ("total", "difficulty", "deadline", "overfitting"):
+            judged[part].update(low=None, high=None, level=None)
     panel.update(remedies=[], training_costs={}, spec={}, versions={})
     panel.update(failures=[], failures_total=0, policy_comparisons=[])
     return panel
@@ -165,6 +194,7 @@ def hostile_panel() -> dict[str, Any]:
             return [poison(entry, key) for entry in value]
         words = {"name", "row", "cell", "home", "reason", "question", "answer", "command", "a", "b"}
         words |= {"integrator", "perturbation", "record_id", "query", "platform", "id", "singles"}
+        words |= {"achievability_reason"}
         return f"{value}{HOSTILE}" if isinstance(value, str) and key in words else value
 
     panel = {name: poison(value, name) for name, value in panel.items()}

@@ -10,11 +10,16 @@ from report_rows import (
     EPISODES,
     TRUTH,
     difference,
+    loss_rates,
     mixture,
+    solvable,
 )
 
 from integ_gym.eval.verdict.comparison import PolicyCell, compare_policies
 from integ_gym.eval.verdict.family import Comparison, judge_family
+
+DRAWS = 20_000
+"""Draws of a verdict: enough that none of these is close."""
 
 REASONS = {
     "evaluation_error": "the simulation diverged at 6.85 s",
@@ -31,22 +36,16 @@ REASONS = {
 
 def judge(panel: dict[str, Any], pairs: list[tuple[str, str]]) -> list[dict[str, Any]]:
     """Verdicts on a family of (row, cell)."""
-    rate = {(e["row"], e["cell"]): e["success_by_seed"] for e in panel["matrix"]}
-    lines = {r["name"]: r for r in panel["rows"]}
-    native = {r["home"]: r["name"] for r in panel["rows"] if r["kind"] == "trained"}
-    family = [
-        Comparison(
-            f"{line} on {place}",
-            rate[line, lines[line]["home"]],
-            rate.get((native.get(place, ""), place)),
-            rate[line, place],
-        )
-        for line, place in pairs
-    ]
-    return [
-        {**asdict(verdict), "row": line, "cell": place}
-        for verdict, (line, place) in zip(judge_family(family), pairs, strict=True)
-    ]
+    family = []
+    for line, place in pairs:
+        rates = loss_rates(panel, line, place)
+        assert rates is not None
+        family.append(Comparison(f"{line} on {place}", rates, solvable(panel, place)))
+    found = []
+    for judgement, (line, place) in zip(judge_family(family, draws=DRAWS), pairs, strict=True):
+        told = asdict(judgement)
+        found.append({**told.pop("loss"), **told, "row": line, "cell": place})
+    return found
 
 
 def failures(panel: dict[str, Any], count: int) -> list[dict[str, Any]]:
@@ -109,8 +108,7 @@ def remedy(panel: dict[str, Any]) -> dict[str, Any]:
         lost = [
             {
                 "row": single,
-                "quantity": "home_drop",
-                "gap": difference([0.95] * len(mixed), rate[single, name]),
+                "overfitting": difference([0.95] * len(mixed), rate[single, name]),
                 "difference": difference(mixed, rate[single, name]),
             }
             for single in singles
@@ -121,8 +119,7 @@ def remedy(panel: dict[str, Any]) -> dict[str, Any]:
                 "cell": name,
                 "member": name in mixture(1)["shares"],
                 "solved": place["integrator"] != "implicit_euler",
-                "quantity": "home_drop",
-                "gap": difference([0.95] * len(mixed), mixed),
+                "overfitting": difference([0.95] * len(mixed), mixed),
                 "lost": lost,
             }
         )

@@ -18,6 +18,7 @@ from integ_gym.eval.report.page.page import render
 
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "full": example.full_panel,
+    "every verdict": example.every_verdict_panel,
     "given": example.given_panel,
     "nothing learned": example.nothing_learned_panel,
     "none": example.none_panel,

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from integ_gym.eval.statistics.scalars import mean_interval
+from integ_gym.eval.verdict.achievability import Achieved, Attempt, Search, achieved
+from integ_gym.eval.verdict.loss import Rates, split
 from integ_gym.eval.verdict.reference import reference_class
 
 SCHEMES = (
@@ -25,6 +27,16 @@ EPISODES = 20
 TRUTH = "reference dt=0.05"
 PUMP = {"explicit_euler": 1.0, "implicit_euler": -1.6, "symplectic_euler": 0.05}
 """Energy that a scheme puts in at the coarsest step, in units of what a policy bears."""
+
+DRAWS = 500
+"""Draws of an interval of the matrix: few, because nothing is concluded from it."""
+
+IMPOSSIBLE, SLOW, UNKNOWN = (f"implicit_euler dt={dt:g}" for dt in STEPS)
+CEILING = {IMPOSSIBLE: (0.0, 0.0), SLOW: (0.3, 0.9), UNKNOWN: (0.3, 0.4)}
+"""Success that nobody exceeds in a cell, within the horizon and within two."""
+
+SEARCH = Search(20.0, 19.6, [14.2, 15.1, 13.8, 14.9], "a beam over controls")
+"""What a search over controls reaches where the goal cannot be reached."""
 
 
 def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[str, Any]:
@@ -43,6 +55,8 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
         "kind": "grid",
         "perturbation": None,
         "role": None,
+        "achievability": None,
+        "achievability_reason": None,
         **more,
     }
 
@@ -127,6 +141,12 @@ def row(
 
 def skill(line: dict[str, Any], place: dict[str, Any]) -> float:
     """Success rate of a row in a cell, before noise."""
+    most, _ = CEILING.get(place["name"], (1.0, 1.0))
+    return min(most, unbounded_skill(line, place))
+
+
+def unbounded_skill(line: dict[str, Any], place: dict[str, Any]) -> float:
+    """The same if every cell could be solved in time."""
     if line["kind"] == "baseline":
         return {"random": 0.0, "zero": 0.0}.get(line["name"], 0.97)
     if line["integrator"] == "implicit_euler":
@@ -145,6 +165,16 @@ def rates(line: dict[str, Any], place: dict[str, Any], rng: np.random.Generator)
     middle = skill(line, place)
     noisy = middle + (0.25 * middle * (1.0 - middle)) * 4.0 * rng.normal(size=line["seeds"])
     return [float(np.round(np.clip(rate, 0.0, 1.0) * EPISODES) / EPISODES) for rate in noisy]
+
+
+def recovered_rates(place: dict[str, Any], own: list[float]) -> list[float]:
+    """Success rate of every seed within two horizons, from that within one."""
+    within, later = CEILING.get(place["name"], (1.0, 1.0))
+    if later > within:
+        again = [min(1.0, rate * later / within) for rate in own]
+    else:
+        again = [rate + 0.4 * rate * (1.0 - rate) for rate in own]
+    return [float(np.round(rate * EPISODES) / EPISODES) for rate in again]
 
 
 def spread(middle: float, line: dict[str, Any], rng: np.random.Generator) -> Any:
@@ -182,6 +212,7 @@ def matrix_entry(
         "episodes": episodes,
         "success": interval(by_seed),
         "success_by_seed": by_seed,
+        "recovered": interval(recovered_rates(place, by_seed)),
         "return": spread(-40.0 - 100.0 * (1.0 - won / episodes), line, rng),
         "time_to_success": spread(3.4, line, rng) if won else None,
         "time_to_success_episodes": won,
@@ -190,6 +221,9 @@ def matrix_entry(
         "diverged": diverged,
         "not_converged": 0,
         "home_drop": None,
+        "difficulty": None,
+        "deadline": None,
+        "overfitting": None,
         "transfer_gap": None,
         "reference_class": None,
         "labels": {name: count for name, count in labels.items() if count},
@@ -202,27 +236,83 @@ def matrix_entry(
 
 
 def complete(panel: dict[str, Any]) -> None:
-    """Fill what follows from the success rates: home, gaps, classes, verdicts."""
-    rate = {(e["row"], e["cell"]): e["success_by_seed"] for e in panel["matrix"]}
+    """Fill what follows from the success rates: home, losses, gaps, classes, what can be solved."""
+    rate = rates_of(panel)
     cells = {c["name"]: c for c in panel["cells"]}
     native = {r["home"]: r for r in panel["rows"] if r["kind"] == "trained"}
     lines = {r["name"]: r for r in panel["rows"]}
-    at_home = {line["name"]: home_rates(line, rate) for line in panel["rows"]}
     for line in panel["rows"]:
-        if at_home[line["name"]] is not None:
-            line["home_success"] = interval(at_home[line["name"]])
+        at_home = home_rates(line, rate)
+        if at_home is not None:
+            line["home_success"] = interval(at_home)
             line["learned"] = line["home_success"]["estimate"] >= 0.5
+    for place in panel["cells"]:
+        if place["kind"] in ("grid", "reference"):
+            can = solvable(panel, place["name"])
+            place.update(achievability=can.status, achievability_reason=can.reason)
     for entry in panel["matrix"]:
         line, place, own = lines[entry["row"]], cells[entry["cell"]], entry["success_by_seed"]
-        home = at_home[line["name"]]
-        if home is not None:
-            entry["home_drop"] = difference(home, own)
+        made_of = loss_rates(panel, line["name"], place["name"])
+        if made_of is not None and line["home"] != place["name"]:
+            parts = asdict(split(made_of, draws=DRAWS))
+            entry.update(home_drop=parts.pop("total"), **parts)
         other = native.get(entry["cell"])
         if other is not None and line["kind"] == "trained" and other["learned"]:
             entry["transfer_gap"] = difference(rate[other["name"], entry["cell"]], own)
         truth = rate.get((line["name"], TRUTH))
         if truth is not None and place["kind"] == "grid":
             entry["reference_class"] = reference_class(float(np.mean(own)), float(np.mean(truth)))
+
+
+def rates_of(panel: dict[str, Any]) -> dict[tuple[str, str], list[float]]:
+    """Success of every seed, by row and cell."""
+    return {(e["row"], e["cell"]): e["success_by_seed"] for e in panel["matrix"]}
+
+
+def yardsticks(panel: dict[str, Any], place: str) -> dict[str, list[float]]:
+    """Success of every seed of those who show whether a cell can be solved."""
+    rate = rates_of(panel)
+    natives = [r["name"] for r in panel["rows"] if r["kind"] == "trained" and r["home"] == place]
+    names = {"policies trained there": natives, "the hand-made controller": ["handmade"]}
+    return {
+        words: rate[row, place]
+        for words, rows in names.items()
+        for row in rows
+        if (row, place) in rate
+    }
+
+
+def solvable(panel: dict[str, Any], name: str) -> Achieved:
+    """Whether a cell can be solved."""
+    place = {"name": name}
+    attempts = [
+        Attempt(who, float(np.mean(own)), float(np.mean(recovered_rates(place, own))))
+        for who, own in yardsticks(panel, name).items()
+    ]
+    return achieved(attempts, SEARCH if attempts and name == IMPOSSIBLE else None)
+
+
+def loss_rates(panel: dict[str, Any], row: str, name: str) -> Rates | None:
+    """What the loss of a row in a cell is made of; None without a home."""
+    line = next(r for r in panel["rows"] if r["name"] == row)
+    rate, place = rates_of(panel), {"name": name}
+    home = home_rates(line, rate)
+    if home is None:
+        return None
+    own, others = rate[row, name], yardsticks(panel, name)
+    later = {who: recovered_rates(place, found) for who, found in others.items()}
+    starts = [
+        float(start < round(mean * EPISODES))
+        for mean in later.get("the hand-made controller", [])
+        for start in range(EPISODES)
+    ]
+    return Rates(
+        home,
+        own,
+        recovered_rates(place, own),
+        None if line["home"] == name else later.get("policies trained there"),
+        starts or None,
+    )
 
 
 def home_rates(line: dict[str, Any], rate: dict[tuple[str, str], list[float]]) -> Any:

@@ -55,6 +55,7 @@ def _panel(success=SUCCESS):
             "cell": cell.name,
             "episode_index": k,
             "success": k < success[row.name, cell.discretization] * EPISODES,
+            "replay_second_horizon": None,
         }
         for row in rows
         for cell in cells.values()
@@ -75,9 +76,10 @@ def test_home_of_a_mixture_is_the_mean_over_its_members_by_their_shares():
     assert matrix.learned("handmade") is None
     assert (matrix.rows["both"].home, matrix.rows["rk4 dt=0.05"].home) == (None, "rk4 dt=0.05")
     home = [0.875] * SEEDS
-    drop = matrix._home_drop("both", D.name)
+    drop = layout.loss(matrix, "both", D.name).total
     assert drop.estimate == paired_difference(home, [0.5] * SEEDS).interval.estimate
-    assert matrix._home_drop("both", A.name).estimate == -0.125
+    assert layout.loss(matrix, "both", A.name).total.estimate == -0.125
+    assert layout.loss(matrix, "rk4 dt=0.05", B.name) is None
     assert layout.native(A.name) == A.name
     gap = matrix._transfer_gap("both", B.name, layout.native(B.name))
     assert gap.estimate == unpaired_difference([1.0] * SEEDS, [0.5] * SEEDS).interval.estimate
@@ -91,12 +93,14 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
     cells = {cell.cell: cell for cell in found.cells}
     assert [one.row for one in cells[A.name].lost] == [B.name]
     assert [one.row for one in cells[TRUTH.name].lost] == [A.name]
-    assert [one.row for one in cells[C.name].lost] == [A.name, B.name]
+    assert [one.row for one in cells[C.name].lost] == []
     assert [name for name, cell in cells.items() if cell.member] == [A.name, B.name]
     assert [name for name, cell in cells.items() if not cell.solved] == [C.name]
-    assert cells[B.name].quantity == "transfer_gap"
-    assert cells[C.name].quantity == "home_drop"
+    assert cells[B.name].overfitting.estimate == 0.875 - 0.5
+    assert cells[C.name].overfitting.estimate == 0.0
+    assert layout.loss(matrix, A.name, C.name).difficulty.estimate == 1.0
     (lost,) = cells[A.name].lost
+    assert lost.overfitting.estimate == 0.5
     assert lost.difference.estimate == 0.5
     assert lost.difference.low < 0.5 < lost.difference.high <= 1.0
     assert found.summary == (
@@ -106,6 +110,27 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
         "reference they succeed in 100% of the episodes, policies of single discretizations in "
         "25% to 100%."
     )
+
+
+def test_where_nobody_shows_that_a_cell_can_be_solved_it_is_lost_but_not_harmful():
+    unsolved = {key: 0.0 if key[1] == D else rate for key, rate in SUCCESS.items()}
+    (found,) = remedies(*_panel(unsolved))
+    cells = {cell.cell: cell for cell in found.cells}
+    assert [one.row for one in cells[D.name].lost] == [A.name, B.name]
+    assert [name for name, cell in cells.items() if not cell.solved] == [C.name, D.name]
+    assert found.summary.startswith("In 3 of the 3 discretizations that somebody solves")
+
+
+def test_what_a_second_horizon_wins_back_is_not_lost():
+    layout, matrix = _panel()
+    for records in matrix.records(A.name, TRUTH.name):
+        records[-1]["replay_second_horizon"] = records[-2]["replay_second_horizon"] = True
+        records[-3]["replay_second_horizon"] = True
+    loss = layout.loss(matrix, A.name, TRUTH.name)
+    parts = (loss.total, loss.difficulty, loss.deadline, loss.overfitting)
+    assert [part.estimate for part in parts] == [0.75, 0.0, 0.75, 0.0]
+    (found,) = remedies(layout, matrix)
+    assert not next(cell for cell in found.cells if cell.cell == TRUTH.name).lost
 
 
 def test_a_mixture_that_did_not_learn_is_no_remedy():
