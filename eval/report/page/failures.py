@@ -10,6 +10,9 @@ from ...panel.model import Panel
 
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
+    "unachievable": "no control reaches the goal's energy there",
+    "not_learned": "the policy fails at home, too",
+    "too_slow": "succeeds from the same start in twice the time",
     "discretization_error": "succeeds from the same start at home",
     "perception_error": "succeeds without sensor noise",
     "state_error": "succeeds without delay or staleness",

@@ -10,7 +10,6 @@ from integ_gym.support import fixed, true_minus
 
 from ... import verdict as rules
 from ...panel.model import CellFinding, Estimate, PolicyComparison, Verdict
-from ...verdict import Verdict as Judged
 from ..data import VERDICT_ORDER, Line, Mark, Tone, difference_axis
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
@@ -19,7 +18,14 @@ _TONES: dict[str, Tone] = {
 }  # fmt: skip
 _SIGNS = {"accepted": "✓", "rejected": "✕", "uninformative": "?"}
 
+_VERDICTS: dict[str, tuple[str, Tone]] = {
+    "fails": ("✕", "fails"),
+    "transfers": ("✓", "transfers"),
+    "inconclusive": ("?", "inconclusive"),
+}
+"""Sign and colour of a verdict."""
 
+_WITHOUT: tuple[str, Tone] = ("○", "not_learned")
 _PARTS = ("difficulty", "deadline", "overfitting")
 
 
@@ -29,16 +35,15 @@ def card_of(judged: Verdict) -> dict[str, Any]:
         (f"overfitting > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
         (f"overfitting within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
     ]
-    signs = {"fails": "✕", "transfers": "✓", "inconclusive": "?"}
-    tone = _tone(judged.verdict)
+    sign, tone = _VERDICTS.get(judged.verdict, _WITHOUT)
     return {
         "judged": judged,
-        "sign": signs.get(judged.verdict, "○"),
+        "sign": sign,
         "word": _words(judged.verdict),
         "tone": tone,
         "parts": [(part, _signed(getattr(judged, part))) for part in _PARTS],
         "total": _signed(judged.total),
-        "marks": [Mark(judged.overfitting, tone)] if judged.verdict in signs else [],
+        "marks": [Mark(judged.overfitting, tone)] if judged.verdict in _VERDICTS else [],
         "reason": true_minus(judged.reason),
         "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
     }
@@ -48,9 +53,9 @@ def tally_of(cards: Sequence[dict[str, Any]]) -> list[tuple[str, int, str]]:
     """Tone, number and words of every verdict; of those that are none, only if there are some."""
     counts = Counter(card["judged"].verdict for card in cards)
     return [
-        (_tone(name), counts[name], _words(name))
+        (_VERDICTS.get(name, _WITHOUT)[1], counts[name], _words(name))
         for name in VERDICT_ORDER
-        if counts[name] or name not in rules.WITHOUT_VERDICT
+        if counts[name] or name in _VERDICTS
     ]
 
 
@@ -67,15 +72,7 @@ def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
     }
 
 
-def _tone(verdict: Judged) -> Tone:
-    """Colour of a verdict; those that are none share one."""
-    match verdict:
-        case "fails" | "transfers" | "inconclusive":
-            return verdict
-    return "not_learned"
-
-
-def _words(verdict: Judged) -> str:
+def _words(verdict: str) -> str:
     return verdict.replace("_", " ")
 
 

@@ -19,6 +19,8 @@ from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_o
 from integ_gym.eval.report import figures
 from integ_gym.eval.report import page as report
 from integ_gym.eval.report.page import page as report_page
+from integ_gym.eval.report.page.failures import LABEL_WORDS
+from integ_gym.evidence.schema.fields import LABELS
 from integ_gym.support.terminal.formatting import fixed
 
 SECTIONS = [
@@ -159,6 +161,13 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
     for cell in panel.columns:
         status = cell.achievability.replace("_", " ")
         assert f"the cell{status}: {cell.achievability_reason}" in text
+
+
+def test_every_failure_label_has_its_words() -> None:
+    assert ["none", *LABEL_WORDS] == list(LABELS)
+    text = " ".join(page_of("full").text.split())
+    for label in ("unachievable", "not_learned", "too_slow"):
+        assert f"{label.replace('_', ' ')} {LABEL_WORDS[label]}" in text
 
 
 def test_one_seed_gets_no_verdict_and_a_warning() -> None:

@@ -23,6 +23,17 @@ DRAWS = 20_000
 
 REASONS = {
     "evaluation_error": "the simulation diverged at 6.85 s",
+    "unachievable": (
+        "no control reaches the goal's energy here, in twice the time either; it never came within "
+        "0.2 rad of upright"
+    ),
+    "not_learned": (
+        "the policy succeeds from 0% of its starts at home; it never came within 0.2 rad of upright"
+    ),
+    "too_slow": (
+        "the same policy succeeds from the same start in twice the time; it reached the goal at "
+        "9.8 s"
+    ),
     "discretization_error": (
         "the same policy succeeds from the same start on its training discretization, but it "
         "never came within 0.2 rad of upright and was saturated in 31 % of the steps"

@@ -198,6 +198,9 @@ def matrix_entry(
         2e-3 * (place["dt"] / 0.05) ** 2 if place["integrator"] != "reference" else 3e-12
     )
     cause = "discretization_error" if line["kind"] == "trained" else "planning_error"
+    cause = {IMPOSSIBLE: "unachievable", SLOW: "too_slow"}.get(place["name"], cause)
+    if line["integrator"] == "implicit_euler" and place["name"] != IMPOSSIBLE:
+        cause = "not_learned"
     lost = episodes - won - diverged
     control = lost // 4
     labels = {
