@@ -123,10 +123,13 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
 def _beyond(replays: Replays) -> tuple[str, str] | None:
     """What explains a failure by no fault of the policy in this cell."""
     if replays.cell_status == "unachievable":
-        return "unachievable", "no control reaches the goal's energy here, in twice the time either"
+        return (
+            "unachievable",
+            "a search over controls misses the goal's energy here from most starts, in twice the time too",
+        )
     home = replays.home_success
     if home is not None and home < LEARNED:
-        return "not_learned", f"the policy succeeds from {home:.0%} of its starts at home"
+        return "not_learned", f"the policy succeeds from {100.0 * home:.3g}% of its starts at home"
     if replays.second_horizon:
         return "too_slow", "the same policy succeeds from the same start in twice the time"
     return None

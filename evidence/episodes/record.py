@@ -58,10 +58,6 @@ class EvidenceRecord:
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
 
 
-_LATER = {field.name: None for field in SUMMARY_FIELDS if field.since > 1}
-"""Fields that records of earlier schema versions do not have."""
-
-
 def records_of(table: Any) -> list[EvidenceRecord]:
     """The records of an Arrow table with the columns of one file."""
     about = {field.name: described(field) for field in table.schema}
@@ -70,11 +66,12 @@ def records_of(table: Any) -> list[EvidenceRecord]:
     trace_names = [name for name in table.column_names if is_trace(name)]
     names = [name for name in table.column_names if not is_trace(name)]
     traces = {name: _arrays(table.column(name), about[name]["at"]) for name in trace_names}
+    absent = {f.name: None for f in SUMMARY_FIELDS if f.since > 1 and f.name not in names}
     records = []
     for i, row in enumerate(table.select(names).to_pylist()):
         trace = {name: arrays[i] for name, arrays in traces.items()}
         present = {name: array for name, array in trace.items() if array is not None}
-        records.append(EvidenceRecord({**_LATER, **row}, present, units, frames))
+        records.append(EvidenceRecord(row | absent, present, units, frames))
     return records
 
 

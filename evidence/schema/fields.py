@@ -266,8 +266,8 @@ _REPLAYS = _group(
     ),
     Field(
         "cell_status", "string", "",
-        "whether a hand-made controller or a search shows that the goal can be reached here; "
-        "null: neither was tried",
+        "whether the goal can be reached here: a hand-made controller may show it, a search rule "
+        "it out; null: neither was tried",
         nullable=True, choices=CELL_STATUSES, since=2,
     ),
 )  # fmt: skip

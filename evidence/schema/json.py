@@ -71,9 +71,9 @@ def _property(field: Field) -> dict[str, Any]:
 
 def _kind(field: Field) -> dict[str, Any]:
     if field.name == "schema_version":
-        return {"const": SCHEMA_VERSION}
+        return {"enum": [*range(1, SCHEMA_VERSION + 1)]}
     if field.choices:
-        return {"enum": list(field.choices)}
+        return {"enum": [*field.choices, *([None] if field.nullable else [])]}
     if field.kind.startswith("list<"):
         kind = _numbers(field.kind[5:-1])
         return kind if field.nullable else kind | {"type": "array"}

@@ -64,7 +64,7 @@ def test_unachievable():
     label, reason = _label(replace(HOME, cell_status="unachievable"))
     assert label == "unachievable"
     assert reason == (
-        f"no control reaches the goal's energy here, in twice the time either; {NEVER}"
+        f"a search over controls misses the goal's energy here from most starts, in twice the time too; {NEVER}"
     )
     for status in (None, "achievable", "too_slow", "undecided"):
         assert _label(replace(HOME, cell_status=status)) == _label()
@@ -76,7 +76,7 @@ def test_unachievable():
 def test_not_learned():
     label, reason = _label(replace(HOME, home_success=0.375))
     assert label == "not_learned"
-    assert reason == f"the policy succeeds from 38% of its starts at home; {NEVER}"
+    assert reason == f"the policy succeeds from 37.5% of its starts at home; {NEVER}"
     assert "from 0% of its starts" in _label(replace(HOME, home_success=0.0))[1]
     assert _label(replace(HOME, home_success=np.nextafter(0.5, 0.0)))[0] == "not_learned"
     for home in (None, 0.5, 1.0):

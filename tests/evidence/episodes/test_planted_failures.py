@@ -160,8 +160,8 @@ def test_a_planted_cause_is_told(confusion, kind):
 
 def test_the_sentence_tells_the_cause():
     said = {
-        "unachievable": r"^no control reaches the goal's energy here",
-        "not_learned": r"^the policy succeeds from \d+% of its starts at home; it ",
+        "unachievable": r"^a search over controls misses the goal's energy here",
+        "not_learned": r"^the policy succeeds from [\d.e+-]+% of its starts at home; it ",
         "too_slow": r"from the same start in twice the time; it ",
         "discretization_error": r"from the same start on (its|a) training discretization",
         "perception_error": r"from the same start without observation noise, but with ",

@@ -158,6 +158,7 @@ def test_export(two_environments, tmp_path, capsys):
     assert {line["record_id"] for line in lines} == set(records)
     for line in lines:
         assert line == records[line["record_id"]].summary()
+        assert list(line) == [field.name for field in SUMMARY_FIELDS]
 
 
 def _table(width, *argv):
