@@ -125,7 +125,8 @@ def _beyond(replays: Replays) -> tuple[str, str] | None:
     if replays.cell_status == "unachievable":
         return (
             "unachievable",
-            "a search over controls misses the goal's energy here from most starts, in twice the time too",
+            "a search over controls misses the goal's energy here from most starts, in twice the "
+            "time too",
         )
     home = replays.home_success
     if home is not None and home < LEARNED:

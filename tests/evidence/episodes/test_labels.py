@@ -64,7 +64,8 @@ def test_unachievable():
     label, reason = _label(replace(HOME, cell_status="unachievable"))
     assert label == "unachievable"
     assert reason == (
-        f"a search over controls misses the goal's energy here from most starts, in twice the time too; {NEVER}"
+        "a search over controls misses the goal's energy here from most starts, in twice the "
+        f"time too; {NEVER}"
     )
     for status in (None, "achievable", "too_slow", "undecided"):
         assert _label(replace(HOME, cell_status=status)) == _label()
