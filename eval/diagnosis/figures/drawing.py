@@ -104,8 +104,9 @@ def draw_grid(
     places = np.empty(shape, dtype=object)
     for row, column in np.ndindex(shape):
         left, low = _LEFT + column * (across + _GAP[0]), high - top - down - row * (down + _GAP[1])
-        places[row, column] = axes_at(figure, left, low, across, down)
-        _quiet(places[row, column])
+        axes = axes_at(figure, left, low, across, down)
+        _quiet(axes)
+        places[row, column] = axes
     return figure, places
 
 
