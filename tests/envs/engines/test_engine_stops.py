@@ -173,7 +173,7 @@ def _against_the_stop():
     ]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), EVERY)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(EVERY))
 def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
     """Of its map, with the force of stops and friction held over the step or within the stages."""
     setup = setup_of(engine, integrator, SWING_UP, dt=0.004, cart_friction=0.5)
