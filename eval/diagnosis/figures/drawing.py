@@ -114,10 +114,16 @@ def _wrapped(text: str, wide: float) -> list[str]:
     """The heading's small print in lines that fit a width in inches."""
     from matplotlib.textpath import TextPath
 
+    def fits(line: str) -> bool:
+        """By the points that span its curves; only where they reach too far, by the curves."""
+        path = TextPath((0.0, 0.0), line, size=9)
+        points = float(np.ptp(np.asarray(path.vertices)[:, 0]))
+        return points / 72.0 <= wide or path.get_extents().width / 72.0 <= wide
+
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        if TextPath((0.0, 0.0), longer, size=9).get_extents().width / 72.0 <= wide:
+        if fits(longer):
             lines[-1] = longer
         else:
             lines.append(word)
