@@ -104,8 +104,9 @@ def draw_grid(
     places = np.empty(shape, dtype=object)
     for row, column in np.ndindex(shape):
         left, low = _LEFT + column * (across + _GAP[0]), high - top - down - row * (down + _GAP[1])
-        places[row, column] = axes_at(figure, left, low, across, down)
-        _quiet(places[row, column])
+        axes = axes_at(figure, left, low, across, down)
+        _quiet(axes)
+        places[row, column] = axes
     return figure, places
 
 
@@ -113,10 +114,16 @@ def _wrapped(text: str, wide: float) -> list[str]:
     """The heading's small print in lines that fit a width in inches."""
     from matplotlib.textpath import TextPath
 
+    def fits(line: str) -> bool:
+        """By the points that span its curves; only where they reach too far, by the curves."""
+        path = TextPath((0.0, 0.0), line, size=9)
+        points = float(np.ptp(np.asarray(path.vertices)[:, 0]))
+        return points / 72.0 <= wide or path.get_extents().width / 72.0 <= wide
+
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        if TextPath((0.0, 0.0), longer, size=9).get_extents().width / 72.0 <= wide:
+        if fits(longer):
             lines[-1] = longer
         else:
             lines.append(word)

@@ -12,6 +12,7 @@ from engine_cases import (
     FIRST,
     STOPPED,
     TOLERANCE,
+    lighter,
     mapped,
     native_name,
     needs,
@@ -52,7 +53,7 @@ def test_our_stops_act_in_every_engine(engine, integrator):
     assert abs(sum(info["energy_residual"] for info in told)) < 0.05
 
 
-@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
 def test_stops_of_the_engines_own_leave_the_ledger_open(engine, integrator):
     needs(engine)
     env = gym.make(
@@ -76,7 +77,7 @@ def _told(motion):
     return [float(x) for x in (*motion.q, *motion.v, *motion.losses, *reported)]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
 def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, integrator):
     """To the last bit, in any order, and after motions that diverge."""
     needs(engine)
@@ -109,7 +110,7 @@ def _solver_of(engine, integrator):
     return None if integrator == FEATHERSTONE else SOLVERS.get(engine)
 
 
-@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
 def test_what_the_constraint_solver_does_is_reported_where_it_is_told(engine, integrator):
     """In single and in vector environments; a cart starts 5 mm before its stop."""
     needs(engine)
@@ -172,7 +173,7 @@ def _against_the_stop():
     ]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), EVERY)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(EVERY))
 def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
     """Of its map, with the force of stops and friction held over the step or within the stages."""
     setup = setup_of(engine, integrator, SWING_UP, dt=0.004, cart_friction=0.5)

@@ -262,7 +262,7 @@ def test_a_divergence_ends_the_episode(engine, integrator, tmp_path, monkeypatch
 @pytest.mark.parametrize(("engine", "integrator"), FIRST)
 def test_a_model_that_is_not_the_plant_is_refused(engine, integrator, monkeypatch):
     needs(engine)
-    if not hasattr(ENGINES.load(engine), "inertia"):
+    if not hasattr(ENGINES.load(engine), "at_rest"):
         assert engine == "casadi"
         return
     _change_link(monkeypatch, mass=1.01)

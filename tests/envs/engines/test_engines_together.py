@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from engine_cases import FOREIGN, IDS
+from engine_cases import EVERY, FIRST, IDS
 
 from integ_gym.envs.engines import missing_modules
 
@@ -14,14 +14,12 @@ SCRIPT = """
 import math, warnings
 import gymnasium as gym
 import integ_gym
-from integ_gym.envs.engines import ENGINES, missing_modules
 
 warnings.simplefilter("error")
-engines, ids = {engines!r}, {ids!r}
+cases, ids = {cases!r}, {ids!r}
 envs = [
     gym.make(env_id, engine=engine, integrator=integrator, dt=0.02)
-    for engine in engines
-    for integrator in ENGINES.load(engine).maps
+    for engine, integrator in cases
     for env_id in ids
 ]
 for env in envs:
@@ -30,16 +28,22 @@ for _ in range(5):
     for env in envs:
         told = env.step(env.action_space.sample())
         assert math.isfinite(told[1]) and told[4]["solver_status"] != "diverged"
-assert {{env.unwrapped.setup.settings.engine for env in envs}} == set(engines)
+assert {{env.unwrapped.setup.settings.engine for env in envs}} == {{engine for engine, _ in cases}}
 """
 
 
-def test_every_engine_steps_both_plants_in_one_process(tmp_path):
-    """All integrators, built one after another, then stepped in turn: silently, and to the end."""
-    installed = [name for name in FOREIGN if not missing_modules(name)]
+@pytest.mark.parametrize(
+    "cases", [pytest.param(EVERY, marks=pytest.mark.slow), FIRST], ids=["every", "first"]
+)
+def test_every_engine_steps_both_plants_in_one_process(cases, tmp_path):
+    """Built one after another, then stepped in turn: silently, and to the end.
+
+    One integrator of each engine; every one in `make test-slow`.
+    """
+    installed = [case for case in cases if not missing_modules(case[0])]
     if not installed:
         pytest.skip("no engine but the native one is installed")
-    script = SCRIPT.format(engines=installed, ids=IDS)
+    script = SCRIPT.format(cases=installed, ids=IDS)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
     )

@@ -13,7 +13,7 @@ from typing import Any
 import planted_library as planted
 import pytest
 from browsing import assert_fits
-from engine_cases import FIRST, needs
+from engine_cases import EVERY, lighter, needs
 
 from integ_gym.cli import main
 from integ_gym.commands.engines import integrators_of
@@ -123,11 +123,17 @@ def test_the_energy_of_gymnasium_drifts_as_its_maps_do(gymnasium: dict[str, Line
     assert drift.end == pytest.approx(1.7226, abs=5e-5)
 
 
-@pytest.mark.parametrize("engine", ["native", *(name for name, _ in FIRST)])
-def test_every_integrator_of_an_engine_is_what_it_is_said_to_be(engine: str) -> None:
+@pytest.mark.parametrize(
+    ("engine", "integrator"),
+    lighter([*(("native", name) for name in integrators_of("native")), *EVERY]),
+)
+def test_every_integrator_of_an_engine_is_what_it_is_said_to_be(
+    engine: str, integrator: str
+) -> None:
+    """Of engines that compile, one integrator; every one in `make test-slow`."""
     needs(engine)
     maps = getattr(ENGINES.load(engine), "maps", {})
-    for subject in engine_subjects(engine, integrators_of(engine)):
+    for subject in engine_subjects(engine, (integrator,)):
         line = measure(subject)
         said = maps.get(subject.name, subject.name)
         assert line.found.identified, subject

@@ -13,6 +13,7 @@ import report_example as example
 from report_pages import panel_from, panel_of, pixels
 
 from integ_gym.eval.report import figures
+from integ_gym.support.figures import style
 from integ_gym.support.figures.style import FORMATS
 
 ALL_FIGURES = [
@@ -55,7 +56,10 @@ def test_figures_are_drawn_sharp_and_not_blank(drawn: list[Path]) -> None:
         assert 0.02 < np.mean(np.any(image < 0.95, axis=-1)) < 0.8
 
 
-def test_figures_show_the_data(drawn: list[Path], tmp_path: Path) -> None:
+def test_figures_show_the_data(
+    drawn: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "FORMATS", {".png": FORMATS[".png"]})  # all that is compared
     other = _pixels(figures.write_figures(panel_from(example.full_panel(seed=9)), tmp_path))
     for name, a in _pixels(drawn).items():
         b = other[name]
@@ -105,6 +109,7 @@ def test_figures_of_an_earlier_panel_do_not_stay(tmp_path: Path) -> None:
     assert (tmp_path / "mine.png").exists()
 
 
+@pytest.mark.slow
 def test_figures_of_a_large_panel(tmp_path: Path) -> None:
     written = figures.write_figures(panel_of("large"), tmp_path)
     assert len(_names(written)) == 4

@@ -7,7 +7,7 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import EVERY, FIRST, STOPPED, TOLERANCE, needs
+from engine_cases import EVERY, FIRST, STOPPED, TOLERANCE, lighter, needs
 
 import integ_gym
 from integ_gym.envs.engines import ENGINES
@@ -87,7 +87,7 @@ def _has_no_constraint(record):
     assert "constraint_violation" not in record
 
 
-@pytest.mark.parametrize(("engine", "integrator"), STOPPED)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
 def test_a_ledger_that_the_engines_stops_leave_open_is_null(engine, integrator, tmp_path):
     record = _record(tmp_path, engine, integrator, contact="engine")
     assert json.loads(record["engine_description"])["stops"]

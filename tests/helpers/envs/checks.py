@@ -149,7 +149,7 @@ def check_reversibility(integrator: str) -> None:
     """Forward-backward over 10 s: below 1e-13 for reversible methods, and for no other."""
     for plant in (POINT, ROD):
         for start in ((math.pi / 2, 0.0), (math.pi - 0.5, 0.0)):
-            defect = reversibility_errors(integrator, plant, start, 0.05).max()
+            defect = float(reversibility_errors(integrator, plant, start, 0.05).max())
             assert (defect < 1e-13) is declared(integrator).reversible, (start, defect)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -36,6 +37,9 @@ EVERY = [(engine, integrator) for engine, integrator, env_id in CASES if env_id 
 FIRST = [(engine, next(iter(ENGINES.load(engine).maps))) for engine in FOREIGN]
 """Each engine with one of its integrators."""
 
+COMPILING = ("mjx", "mujoco_warp", "newton")
+"""Engines that take seconds to compile what moves a plant with an integrator."""
+
 STOPPED = [
     (engine, integrator)
     for engine in FOREIGN
@@ -44,6 +48,17 @@ STOPPED = [
     if integrator not in owner.stopless
 ]
 """Every integrator that heeds its engine's own stops."""
+
+
+def lighter(cases: Sequence[tuple[str, str]]) -> list[Any]:
+    """Engines and integrators; of engines that compile, all but the first are marked slow."""
+    first = dict(reversed(cases))
+    return [
+        pytest.param(engine, integrator, marks=pytest.mark.slow)
+        if engine in COMPILING and integrator != first[engine]
+        else (engine, integrator)
+        for engine, integrator in cases
+    ]
 
 
 def native_name(name: str) -> str:

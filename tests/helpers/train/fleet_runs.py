@@ -7,11 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.support.workers import peak_memory
 from integ_gym.train.fleet.training import train_chunk
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.running.evidence import TrainingEvidence
+
+OF_EACH_ACTION = [
+    env_id
+    if env_id in ("IntegCartPole-v0", "IntegPendulum-v0")
+    else pytest.param(env_id, marks=pytest.mark.slow)
+    for env_id in ENVIRONMENTS
+]
+"""An environment with discrete actions and one with continuous; the others in `make test-slow`."""
 
 SMALL = {"n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 2, "net_arch": (16, 8)}
 

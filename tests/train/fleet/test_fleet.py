@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from engine_cases import needs
-from fleet_runs import small_run
+from fleet_runs import OF_EACH_ACTION, small_run
 from pairing import covering
 from safetensors.numpy import save
 from stable_baselines3 import PPO
@@ -149,7 +149,7 @@ def test_an_update_is_that_of_sb3(env_id, kind):
         assert model._n_updates < config.n_epochs
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OF_EACH_ACTION)
 def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     """SB3's buffer, filled from a fleet's rollout by SB3's rules, holds the same numbers."""
     config = small_run(env_id, env_arguments={"duration": 0.3}, learning_rate=1e-3)
@@ -242,7 +242,7 @@ def test_orders_are_permutations():
         assert len({tuple(order) for order in np.asarray(orders).reshape(6, size)}) == 6
 
 
-@pytest.fixture(scope="module", params=ENVIRONMENTS)
+@pytest.fixture(scope="module", params=OF_EACH_ACTION)
 def pair(request):
     """Two runs that differ in all that may differ within a chunk, and their outcomes."""
     configs = [
@@ -260,7 +260,11 @@ def test_policies_do_not_depend_on_their_neighbours(pair):
         assert not np.array_equal(outcomes[0].weights[name], value) or name == "log_std"
 
 
-@pytest.mark.parametrize("overrides", [{}, {"target_kl": 1e-4}], ids=["plain", "early stop"])
+@pytest.mark.parametrize(
+    "overrides",
+    [pytest.param({}, marks=pytest.mark.slow), {"target_kl": 1e-4}],
+    ids=["plain", "early stop"],
+)
 def test_policies_learn_the_same_in_turn_and_at_once(overrides):
     configs = [small_run(seed=seed, learning_rate=3e-3, **overrides) for seed in range(3)]
     trainer = fleet._Trainer(kind_of(configs[0]), configs, None)
@@ -338,6 +342,7 @@ def _replay(record, config):
         np.testing.assert_allclose(env.unwrapped.state, state, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_policy_can_be_trained_on_an_engine_in_jax(tmp_path):
     """Without damping MJX's Euler is symplectic Euler: the policy is that of our integrator."""
     needs("mjx")

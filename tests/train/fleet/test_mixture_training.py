@@ -8,10 +8,10 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from fleet_runs import OF_EACH_ACTION
 from small_ppo import trained
 
 from integ_gym.commands.train import main
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.planning import plan
@@ -164,7 +164,7 @@ def test_policies_of_a_mixture_do_not_depend_on_their_neighbours():
         assert not np.array_equal(together[0].weights[name], value)
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OF_EACH_ACTION)
 def test_every_environment_trains_on_a_mixture(env_id, tmp_path):
     """Also where episodes end early: every integrator has its share of the decisions."""
     members = [{"integrator": "implicit_euler", "dt": 0.01}, {"integrator": "rk4", "dt": 0.02}]

@@ -127,7 +127,8 @@ def test_newtons_own_damping_is_off():
     made = setup_of("newton", FEATHERSTONE, "IntegPendulum-v0").engine
     _, solver, *_ = made._recorded(1, False)[0].simulation
     assert solver.angular_damping == 0.0
-    assert type(solver)(solver.model).angular_damping == 0.05
+    with made.here():
+        assert type(solver)(solver.model).angular_damping == 0.05
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])

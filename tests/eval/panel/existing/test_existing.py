@@ -40,6 +40,14 @@ def cart_pole_policy(made_once) -> Path:
 
 
 @pytest.fixture(scope="session")
+def untrained_policy(tmp_path_factory) -> Path:
+    """Of CartPole-v1 as well."""
+    path = tmp_path_factory.mktemp("untrained") / "balance.zip"
+    PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu").save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def pendulum_policy(tmp_path_factory) -> Path:
     """gSDE, hardly trained; no better than random on Pendulum-v1."""
     return _trained(
@@ -140,9 +148,9 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
         (["--env", "IntegCartPole-v0", "--obs-stats", "missing.json"], "missing.json"),
     ],
 )
-def test_bad_input_leaves_nothing_behind(cart_pole_policy, tmp_path, capsys, arguments, fragment):
+def test_bad_input_leaves_nothing_behind(untrained_policy, tmp_path, capsys, arguments, fragment):
     out = tmp_path / "out"
-    assert main(["evaluate", str(cart_pole_policy), "--out", str(out), *arguments]) == 2
+    assert main(["evaluate", str(untrained_policy), "--out", str(out), *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert fragment in error
     assert error.count("\n") == 0

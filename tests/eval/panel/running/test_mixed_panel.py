@@ -157,14 +157,19 @@ def test_the_fleet_refuses_shares_that_are_no_whole_environments():
 
 
 @pytest.fixture(scope="module", params=["sb3", "fleet"])
-def finished(request, tmp_path_factory):
+def finished(request, made_once):
     """Directory of a finished run with each trainer, and the command that made it."""
-    folder = tmp_path_factory.mktemp("mixed")
-    (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
-    out = folder / "out"
-    command = ["panel", str(folder / "mixed.toml"), "--trainer", request.param, "--out", str(out)]
-    assert main([*command, "--no-progress"]) == 0
-    return out, [*command, "--no-progress"]
+
+    def command(folder: Path) -> list[str]:
+        given = [str(folder / "mixed.toml"), "--trainer", request.param]
+        return ["panel", *given, "--out", str(folder / "out"), "--no-progress"]
+
+    def make(folder: Path) -> None:
+        (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
+        assert main(command(folder)) == 0
+
+    folder = made_once(f"mixed-{request.param}", make)
+    return folder / "out", command(folder)
 
 
 def _panel(directory):
@@ -235,6 +240,9 @@ def test_the_page_and_the_figures_show_the_remedy(finished):
     assert "mixture of 3" in text
 
 
+@pytest.mark.parametrize(
+    "finished", ["sb3", pytest.param("fleet", marks=pytest.mark.slow)], indirect=True
+)
 def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     out, command = finished
     units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
