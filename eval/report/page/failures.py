@@ -10,7 +10,7 @@ from ...panel.model import Panel
 
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
-    "unachievable": "no control reaches the goal's energy there",
+    "unachievable": "a search over controls misses the goal's energy from most starts",
     "not_learned": "the policy fails at home, too",
     "too_slow": "succeeds from the same start in twice the time",
     "discretization_error": "succeeds from the same start at home",
