@@ -24,7 +24,7 @@ Tone: TypeAlias = Literal["rate", "warm", "cool", "empty"]
 
 HATCHED: Final[dict[Achievability, str]] = {
     "too_slow": "too slow: solved within two horizons alone",
-    "unachievable": "unachievable: a search over controls misses the goal's energy from most starts",
+    "unachievable": "unachievable: a search over controls misses the goal from most starts",
 }
 """Cells that no policy is blamed for, in words; each has a hatching of its own."""
 
