@@ -163,7 +163,7 @@ def _weighted_means(
     return np.asarray(means)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=12)
 def _seed_weights(seeds: int, stream: Stream, draws: int) -> tuple[Floats, Floats]:
     """Weights before their division by the sum, shape (draws, seeds), and the sums."""
     weights = generator(stream).standard_exponential((draws, seeds))

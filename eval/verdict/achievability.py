@@ -90,7 +90,7 @@ def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     ):
         best = max(attempts, key=lambda one: float(getattr(one, rate)), default=None)
         if best is not None and getattr(best, rate) >= ACHIEVED:
-            reason = f"{best.name} succeed in {getattr(best, rate):.0%} of the starts {time}."
+            reason = f"{best.name}: success from {getattr(best, rate):.0%} of the starts {time}."
             return Achieved(status, reason)  # type: ignore[arg-type]
     if search is not None and search.reached < 1.0 - ACHIEVED:
         return Achieved("unachievable", _lost(search))

@@ -104,7 +104,7 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     comparisons
         The family. The error rates hold where it was chosen without a look at the results.
     draws
-        Draws of every test and interval.
+        Draws of every test.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     columns = (exceeds, equivalent, holm(exceeds).tolist(), holm(equivalent).tolist())
     p_values = zip(*columns, strict=True)
     return tuple(
-        _judge(c, next(p_values), draws) if mark is None else _unjudged(c, *mark, draws)
+        _judge(c, next(p_values)) if mark is None else _unjudged(c, *mark)
         for c, mark in zip(comparisons, marks, strict=True)
     )
 
@@ -141,14 +141,14 @@ def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:
     return None
 
 
-def _unjudged(comparison: Comparison, verdict: Verdict, reason: str, draws: int) -> Judgement:
-    loss = split(comparison.rates, draws=draws)
+def _unjudged(comparison: Comparison, verdict: Verdict, reason: str) -> Judgement:
+    loss = split(comparison.rates)
     return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
 
 
-def _judge(comparison: Comparison, p: tuple[float, float, float, float], draws: int) -> Judgement:
+def _judge(comparison: Comparison, p: tuple[float, float, float, float]) -> Judgement:
     _, _, exceeds, equivalent = p
-    rates, loss = comparison.rates, split(comparison.rates, draws=draws)
+    rates, loss = comparison.rates, split(comparison.rates)
     seeds, change = _seeds(rates), _change(rates, loss)
     verdict: Verdict = "inconclusive"
     if min(len(rates.home), len(rates.home if rates.native is None else rates.native)) < MIN_SEEDS:

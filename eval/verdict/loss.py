@@ -27,6 +27,9 @@ from ..statistics import (
 
 LEVEL: Final = 0.95
 
+INTERVAL_DRAWS: Final = 20_000
+"""Draws of an interval: its ends are right to about 0.002."""
+
 _ROW_PRIOR: Final = np.array(
     [
         [1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
@@ -129,7 +132,7 @@ class Loss:
     overfitting: Interval
 
 
-def split(rates: Rates, *, draws: int = DRAWS) -> Loss:
+def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
     """The loss and its parts, each with a 95 % interval over seeds and their starts.
 
     Every seed has starts of its own, so that seeds and starts vary together between the rates;

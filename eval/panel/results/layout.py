@@ -87,7 +87,7 @@ class PanelLayout:
         natives = []
         if native is not None and matrix.has(native, cell):
             rates = matrix.rates(native, cell).mean(), matrix.recovered_rates(native, cell).mean()
-            natives = [Attempt("policies trained there", *map(float, rates))]
+            natives = [Attempt("Policies trained there", *map(float, rates))]
         return self._tried(cell).achieved(*natives)
 
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:

@@ -76,7 +76,7 @@ def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
     if not harmful:
         return [
             f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} "
-            f"anywhere, so there is nothing for {mixture} to remedy."
+            f"by overfitting anywhere, so there is nothing for {mixture} to remedy."
         ]
     kept = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
     own = sum(cell.member for cell in kept)
@@ -85,8 +85,8 @@ def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
     rest = f"; they lose more in {', '.join(lost)}" if lost else ""
     return [
         f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, policies "
-        f"trained on another single one lose more than {FAIL_MARGIN} of success; those trained on "
-        f"{mixture} lose no more than that in {len(kept)} of these{trained}{rest}."
+        f"trained on another single one lose more than {FAIL_MARGIN} of success by overfitting; "
+        f"those trained on {mixture} lose no more than that in {len(kept)} of these{trained}{rest}."
     ]
 
 

@@ -50,7 +50,7 @@ class Tried:
         own = []
         if self.success:
             rates = float(np.mean(self.success)), float(np.mean(self.recovered))
-            own = [Attempt("the hand-made controller", *rates)]
+            own = [Attempt("Hand-made controller", *rates)]
         return achieved([*others, *own], self.search)
 
 
