@@ -157,9 +157,9 @@ def _weighted_means(
 ) -> Floats:
     """Means of rows (rows, seeds) with atoms (rows, atoms), shape (draws, rows)."""
     seeds, total = _seed_weights(rows.shape[1], stream, draws)
-    prior = generator(stream, prior=True).standard_gamma(weights, (draws, len(weights)))
+    prior, pseudo = _prior_weights(weights, stream, draws)
     means = seeds @ rows.T + prior @ atoms.T
-    means /= (total + prior.sum(axis=1))[:, None]
+    means /= (total + pseudo)[:, None]
     return np.asarray(means)
 
 
@@ -169,3 +169,11 @@ def _seed_weights(seeds: int, stream: Stream, draws: int) -> tuple[Floats, Float
     weights = generator(stream).standard_exponential((draws, seeds))
     weights.setflags(write=False)
     return weights, weights.sum(axis=1)
+
+
+@lru_cache(maxsize=12)
+def _prior_weights(weights: tuple[float, ...], stream: Stream, draws: int) -> tuple[Floats, Floats]:
+    """The same of the prior's atoms."""
+    drawn = generator(stream, prior=True).standard_gamma(weights, (draws, len(weights)))
+    drawn.setflags(write=False)
+    return drawn, drawn.sum(axis=1)
