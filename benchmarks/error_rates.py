@@ -123,7 +123,7 @@ def measure(
         verdicts.append([j.verdict == case.asked for j in judge_family(family, draws=DRAWS)])
         found = split(family[0].rates, draws=DRAWS).overfitting
         held.append(found.low <= case.overfitting <= found.high)
-        rate = rate_interval(family[0].rates.recovered)
+        rate = rate_interval(family[0].rates.recovered, draws=DRAWS)
         rate_held.append(rate.low <= case.recovered <= rate.high)
     told = np.array(verdicts)
     return {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from .bounds import SHOWN, difference_draws, share, worst_case_means
 from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, one_dimensional
-from .posterior import paired_posterior, rate_posterior, unpaired_posterior
+from .posterior import DRAWS, paired_posterior, rate_posterior, unpaired_posterior
 from .streams import Stream
 
 
@@ -54,7 +54,7 @@ def mean_rate(rates: RatesLike) -> float:
     return mean_of(one_dimensional(rates, "rates"))
 
 
-def rate_interval(rates: RatesLike, level: float = 0.95) -> Interval:
+def rate_interval(rates: RatesLike, level: float = 0.95, *, draws: int = DRAWS) -> Interval:
     """Interval for the mean success rate over training seeds.
 
     Equal-tailed interval of `rate_posterior`, stretched to the estimate where the prior pulls
@@ -74,6 +74,8 @@ def rate_interval(rates: RatesLike, level: float = 0.95) -> Interval:
         Shape (seeds,): success rate of each training seed, in [0, 1].
     level
         Nominal coverage, in (0, 1).
+    draws
+        Draws of its posterior.
 
     Returns
     -------
@@ -86,7 +88,7 @@ def rate_interval(rates: RatesLike, level: float = 0.95) -> Interval:
         ``level`` is outside (0, 1).
     """
     values = one_dimensional(rates, "rates")
-    return equal_tailed(mean_of(values), rate_posterior(values), level)
+    return equal_tailed(mean_of(values), rate_posterior(values, draws=draws), level)
 
 
 def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> Difference:

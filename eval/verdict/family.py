@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 from ..statistics import DRAWS, holm, mean_rate
 from .achievability import Achieved
-from .loss import Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split
+from .loss import INTERVAL_DRAWS, Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split
 from .rules import (
     ALPHA,
     EQUIVALENCE_MARGIN,
@@ -104,7 +104,7 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     comparisons
         The family. The error rates hold where it was chosen without a look at the results.
     draws
-        Draws of every test.
+        Draws of every test, and of intervals as far as these have as many.
 
     Returns
     -------
@@ -122,9 +122,10 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
     columns = (exceeds, equivalent, holm(exceeds).tolist(), holm(equivalent).tolist())
     p_values = zip(*columns, strict=True)
+    splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
     return tuple(
-        _judge(c, next(p_values)) if mark is None else _unjudged(c, *mark)
-        for c, mark in zip(comparisons, marks, strict=True)
+        _judge(c, splits[k], next(p_values)) if mark is None else _unjudged(c, splits[k], *mark)
+        for k, (c, mark) in enumerate(zip(comparisons, marks, strict=True))
     )
 
 
@@ -141,14 +142,13 @@ def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:
     return None
 
 
-def _unjudged(comparison: Comparison, verdict: Verdict, reason: str) -> Judgement:
-    loss = split(comparison.rates)
+def _unjudged(comparison: Comparison, loss: Loss, verdict: Verdict, reason: str) -> Judgement:
     return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
 
 
-def _judge(comparison: Comparison, p: tuple[float, float, float, float]) -> Judgement:
+def _judge(comparison: Comparison, loss: Loss, p: tuple[float, float, float, float]) -> Judgement:
     _, _, exceeds, equivalent = p
-    rates, loss = comparison.rates, split(comparison.rates)
+    rates = comparison.rates
     seeds, change = _seeds(rates), _change(rates, loss)
     verdict: Verdict = "inconclusive"
     if min(len(rates.home), len(rates.home if rates.native is None else rates.native)) < MIN_SEEDS:

@@ -13,6 +13,7 @@ FOLDER = Path(__file__).parents[2] / "benchmarks"
 SHORT = {
     "engines": ["--only", "mujoco", "--seconds", "0.01"],
     "env_throughput": ["--only", "single", "vector", "--seconds", "0.01"],
+    "error_rates": ["--seeds", "8", "--repeats", "2"],
     "evidence_cost": ["--seconds", "0.05", "--episodes", "2000"],
     "panel_cost": ["--only", "single", "--steps", "4096", "--runs", "1"],
     "reference_cost": [],

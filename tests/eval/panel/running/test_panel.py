@@ -48,7 +48,11 @@ def test_every_cell_has_every_paired_episode_once(panel_directory):
     rows += len(spec.seeds) * sum(len(spec.cells_of(home)) for home in spec.train)
     assert len(found) == rows
     assert {(row["n"], row["k"]) for row in found} == {(spec.episodes, spec.episodes)}
-    assert len({json.dumps(row["starts"]) for row in found}) == 1
+    starts = {}
+    for row in found:
+        starts.setdefault(row["policy_id"], set()).add(json.dumps(row["starts"]))
+    assert {len(own) for own in starts.values()} == {1}, "paired between cells"
+    assert len({json.dumps(sorted(own)) for own in starts.values()}) == len(spec.seeds)
     assert store.verify() == []
 
 
@@ -316,7 +320,7 @@ def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, c
 
 
 def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
-    content = {"schema_version": 2, "rows": [1], "matrix": [{}], "cells": []}
+    content = {"schema_version": 3, "rows": [1], "matrix": [{}], "cells": []}
     (tmp_path / "panel.json").write_text(json.dumps(content))
     assert "is damaged" in _fails(capsys, "report", str(tmp_path))
 
