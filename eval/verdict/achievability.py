@@ -46,7 +46,7 @@ class Search:
     highest
         Highest energy reached from each start, J.
     method
-        How it was searched, in a sentence with the search's error.
+        How it was searched, in a sentence.
     """
 
     horizon: float

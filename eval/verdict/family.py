@@ -97,7 +97,7 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
     0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
-    29 seeds, one of four 42 and one of six 46.
+    30 seeds, one of four 43 and one of six 47.
 
     Parameters
     ----------

@@ -33,7 +33,10 @@ UNSOLVED: Final = 0.05
 
 def p_text(value: float) -> str:
     """A p-value in words."""
-    return f"p = {value:.3f}" if value >= 0.001 else "p < 0.001"
+    if value < 0.001:
+        return "p < 0.001"
+    close = abs(value - ALPHA) < 0.1 * ALPHA
+    return f"p = {value:.4f}" if close else f"p = {value:.3f}"
 
 
 def require_unique(names: Sequence[str], kind: str) -> None:

@@ -267,7 +267,7 @@ _REPLAYS = _group(
     Field(
         "cell_status", "string", "",
         "whether the goal can be reached here: a hand-made controller may show it, a search rule "
-        "it out; null: neither was tried",
+        "it out; null: neither could be tried",
         nullable=True, choices=CELL_STATUSES, since=2,
     ),
 )  # fmt: skip

@@ -232,12 +232,14 @@ def _answer(
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
     fails, unreached = len(failed), _unreached(layout, matrix)
+    some = len(judged) < len(judgements)
+    declared = "declared transfers" + (" that can be judged" if some else "")
     holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
     if holds == len(judged):
-        return f"Yes: all {holds} declared transfers hold within ±0.1 success.{unreached}"
+        return f"Yes: all {holds} {declared} hold within ±0.1 success.{unreached}"
     verdict = "No" if fails else "Not shown either way"
     return (
-        f"{verdict}: of {len(judged)} declared transfers {fails} fail and {holds} hold; "
+        f"{verdict}: of {len(judged)} {declared} {fails} fail and {holds} hold; "
         f"{_most(worst, pair, matrix)}.{unreached}"
     )
 
@@ -250,6 +252,7 @@ def _unreached(layout: PanelLayout, matrix: Matrix) -> str:
         for status, words in (
             ("unachievable", "cannot be solved by any control that was found"),
             ("too_slow", "can be solved in twice the time alone"),
+            ("undecided", "may be solvable or not: nobody does, and no search rules it out"),
         )
     }
     return "".join(f" {', '.join(cells)} {words}." for words, cells in named.items() if cells)
@@ -275,7 +278,7 @@ def _unjudged_answer(judgements: Sequence[Judgement], layout: PanelLayout, matri
     if any(judgement.verdict != "not_learned" for judgement in judgements):
         return (
             "Not answered: no declared transfer can be judged, for the want of policies that learn "
-            f"or of cells that can be solved in time.{_unreached(layout, matrix)}"
+            f"or of cells that are known to be solvable in time.{_unreached(layout, matrix)}"
         )
     home = {
         row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None

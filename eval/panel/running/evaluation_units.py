@@ -16,7 +16,7 @@ import numpy as np
 from integ_gym.evidence import EvidenceStore, Layout
 
 from ..specification import Cell, PanelSpec
-from .achievability import try_cells
+from .achievability import Tried, try_cells
 from .evaluation import Subject, divided, evaluate
 from .expected_time import cell_seconds, cell_timing
 from .run_directory import RunDirectory, key_of
@@ -123,7 +123,7 @@ def evaluate_all(
     with working(label, seconds, workers, progress) as work:
         work.skip(seconds - evaluation_seconds(spec, waiting))
         found = try_cells(spec, directory, work)
-        can = {cell: own.achieved().status for cell, own in found.items()}
+        can = {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
         if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
             tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
             work.do("evaluating", _commit, tasks)

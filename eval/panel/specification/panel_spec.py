@@ -93,7 +93,7 @@ class PanelSpec:
 
     @property
     def start_sets(self) -> tuple[int, ...]:
-        """Whose starts baselines act from: the first training seeds'."""
+        """Training seeds whose starts a hand-made controller tries; baselines have the first's."""
         return self.seeds[:START_SETS] or (0,)
 
     def columns(self) -> tuple[Cell, ...]:

@@ -22,10 +22,10 @@ def limits_of(panel: Panel) -> list[str]:
             f"Some rows have {plural(fewest, 'seed')}; below {rules.MIN_SEEDS} seeds nothing is "
             "concluded, whatever the numbers look like."
         )
-    if rows and fewest < 29:
+    if rows and fewest < 30:
         limits.append(
-            "Showing that a policy transfers takes many seeds: with every rate at 1.0, 29 a side "
-            "in a family of one and 46 in a family of six. "
+            "Showing that a policy transfers takes many seeds: with every rate at 1.0, 30 a side "
+            "in a family of one and 47 in a family of six. "
             f"Here the rows have {fewest} or more, so inconclusive is not the same as fails."
         )
     if panel.truth is None:

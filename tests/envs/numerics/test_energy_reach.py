@@ -56,6 +56,16 @@ def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
     assert found == pytest.approx(critical, abs=2e-3)
 
 
+@pytest.mark.parametrize("integrator", ["symplectic_euler", "implicit_euler"])
+def test_a_finer_grid_of_controls_finds_no_more(
+    integrator: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = partial(setup, integrator=integrator)
+    coarse = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
+    monkeypatch.setattr("integ_gym.envs.numerics.energy_reach.CONTROLS", np.linspace(-1, 1, 9))
+    assert numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0) == pytest.approx(coarse, abs=2e-3)
+
+
 def test_dissipating_numerics_cost_torque_and_pumping_ones_give() -> None:
     exact = numerics.critical_limit(partial(setup, integrator="rk4"), HANGING, 8.0, 0.05, 3.0)
     pumped = partial(setup, integrator="explicit_euler")

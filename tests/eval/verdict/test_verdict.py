@@ -27,6 +27,7 @@ from integ_gym.eval.verdict.loss import (
     split,
 )
 from integ_gym.eval.verdict.reference import reference_class
+from integ_gym.eval.verdict.rules import p_text
 
 SOLVED = Achieved("achievable", "It is solved.")
 GOOD, POOR, MIDDLE = [1.0, 0.95] * 5, [0.1, 0.2] * 5, [0.75, 0.85] * 5
@@ -236,11 +237,27 @@ def test_order_of_seeds_does_not_matter_but_pairing_does() -> None:
     assert crossed.high - crossed.low > straight.high - straight.low
 
 
-@pytest.mark.parametrize("seeds", [29, 46])
+@pytest.mark.parametrize("seeds", [30, 47])
 def test_perfect_seeds_are_equivalent_as_far_as_their_number_goes(seeds: int) -> None:
     """As many seeds as the docstring of `judge_family` says, and the binomial chance."""
     perfect = rates([1.0] * seeds, [1.0] * seeds, [1.0] * seeds, handmade=[1.0] * 200)
-    assert p_overfitting_within(perfect, 0.1) == pytest.approx(0.9**seeds, abs=2e-3)
+    assert p_overfitting_within(perfect, 0.1) == pytest.approx(0.9 ** (seeds - 1), abs=3e-3)
+
+
+def test_equal_yardsticks_do_not_make_a_transfer_of_a_loss_at_the_margin() -> None:
+    """Many all-or-nothing seeds, 0.6 at home and of natives, 0.5 there: at most 5 % transfer."""
+    rng, wrong = np.random.default_rng(5), 0
+    for _ in range(200):
+        home, native, there = (list((rng.random(200) < r).astype(float)) for r in (0.6, 0.6, 0.5))
+        found = Rates(home, there, there, native)
+        wrong += p_overfitting_within(found, 0.1, draws=2000) < 0.05
+    assert wrong <= 17  # of 200 at 5 %, more have a chance of 0.01
+
+
+def test_p_values_near_the_line_have_one_digit_more() -> None:
+    assert [p_text(p) for p in (0.0004, 0.0316, 0.0497, 0.2)] == [
+        "p < 0.001", "p = 0.032", "p = 0.0497", "p = 0.200",
+    ]  # fmt: skip
 
 
 # --- achievability -------------------------------------------------------------------------
