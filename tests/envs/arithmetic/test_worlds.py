@@ -103,9 +103,11 @@ def _assert_same(found, expected, tolerance=1e-12):
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
 
 
-def _agreement(integrator, rough):
-    """Of `reference` at a stop or in friction rounding decides how it divides its step."""
-    return 1e-9 if rough and integrator == "reference" else 1e-12
+def _agreement(integrator, forces, rough):
+    """Of `reference` rounding decides how it divides its step: at a stop, in friction, and where
+    a spring swings faster than the step is long (starts one ulp apart end 7e-11 m/s apart)."""
+    divided = rough or forces == "elastic_pendulum"
+    return 1e-9 if divided and integrator == "reference" else 1e-12
 
 
 @pytest.mark.parametrize("forces", PLANTS_AND_FORCES)
@@ -119,7 +121,7 @@ def test_array_equals_scalar(forces, integrator):
         batched = _flat(_advance(ARRAY, owner, integrator, case))
         single = [_flat(_advance(SCALAR, owner, integrator, _lane(case, i))) for i in range(LANES)]
         found = np.stack([lane[:, 0] for lane in single], -1)
-        _assert_same(found, batched, _agreement(integrator, rough))
+        _assert_same(found, batched, _agreement(integrator, forces, rough))
 
     check()
 
@@ -141,7 +143,7 @@ def test_jax_equals_array(integrator, forces):
         batched = _flat(_advance(ARRAY, owner, integrator, case))
         with jax.enable_x64(True):
             compiled = _flat(step(case))
-        _assert_same(compiled, batched, _agreement(integrator, rough))
+        _assert_same(compiled, batched, _agreement(integrator, forces, rough))
 
     check()
 
