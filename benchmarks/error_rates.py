@@ -15,12 +15,11 @@ comparison is given its right verdict where overfitting is far from the margins,
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import results
 from tqdm import tqdm
 
@@ -28,35 +27,11 @@ from integ_gym.eval.statistics.rates import rate_interval
 from integ_gym.eval.verdict.achievability import Achieved
 from integ_gym.eval.verdict.family import Comparison, judge_family
 from integ_gym.eval.verdict.loss import Rates, split
-
-Array = npt.NDArray[np.float64]
-Draw = Callable[[np.random.Generator, float, int], Array]
+from integ_gym.eval.verdict.worlds import WORLDS, Draw, measured
 
 DRAWS = 4000
 HANDMADE_STARTS = 100
-CONCENTRATION = 10.0
 SOLVED = Achieved("achievable", "It is solved.")
-
-
-def all_or_nothing(rng: np.random.Generator, mean: float, seeds: int) -> Array:
-    """True rates of seeds that succeed from every start or from none."""
-    return (rng.random(seeds) < mean).astype(np.float64)
-
-
-def smooth(rng: np.random.Generator, mean: float, seeds: int) -> Array:
-    """True rates from a Beta law; its standard deviation at a mean of 0.9 is 0.09."""
-    if mean in (0.0, 1.0):
-        return np.full(seeds, mean)
-    return rng.beta(CONCENTRATION * mean, CONCENTRATION * (1.0 - mean), seeds)
-
-
-def mixed(rng: np.random.Generator, mean: float, seeds: int) -> Array:
-    """Half of what is missing to 1 is lost by seeds that fail altogether."""
-    lost = 0.5 * (1.0 - mean)
-    return np.where(rng.random(seeds) < lost, 0.0, smooth(rng, mean / (1.0 - lost), seeds))
-
-
-WORLDS: dict[str, Draw] = {"all or nothing": all_or_nothing, "smooth": smooth, "mixed": mixed}
 
 
 class Case(NamedTuple):
@@ -99,15 +74,14 @@ CASES = (
 
 def rates_of(case: Case, draw: Draw, seeds: int, starts: int, rng: np.random.Generator) -> Rates:
     """One comparison's measured rates."""
-
-    def measured(mean: float) -> Array:
-        return np.asarray(rng.binomial(starts, draw(rng, mean, seeds)) / starts)
-
     handmade = None
     if case.handmade is not None:
         handmade = (rng.random(HANDMADE_STARTS) < case.handmade).astype(np.float64)
-    recovered = measured(case.recovered)
-    return Rates(measured(case.home), recovered, recovered, measured(case.native), handmade)
+    recovered, home, native = (
+        measured(rng, draw, mean, seeds, starts)
+        for mean in (case.recovered, case.home, case.native)
+    )
+    return Rates(home, recovered, recovered, native, handmade)
 
 
 def measure(

@@ -9,8 +9,9 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .calls import evaluate, run_panel, specified
-    from .model import FILE_NAME, read_panel
+    from .model import FILE_NAME, Panel, read_panel
+    from .power import family_power
     from .running import MANIFEST
-    from .specification import BUILT_IN, TRAINERS, PanelSpec
+    from .specification import BUILT_IN, TRAINERS, PanelSpec, grown
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -12,8 +12,8 @@ from integ_gym.support import cores, require
 from .existing import evaluate_existing, plan, read_existing
 from .model import Panel
 from .results import write_artefact
-from .running import completed
-from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec
+from .running import complete, opened
+from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
 
 
 def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
@@ -38,6 +38,8 @@ def run_panel(
 ) -> Panel:
     """Train and evaluate all that is not finished yet, and write the panel's directory.
 
+    A first page comes after a few training seeds, marked as not decided; see :func:`stages`.
+
     Args:
         spec: of the panel; see :func:`specified`.
         out: its directory.
@@ -56,9 +58,11 @@ def run_panel(
     """
     require("train", "report", "evidence")
     given, taken = specified(spec), None if policies is None else Path(policies)
-    with completed(
-        given, Path(out), workers=workers, progress=progress, policies=taken
-    ) as directory:
+    with opened(given, Path(out), workers=workers, policies=taken) as directory:
+        for stage in stages(given):
+            new = complete(stage, directory, workers=workers, progress=progress)
+            if new and stage is not given:
+                write_artefact(stage, directory, command, workers or cores(), of=given)
         return write_artefact(given, directory, command, workers or cores())
 
 

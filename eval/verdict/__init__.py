@@ -18,8 +18,9 @@ if TYPE_CHECKING:
         PolicyComparison,
         compare_policies,
     )
-    from .family import WITHOUT_VERDICT, Comparison, Judgement, Verdict, judge_family
+    from .family import WITHOUT_VERDICT, Comparison, Judgement, Verdict, judge_family, postponed
     from .loss import Loss, Rates, split
+    from .power import Power, fewest_seeds, seeds_wanted, verdict_chances
     from .reference import ReferenceClass, reference_class
     from .rules import (
         ACHIEVED,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from ..statistics import DRAWS, holm, mean_rate
@@ -127,6 +127,16 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
         _judge(c, splits[k], next(p_values)) if mark is None else _unjudged(c, splits[k], *mark)
         for k, (c, mark) in enumerate(zip(comparisons, marks, strict=True))
     )
+
+
+def postponed(judgement: Judgement, reason: str) -> Judgement:
+    """The same without its verdict, where not all seeds that were declared are there."""
+    if judgement.verdict in WITHOUT_VERDICT:
+        return judgement
+    nothing = dict.fromkeys(
+        ("p_exceeds", "p_equivalent", "p_exceeds_adjusted", "p_equivalent_adjusted")
+    )
+    return replace(judgement, verdict="inconclusive", reason=reason, **nothing)
 
 
 def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:

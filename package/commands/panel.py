@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval import BUILT_IN, TRAINERS, PanelSpec, run_panel, specified
+from integ_gym.eval import BUILT_IN, TRAINERS, PanelSpec, grown, run_panel, specified
 from integ_gym.support import CommandParser, beside, say, whole_number, width_of
+
+from .panel_power import print_power
 
 EXAMPLES = """\
 examples:
@@ -21,6 +23,9 @@ examples:
                                           with stable-baselines3, one policy after the other
   integ-gym panel --memory-gib 4 --workers 8 --out runs/panel
                                           8 processes that train within 4 GiB together
+  integ-gym panel --seeds 80 --out runs/panel
+                                          again with more training seeds; keeps those that it has
+  integ-gym panel --power                 what its seeds can show, before anything runs
   integ-gym panel engines --out runs/engines
                                           the same policies on every installed engine
   integ-gym panel engines --policies runs/panel --out runs/engines
@@ -42,7 +47,12 @@ def parser() -> argparse.ArgumentParser:
     names = ", ".join(BUILT_IN)
     add = made.add_argument
     add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
-    add("--out", required=True, type=Path, metavar="DIR", help="the panel's directory")
+    add("--out", type=Path, metavar="DIR", help="the panel's directory")
+    add(
+        "--power", action="store_true",
+        help="run nothing: say what the seeds can show, and of a panel that is finished in --out "
+        "which verdicts want for how many more",
+    )  # fmt: skip
     add(
         "--trainer", choices=TRAINERS,
         help="the compiled fleet trainer, or stable-baselines3; default: the specification's, "
@@ -57,6 +67,11 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--policies", type=Path, metavar="DIR",
         help="take the policies of this finished panel, trained alike, instead of training",
+    )  # fmt: skip
+    add(
+        "--seeds", type=whole_number, metavar="N",
+        help="train with so many seeds of the specification's, or with more; a finished directory "
+        "keeps what it has",
     )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
@@ -79,8 +94,16 @@ def main(argv: Sequence[str]) -> int:
                 f"--memory-gib must be a finite number above 0, got {arguments.memory_gib}"
             )
         spec = replace(spec, memory_gib=arguments.memory_gib)
+    if arguments.seeds is not None:
+        spec = grown(spec, arguments.seeds)
+        words += ["--seeds", str(arguments.seeds)]
     if arguments.policies:
         words += ["--policies", str(arguments.policies)]
+    if arguments.power:
+        print_power(spec, arguments.out)
+        return 0
+    if arguments.out is None:
+        raise ValueError("a panel needs a directory: --out DIR")
     panel = run_panel(
         spec,
         arguments.out,

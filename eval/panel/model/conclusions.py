@@ -25,6 +25,8 @@ class Verdict(Part, frozen=True, kw_only=True):
         p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family.
         p_equivalent_adjusted: p-value for "overfitting within ±0.1" after Holm's procedure.
         reason: why, in one sentence with numbers.
+        seeds_wanted: with how many training seeds four in five such panels would decide an
+            `inconclusive` one; null where eight times as many would not, or there is no need.
     """
 
     row: str
@@ -40,6 +42,7 @@ class Verdict(Part, frozen=True, kw_only=True):
     p_exceeds_adjusted: float | None
     p_equivalent_adjusted: float | None
     reason: str
+    seeds_wanted: int | None = None
 
 
 class CellFinding(Part, frozen=True, kw_only=True):

@@ -64,6 +64,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         cells: discretizations in which policies were evaluated.
         matrix: what each row did in each cell that it was evaluated in.
         verdicts: verdicts on the declared family of transfers.
+        looks: numbers of seeds at which verdicts have been seen, the last is this one's; empty
+            before the first.
         policy_comparisons: comparisons of declared pairs of rows.
         remedies: mixtures held against single discretizations.
         training_costs: what training cost, by row.
@@ -93,6 +95,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     cells: tuple[Cell, ...]
     matrix: tuple[Entry, ...]
     verdicts: tuple[Verdict, ...] = ()
+    looks: tuple[int, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()
     remedies: tuple[Remedy, ...] = ()
     training_costs: dict[str, TrainingCost] = {}  # noqa: RUF012 (msgspec copies it)

@@ -18,6 +18,8 @@ from ...verdict import (
     PolicyCell,
     compare_policies,
     judge_family,
+    postponed,
+    seeds_wanted,
 )
 from ..model import Cell as PanelCell
 from ..model import (
@@ -51,6 +53,7 @@ def build_artefact(
     training_steps: int | None = None,
     engine_agreement: tuple[EngineAgreement, ...] = (),
     remark: str = "",
+    undecided: str = "",
     **told: Any,
 ) -> Panel:
     """Everything that a panel found.
@@ -64,9 +67,12 @@ def build_artefact(
         training_steps: decisions that each policy was trained for; None where none was.
         engine_agreement: see :class:`Panel`.
         remark: a sentence that is added to the answer.
+        undecided: why there are no verdicts yet, in a sentence; nothing where there are.
         told: attributes of :class:`Panel` that the outcome does not tell.
     """
     judgements = _judge(layout, matrix)
+    if undecided:
+        judgements = tuple(postponed(judgement, undecided) for judgement in judgements)
     failures = [
         failure
         for row in layout.rows
@@ -77,7 +83,7 @@ def build_artefact(
     answer = _answer(layout, matrix, judgements, engine_agreement)
     return Panel(
         **told,
-        answer=f"{answer} {remark}".rstrip(),
+        answer=" ".join(part for part in (undecided, answer, remark) if part),
         directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
         platform=platform.platform(),
@@ -97,8 +103,10 @@ def build_artefact(
             for cell in layout.cells_of[row.name]
         ),
         verdicts=tuple(
-            _verdict(judgement, *pair)
-            for judgement, pair in zip(judgements, layout.family, strict=True)
+            _verdict(
+                judgement, *pair, None if undecided else _wanted(layout, matrix, judgements, k)
+            )
+            for k, (judgement, pair) in enumerate(zip(judgements, layout.family, strict=True))
         ),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         remedies=remedies(layout, matrix),
@@ -118,9 +126,22 @@ def _failed(layout: PanelLayout, matrix: Matrix) -> int:
     )
 
 
-def _verdict(judgement: Judgement, row: str, cell: str) -> Verdict:
+def _verdict(judgement: Judgement, row: str, cell: str, wanted: int | None) -> Verdict:
     told = {name: value for name, value in vars(judgement).items() if name != "loss"}
-    return build(Verdict, row=row, cell=cell, **told, **vars(judgement.loss))
+    parts = vars(judgement.loss)
+    return build(Verdict, row=row, cell=cell, seeds_wanted=wanted, **told, **parts)
+
+
+def _wanted(
+    layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement], place: int
+) -> int | None:
+    """With how many seeds a verdict is to be expected where there is none for want of them."""
+    if judgements[place].verdict != "inconclusive":
+        return None
+    tested = sum(judgement.verdict not in WITHOUT_VERDICT for judgement in judgements)
+    rates = layout.rates(matrix, *layout.family[place])
+    assert rates is not None
+    return seeds_wanted(rates, tested)
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:

@@ -20,8 +20,22 @@ from .matrix import COLUMNS, Matrix, Row
 from .training_cost import training_costs
 
 
-def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, workers: int) -> Panel:
-    """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``."""
+def write_artefact(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    command: str,
+    workers: int,
+    of: PanelSpec | None = None,
+) -> Panel:
+    """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``.
+
+    Args:
+        spec: the panel, or a stage of it.
+        directory: in which all of that is finished.
+        command: how to run it again, for the page.
+        workers: processes that it ran in.
+        of: the panel whose stage it is; nothing is decided then.
+    """
     units, held = units_of(spec), evaluated(directory)
     homes = {home.name: home for home in spec.train}
     rows = tuple(
@@ -60,7 +74,30 @@ def write_artefact(spec: PanelSpec, directory: RunDirectory, command: str, worke
             {row.name: row.policies for row in rows if row.kind == "trained"},
         ),
         engine_agreement=agreements(layout, matrix, spec),
+        **_looks(spec, directory) if of is None else _stage(spec, of),
     )
+
+
+def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
+    """Numbers of seeds at which verdicts have been seen."""
+    looks = directory.looked(len(spec.seeds))
+    if len(looks) == 1 or not spec.family:
+        return {"looks": tuple(looks)}
+    return {
+        "looks": tuple(looks),
+        "warnings": (
+            f"Seeds were added after verdicts had been seen on {looks[-2]} of them: every look is "
+            "a chance of its own to be wrong (docs/panel.md says how large).",
+        ),
+    }
+
+
+def _stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
+    sentence = (
+        f"Not decided yet: {len(spec.seeds)} of {len(of.seeds)} training seeds are here; the rest "
+        "is being trained and judged, and this page is written again as they arrive."
+    )
+    return {"undecided": sentence, "spec": of.to_json(), "warnings": (sentence,)}
 
 
 def reduced(

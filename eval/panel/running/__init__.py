@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .achievability import Tried, tried
     from .evaluation import Subject
     from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
-    from .panel import baseline_of, completed
+    from .panel import baseline_of, complete, opened
     from .run_directory import MANIFEST, RunDirectory, package_versions
     from .units import training_config, units_of
 else:

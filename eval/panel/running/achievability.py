@@ -17,7 +17,7 @@ from integ_gym.envs import numerics
 from integ_gym.train import make_baseline, possible_baselines
 
 from ...verdict import ACHIEVED, Achieved, Attempt, Search, achieved
-from ..specification import Cell, PanelSpec, environments_of, file_name
+from ..specification import Cell, PanelSpec, environments_of, file_name, inputs
 from .evaluation import Subject, roll_out, second_horizon
 from .run_directory import RunDirectory, key_of
 from .work import Work
@@ -131,4 +131,4 @@ def _unit(cell: Cell) -> str:
 
 
 def _key(spec: PanelSpec, cell: Cell) -> str:
-    return key_of(spec.engine_versions(), spec=spec.to_json(), cell=cell.name)
+    return key_of(spec.engine_versions(), spec=inputs(spec), cell=cell.name)

@@ -15,7 +15,7 @@ import numpy as np
 
 from integ_gym.evidence import EvidenceStore, Layout
 
-from ..specification import Cell, PanelSpec
+from ..specification import Cell, PanelSpec, inputs
 from .achievability import Tried, try_cells
 from .evaluation import Subject, divided, evaluate
 from .expected_time import cell_seconds, cell_timing
@@ -75,7 +75,7 @@ def not_evaluated(
     """
     hashes = _hashes(subjects)
     for unit, marker in directory.markers(PREFIX).items():
-        own = {policy: hashes.get(policy, "") for policy in marker["policies"]}
+        own = {policy: hashes.get(policy, held) for policy, held in marker["policies"].items()}
         if directory.finished(unit, _key(spec, own)) is None:
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
@@ -186,7 +186,7 @@ def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
 
 
 def _key(spec: PanelSpec, hashes: Mapping[str, str]) -> str:
-    return key_of(spec.engine_versions(), spec=spec.to_json(), policies=hashes)
+    return key_of(spec.engine_versions(), spec=inputs(spec), policies=hashes)
 
 
 def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:

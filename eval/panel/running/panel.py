@@ -12,7 +12,7 @@ from integ_gym.train import POLICY_FILE, Policy, make_baseline, read_trained
 
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
-from .evaluation_units import evaluate_all
+from .evaluation_units import evaluate_all, evaluated
 from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
@@ -55,26 +55,19 @@ def baseline_of(spec: PanelSpec, name: str) -> Policy:
 
 
 @contextmanager
-def completed(
-    spec: PanelSpec,
-    out: Path,
-    *,
-    workers: int | None = None,
-    progress: bool = True,
-    policies: Path | None = None,
+def opened(
+    spec: PanelSpec, out: Path, *, workers: int | None = None, policies: Path | None = None
 ) -> Iterator[RunDirectory]:
-    """Train and evaluate everything that is not finished yet; the directory, still held.
+    """The directory of a panel that can be run, held; see `complete`.
 
     Args:
         spec: the panel.
         out: its directory.
-        workers: processes; by default one per core.
-        progress: show a bar with the remaining time.
+        workers: processes, if so many are requested.
         policies: directory of a finished panel whose policies are taken instead of training.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
-        PanelError: if a unit of work fails; what was finished stays.
     """
     check_spec(spec, workers)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
@@ -82,11 +75,29 @@ def completed(
     with directory.opened():
         if source is not None:
             bring(source, directory, spec)
-        train_units(spec, directory, workers, progress)
-        subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
-        label = f"panel {spec.name}"
-        evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
         yield directory
+
+
+def complete(
+    spec: PanelSpec, directory: RunDirectory, *, workers: int | None = None, progress: bool = True
+) -> bool:
+    """Train and evaluate everything that is not finished yet; whether there was anything.
+
+    Args:
+        spec: the panel, or a stage of it.
+        directory: held by the caller.
+        workers: processes; by default one per core.
+        progress: show a bar with the remaining time.
+
+    Raises:
+        PanelError: if a unit of work fails; what was finished stays.
+    """
+    before = evaluated(directory)
+    train_units(spec, directory, workers, progress)
+    subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
+    label = f"panel {spec.name}"
+    evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
+    return evaluated(directory) != before
 
 
 def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:

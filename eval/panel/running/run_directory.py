@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,9 @@ from typing import Any
 from integ_gym.support import installed_versions, replace_file, write_json
 
 MANIFEST = "run.json"
+GROWING = "seeds"
+"""List in a specification to which more may be added at the end."""
+
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
@@ -37,7 +40,8 @@ class RunDirectory:
 
     Args:
         path: the directory.
-        specification: what the run is; another one in the same directory is refused.
+        specification: what the run is; another one in the same directory is refused, but for
+            one with more seeds.
         engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
@@ -70,11 +74,22 @@ class RunDirectory:
             folder.mkdir(parents=True, exist_ok=True)
         with self._locked():
             self._check()
-            manifest = self.path / MANIFEST
-            if not manifest.exists():
-                content = {"specification": self._specification, "versions": self.versions()}
-                write_json(manifest, content)
+            self._write_manifest()
             yield
+
+    def looked(self, seeds: int) -> list[int]:
+        """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
+        manifest = read_json(self.path / MANIFEST)
+        looks = sorted({*manifest.get("looks", ()), seeds})
+        if looks != manifest.get("looks"):
+            write_json(self.path / MANIFEST, {**manifest, "looks": looks})
+        return looks
+
+    def _write_manifest(self) -> None:
+        manifest = self.path / MANIFEST
+        held = read_json(manifest) if manifest.exists() else {"versions": self.versions()}
+        if held.get("specification") != self._specification:
+            write_json(manifest, {**held, "specification": self._specification})
 
     def _check(self) -> None:
         manifest = self.path / MANIFEST
@@ -96,7 +111,10 @@ class RunDirectory:
 
     def _check_manifest(self, manifest: Path) -> None:
         held = read_json(manifest)
-        other = list(_differences(held.get("specification", {}), self._specification))
+        before = held.get("specification", {})
+        self._check_growth(before.get(GROWING), self._specification.get(GROWING))
+        same = {GROWING: self._specification.get(GROWING)}
+        other = list(_differences({**before, **same}, {**self._specification, **same}))
         if other:
             raise RunDirectoryError(
                 f"{self.path} holds another panel: {', '.join(other)}; give another directory "
@@ -114,6 +132,22 @@ class RunDirectory:
                 "those of another version; finish it with that version, or give another directory "
                 "with --out"
             )
+
+    def _check_growth(self, before: Any, now: Any) -> None:
+        """Check that the seeds that were there are the first that are wanted."""
+        if before == now or not isinstance(before, list) or not isinstance(now, list):
+            return
+        if before == now[: len(before)]:
+            return
+        if now == before[: len(now)]:
+            raise RunDirectoryError(
+                f"{self.path} holds this panel with {len(before)} seeds, not {len(now)}; give "
+                f"--seeds {len(before)}, or another directory with --out"
+            )
+        raise RunDirectoryError(
+            f"{self.path} holds a panel with other seeds: {_few(before)}, now {_few(now)}; more "
+            "may follow those that are there, else give another directory with --out"
+        )
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
@@ -219,6 +253,10 @@ class RunDirectory:
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
+
+
+def _few(values: Sequence[Any]) -> str:
+    return f"{values[0]} to {values[-1]}" if values else "none"
 
 
 def key_of(engines: Mapping[str, str], **parts: Any) -> str:

@@ -1,0 +1,39 @@
+"""What the seeds of a panel can show, before anything runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..verdict import Power, fewest_seeds, verdict_chances
+from .specification import PanelSpec
+
+
+@dataclass(frozen=True)
+class FamilyPower:
+    """Power of a panel's declared transfers.
+
+    Attributes:
+        family: how many are declared.
+        seeds: of the rows that they name.
+        natives: seeds of the row with the fewest that was trained in a cell that they name.
+        power: by true overfitting.
+        fewest: seeds with which `transfers` can be shown where every episode succeeds.
+    """
+
+    family: int
+    seeds: int
+    natives: int
+    power: tuple[Power, ...]
+    fewest: int
+
+
+def family_power(spec: PanelSpec) -> FamilyPower | None:
+    """Power of a panel's declared transfers, simulated; None without any."""
+    if not spec.family:
+        return None
+    cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
+    seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
+    natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
+    family = len(spec.family)
+    found = verdict_chances(seeds, natives, spec.episodes, family)
+    return FamilyPower(family, seeds, natives, found, fewest_seeds(family))
