@@ -59,7 +59,7 @@ def build_artefact(
         remark: a sentence that is added to the answer.
         told: attributes of :class:`Panel` that the outcome does not tell.
     """
-    judgements = _judge(layout, matrix)
+    judgements, losses = _judge(layout, matrix), layout.losses(matrix)
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
@@ -82,7 +82,7 @@ def build_artefact(
                 cell,
                 layout.native(cell),
                 layout.reference_of(cell),
-                layout.loss(matrix, row.name, cell),
+                losses.get((row.name, cell)),
                 tuple(dict.fromkeys(files[policy] for policy in row.policies)),
                 _query(directory, row, cell),
             )
@@ -93,7 +93,7 @@ def build_artefact(
             for judgement, pair in zip(judgements, layout.family, strict=True)
         ),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
-        remedies=remedies(layout, matrix),
+        remedies=remedies(layout, matrix, losses),
         engine_agreement=engine_agreement,
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
