@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.train import make_baseline, possible_baselines
+from integ_gym.train import possible_baselines
 
 from ...verdict import ACHIEVED, Achieved, Attempt, Search, achieved
 from ..specification import Cell, PanelSpec, environments_of, file_name
 from .evaluation import Subject, roll_out, second_horizon
 from .run_directory import RunDirectory, key_of
+from .units import baseline_of
 from .work import Work
 
 PREFIX = "achieve-"
@@ -75,7 +76,7 @@ def try_cell(spec: PanelSpec, cell: Cell) -> Tried:
     testbed = spec.testbed
     success, recovered = (), ()
     if HANDMADE in possible_baselines(spec.nominal, testbed.controller):
-        controller = make_baseline(HANDMADE, spec.nominal, controller=testbed.controller)
+        controller = baseline_of(spec, HANDMADE)
         subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
         episodes = range(spec.episodes)
         lanes = len(subjects) * (len(episodes) if testbed.batched else 1)
