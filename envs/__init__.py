@@ -67,13 +67,13 @@ if TYPE_CHECKING:
         FLOAT32_ROUNDING,
         NEAR_PLUMB,
         TASKS,
+        BoxTask,
         CartPoleBalance,
         CartPoleSwingUp,
         Command,
         ElasticPendulumQuiet,
         PendulumSwingUp,
         Task,
-        saturated,
         wrapped,
     )
     from .testbeds import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import Registry, lazy_door
 
 if TYPE_CHECKING:
-    from ._box import FLOAT32_ROUNDING, saturated
+    from ._box import FLOAT32_ROUNDING, BoxTask
     from .cart_pole_balance import CartPoleBalance
     from .cart_pole_swing_up import CartPoleSwingUp
     from .elastic_pendulum_quiet import NEAR_PLUMB, ElasticPendulumQuiet

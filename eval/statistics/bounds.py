@@ -34,16 +34,12 @@ def worst_case_means(
 
     Parameters
     ----------
-    columns
-        Shape (quantities, seeds): row q holds quantity q of every seed.
+    columns, stream, draws
+        As in `joint_means`.
     worst
         Shape (quantities,): what the pseudo-seed has.
     weight
         Of the pseudo-seed.
-    stream
-        Groups of seeds that are independent have streams of their own.
-    draws
-        Number of draws.
 
     Returns
     -------

@@ -171,7 +171,7 @@ def _seed_weights(seeds: int, stream: Stream, draws: int) -> tuple[Floats, Float
     return weights, weights.sum(axis=1)
 
 
-@lru_cache(maxsize=6)
+@lru_cache(maxsize=16)
 def _prior_weights(weights: tuple[float, ...], stream: Stream, draws: int) -> tuple[Floats, Floats]:
     """The same of the prior's atoms."""
     drawn = generator(stream, prior=True).standard_gamma(weights, (draws, len(weights)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from .bounds import SHOWN, difference_draws, share, worst_case_means
 from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, one_dimensional
@@ -22,25 +24,30 @@ class Difference:
     ----------
     interval
         Difference of the plain means, with its posterior interval; dimensionless, in [-1, 1].
-    lowered, raised
-        Draws of the difference with the pseudo-seed at −1 and at 1, shape (draws,), read-only.
+    with_worst
+        Draws of the difference with the pseudo-seed at a value, shape (draws,).
     """
 
     interval: Interval
-    lowered: Floats = field(repr=False, compare=False)
-    raised: Floats = field(repr=False, compare=False)
+    with_worst: Callable[[float], Floats] = field(repr=False, compare=False)
 
-    def p_exceeds(self, margin: float) -> float:
+    @cached_property
+    def lowered(self) -> Floats:
+        """Draws of the difference with the pseudo-seed at −1, shape (draws,), read-only."""
+        return _read_only(self.with_worst(-1.0))
+
+    @cached_property
+    def raised(self) -> Floats:
+        """The same with it at 1."""
+        return _read_only(self.with_worst(1.0))
+
+    def p_greater(self, margin: float = 0.0) -> float:
         """Small when the difference is shown to exceed ``margin``."""
         return share(self.lowered <= margin)
 
-    def p_greater(self, threshold: float = 0.0) -> float:
-        """Small when the first is shown to be the better one."""
-        return self.p_exceeds(threshold)
-
-    def p_less(self, threshold: float = 0.0) -> float:
-        """Small when the second is shown to be the better one."""
-        return share(self.raised >= threshold)
+    def p_less(self, margin: float = 0.0) -> float:
+        """Small when the difference is shown to be below ``margin``."""
+        return share(self.raised >= margin)
 
 
 def mean_rate(rates: RatesLike) -> float:
@@ -109,8 +116,10 @@ def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> 
     one, other = one_dimensional(home, "home"), one_dimensional(away, "away")
     posterior = paired_posterior(one, other)
     drop = (one - other)[None]
-    lowered, raised = (worst_case_means(drop, [x], SHOWN, Stream.PAIRED)[:, 0] for x in (-1.0, 1.0))
-    return _difference(mean_of(one) - mean_of(other), posterior, lowered, raised, level)
+    return Difference(
+        equal_tailed(mean_of(one) - mean_of(other), posterior, level),
+        lambda worst: worst_case_means(drop, [worst], SHOWN, Stream.PAIRED)[:, 0],
+    )
 
 
 def unpaired_difference(
@@ -135,13 +144,12 @@ def unpaired_difference(
     one = one_dimensional(native, "native")
     other = one_dimensional(transferred, "transferred")
     posterior = unpaired_posterior(one, other)
-    lowered, raised = (difference_draws(one, other, x, SHOWN) for x in (-1.0, 1.0))
-    return _difference(mean_of(one) - mean_of(other), posterior, lowered, raised, level)
+    return Difference(
+        equal_tailed(mean_of(one) - mean_of(other), posterior, level),
+        lambda worst: difference_draws(one, other, worst, SHOWN),
+    )
 
 
-def _difference(
-    estimate: float, posterior: Floats, lowered: Floats, raised: Floats, level: float
-) -> Difference:
-    for draws in (lowered, raised):
-        draws.setflags(write=False)
-    return Difference(equal_tailed(estimate, posterior, level), lowered, raised)
+def _read_only(draws: Floats) -> Floats:
+    draws.setflags(write=False)
+    return draws

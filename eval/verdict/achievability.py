@@ -84,20 +84,22 @@ def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     more than half of the starts within two horizons; `undecided` otherwise: that nobody has
     learned proves nothing, and neither does an energy that can be reached.
     """
-    for status, time, rate in (
-        ("achievable", "within the horizon", "success"),
-        ("too_slow", "within two horizons alone", "recovered"),
-    ):
-        best = max(attempts, key=lambda one: float(getattr(one, rate)), default=None)
-        if best is not None and getattr(best, rate) >= ACHIEVED:
-            reason = f"{best.name}: success from {getattr(best, rate):.0%} of the starts {time}."
-            return Achieved(status, reason)  # type: ignore[arg-type]
+    best = max(attempts, key=lambda one: one.success, default=None)
+    if best is not None and best.success >= ACHIEVED:
+        return Achieved("achievable", _done(best, best.success, "within the horizon"))
+    best = max(attempts, key=lambda one: one.recovered, default=None)
+    if best is not None and best.recovered >= ACHIEVED:
+        return Achieved("too_slow", _done(best, best.recovered, "within two horizons alone"))
     if search is not None and search.reached < 1.0 - ACHIEVED:
         return Achieved("unachievable", _lost(search))
     tried = ", ".join(f"{one.name} {one.recovered:.0%}" for one in attempts) or "nobody tried"
     return Achieved(
         "undecided", f"Success within two horizons: {tried}; no search rules the goal out."
     )
+
+
+def _done(attempt: Attempt, rate: float, time: str) -> str:
+    return f"{attempt.name}: success from {rate:.0%} of the starts {time}."
 
 
 def _lost(search: Search) -> str:

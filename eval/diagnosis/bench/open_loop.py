@@ -9,44 +9,37 @@ from typing import Any, ClassVar
 
 from integ_gym.envs import (
     PLANTS,
-    Command,
+    BoxTask,
     Component,
     Components,
     IntegEnv,
     IntegVectorEnv,
     Ops,
     join_state,
-    saturated,
     state_names,
     state_units,
 )
 from integ_gym.support import parameter, positive
 
 
-class OpenLoop:
+class OpenLoop(BoxTask):
     """No reward and no termination; success is to arrive at the end without diverging.
 
     Made a dataclass for one plant by :func:`open_loop_environment`, which adds the field
     ``control_limit`` in the plant's unit.
     """
 
-    control_limit: float
     plant: ClassVar[str]
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]
     starts: ClassVar[tuple[str, ...]] = ("given",)
     start_options: ClassVar[tuple[str, ...]] = ()
-    discrete: ClassVar[int | None] = None
     goal: ClassVar[str] = "no divergence until `duration`"
     goal_stay: ClassVar[float] = 0.0
 
     def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
         """Unbounded."""
         return (float("inf"),) * len(self.observation_names)
-
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The action in the plant's unit, within the limit."""
-        return saturated(ops, action, self.control_limit)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """The state in state order."""
@@ -63,16 +56,6 @@ class OpenLoop:
     ) -> Component:
         """Nothing."""
         return 0.0 * q[0]
-
-    def worst_return(
-        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
-    ) -> Component:
-        """Nothing."""
-        return 0.0 * remaining
-
-    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Never."""
-        return False
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Wherever it is."""

@@ -12,7 +12,6 @@ from integ_gym.envs import Discretization
 
 from ...statistics import rate_interval
 from ...verdict import (
-    LEARNED,
     WITHOUT_VERDICT,
     Judgement,
     PolicyCell,
@@ -34,7 +33,7 @@ from ..model import (
 )
 from ..model import Row as PanelRow
 from ..specification import Cell
-from .engine_agreement import agreement_answer
+from .answer import answer_of
 from .layout import PanelLayout
 from .matrix import Matrix, Row
 from .remedy import remedies
@@ -70,17 +69,17 @@ def build_artefact(
         undecided: why there are no verdicts yet, in a sentence; nothing where there are.
         told: attributes of :class:`Panel` that the outcome does not tell.
     """
-    judgements = _judge(layout, matrix)
+    judgements, losses = _judge(layout, matrix), layout.losses(matrix)
     if undecided:
         judgements = tuple(postponed(judgement, undecided) for judgement in judgements)
+    places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
-        for row in layout.rows
+        for row, cell in places
         if row.kind != "baseline"
-        for cell in layout.cells_of[row.name]
         for failure in matrix.failures(row.name, cell)
     ]
-    answer = _answer(layout, matrix, judgements, engine_agreement)
+    answer = answer_of(layout, matrix, judgements, engine_agreement)
     return Panel(
         **told,
         answer=" ".join(part for part in (undecided, answer, remark) if part),
@@ -95,12 +94,11 @@ def build_artefact(
                 cell,
                 layout.native(cell),
                 layout.reference_of(cell),
-                layout.loss(matrix, row.name, cell),
+                losses.get((row.name, cell)),
                 tuple(dict.fromkeys(files[policy] for policy in row.policies)),
                 _query(directory, row, cell),
             )
-            for row in layout.rows
-            for cell in layout.cells_of[row.name]
+            for row, cell in places
         ),
         verdicts=tuple(
             _verdict(
@@ -109,20 +107,10 @@ def build_artefact(
             for k, (judgement, pair) in enumerate(zip(judgements, layout.family, strict=True))
         ),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
-        remedies=remedies(layout, matrix),
+        remedies=remedies(layout, matrix, losses),
         engine_agreement=engine_agreement,
-        failures=_spread(failures),
-        failures_total=_failed(layout, matrix),
-    )
-
-
-def _failed(layout: PanelLayout, matrix: Matrix) -> int:
-    """Failed episodes of all rows that are no baselines, with a trace or without."""
-    return sum(
-        int((matrix.values(row.name, cell, "success") == 0.0).sum())
-        for row in layout.rows
-        if row.kind != "baseline"
-        for cell in layout.cells_of[row.name]
+        failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
+        failures_total=len(failures),
     )
 
 
@@ -232,100 +220,3 @@ def _spread(failures: Sequence[Failure]) -> tuple[Failure, ...]:
         sample += layer[::step][: FAILURE_SAMPLE - len(sample)]
         depth += 1
     return tuple(sample)
-
-
-def _answer(
-    layout: PanelLayout,
-    matrix: Matrix,
-    judgements: Sequence[Judgement],
-    agreement: Sequence[EngineAgreement],
-) -> str:
-    """The panel's question answered in one sentence with numbers."""
-    judged = [
-        (judgement, pair)
-        for judgement, pair in zip(judgements, layout.family, strict=True)
-        if judgement.verdict not in WITHOUT_VERDICT
-    ]
-    if not judged:
-        if judgements:
-            return _unjudged_answer(judgements, layout, matrix)
-        return agreement_answer(agreement) or _range_answer(layout, matrix)
-    failed = [one for one in judged if one[0].verdict == "fails"]
-    worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
-    fails, unreached = len(failed), _unreached(layout, matrix)
-    some = len(judged) < len(judgements)
-    declared = "declared transfers" + (" that can be judged" if some else "")
-    holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
-    if holds == len(judged):
-        return f"Yes: all {holds} {declared} hold within ±0.1 success.{unreached}"
-    verdict = "No" if fails else "Not shown either way"
-    return (
-        f"{verdict}: of {len(judged)} {declared} {fails} fail and {holds} hold; "
-        f"{_most(worst, pair, matrix)}.{unreached}"
-    )
-
-
-def _unreached(layout: PanelLayout, matrix: Matrix) -> str:
-    """Cells that cannot be solved in time, in a sentence after a space; nothing without any."""
-    statuses = {cell: layout.achieved(matrix, cell).status for cell in layout.columns()}
-    named = {
-        words: [cell for cell, own in statuses.items() if own == status]
-        for status, words in (
-            ("unachievable", "cannot be solved by any control that was found"),
-            ("too_slow", "can be solved in twice the time alone"),
-            ("undecided", "may be solvable or not: nobody does, and no search rules it out"),
-        )
-    }
-    return "".join(f" {', '.join(cells)} {words}." for words, cells in named.items() if cells)
-
-
-def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
-    """The largest loss in words."""
-    row, cell = pair
-    home = matrix.home_rates(row)
-    assert home is not None
-    at_home, there = home.mean(), matrix.rates(row, cell).mean()
-    loss = judgement.loss
-    return (
-        f"the most is lost by overfitting to {row}: success is {at_home:.2f} at home and "
-        f"{there:.2f} on {cell} (overfitting {loss.overfitting}, deadline "
-        f"{loss.deadline.estimate:z.2f}, difficulty {loss.difficulty.estimate:z.2f})"
-    )
-
-
-def _unjudged_answer(judgements: Sequence[Judgement], layout: PanelLayout, matrix: Matrix) -> str:
-    """What to say where no declared transfer can be judged."""
-    rows = dict.fromkeys(row for row, _ in layout.family)
-    if any(judgement.verdict != "not_learned" for judgement in judgements):
-        return (
-            "Not answered: no declared transfer can be judged, for the want of policies that learn "
-            f"or of cells that are known to be solvable in time.{_unreached(layout, matrix)}"
-        )
-    home = {
-        row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
-    }
-    best = max(home, key=lambda row: home[row])
-    return (
-        "Not answered: no policies of the declared transfers have learned, which takes a success "
-        f"of {LEARNED} at home; those trained on {best} come nearest, with {home[best]:.2f}. Train "
-        "longer (`total_steps` in [training]), or set an easier task."
-    )
-
-
-def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
-    row = layout.rows[0].name
-    columns = [n for n in layout.cells_of[row] if layout.cells[n].kind in ("grid", "reference")]
-    rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
-    low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
-    if rates[low] == rates[high]:
-        return (
-            f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
-            f"discretizations{', the reference among them' if layout.reference else ''}."
-        )
-    anchor, where = layout.reference, "the reference"
-    if anchor is None:
-        anchor, where = next(iter(layout.rows[0].shares)), "its home"
-    return (
-        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
-        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
-    )

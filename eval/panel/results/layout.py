@@ -81,6 +81,12 @@ class PanelLayout:
         rates = self.rates(matrix, row, cell)
         return None if rates is None or cell == matrix.rows[row].home else split(rates)
 
+    def losses(self, matrix: Matrix) -> dict[tuple[str, str], Loss]:
+        """Every loss that there is, by row and cell."""
+        places = [(row.name, cell) for row in self.rows for cell in self.cells_of[row.name]]
+        found = {place: self.loss(matrix, *place) for place in places}
+        return {place: loss for place, loss in found.items() if loss is not None}
+
     def achieved(self, matrix: Matrix, cell: str) -> Achieved:
         """Whether a cell can be solved: by its natives, or by what was tried before."""
         native = self.native(cell)

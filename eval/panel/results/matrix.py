@@ -184,7 +184,7 @@ class Matrix:
         )
 
     def failures(self, row: str, cell: str) -> list[Failure]:
-        """Failed episodes that have a trace, with their labels and reasons."""
+        """Failed episodes, with their labels and reasons."""
         return [
             Failure(
                 row=row,
@@ -197,8 +197,12 @@ class Matrix:
             )
             for group in self.records(row, cell)
             for record in group
-            if not record["success"] and record["episode_index"] % self.trace_every == 0
+            if not record["success"]
         ]
+
+    def has_trace(self, episode_index: int) -> bool:
+        """Whether an episode's trace is kept."""
+        return episode_index % self.trace_every == 0
 
     def _return(self, row: str, cell: str) -> Estimate | None:
         values = self.values(row, cell, "return")

@@ -45,10 +45,7 @@ def write_artefact(
             policies=tuple(unit.policy for unit in units if unit.row == name),
             trained_on=homes.get(name),
         )
-        for name, home in {
-            **{h.name: h for h in spec.train},
-            **dict.fromkeys(spec.baselines),
-        }.items()
+        for name in dict.fromkeys((*homes, *spec.baselines))
     )
     layout, matrix = reduced(spec, directory, rows)
     policies = [

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ...statistics import unpaired_difference
-from ...verdict import FAIL_MARGIN, UNSOLVED, split
+from ...verdict import FAIL_MARGIN, UNSOLVED, Loss
 from ..model import Estimate, Remedy, RemedyCell, RemedyLoss
 from .layout import PanelLayout
 from .matrix import Matrix
 
+Losses = Mapping[tuple[str, str], Loss]
+"""By row and cell."""
 
-def remedies(layout: PanelLayout, matrix: Matrix) -> tuple[Remedy, ...]:
+
+def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remedy, ...]:
     """One entry per mixture: its loss in every column, beside that of single discretizations.
 
     Only rows of a single discretization that learned are held against it. In every column
@@ -24,12 +27,14 @@ def remedies(layout: PanelLayout, matrix: Matrix) -> tuple[Remedy, ...]:
         if row.kind == "trained" and row.home is not None and matrix.learned(row.name)
     ]
     mixtures = [row.name for row in layout.rows if row.kind == "trained" and len(row.shares) > 1]
-    return tuple(_remedy(layout, matrix, mixture, singles) for mixture in mixtures)
+    return tuple(_remedy(layout, matrix, losses, mixture, singles) for mixture in mixtures)
 
 
-def _remedy(layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence[str]) -> Remedy:
+def _remedy(
+    layout: PanelLayout, matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str]
+) -> Remedy:
     assert layout.reference is not None
-    cells = tuple(_cell(layout, matrix, mixture, singles, cell) for cell in layout.columns())
+    cells = tuple(_cell(matrix, losses, mixture, singles, cell) for cell in layout.columns())
     truth = {row: float(matrix.rates(row, layout.reference).mean()) for row in (mixture, *singles)}
     summary = (
         [*_losses(mixture, cells), *_on_truth(mixture, truth)]
@@ -40,33 +45,30 @@ def _remedy(layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence
 
 
 def _cell(
-    layout: PanelLayout, matrix: Matrix, mixture: str, singles: Sequence[str], cell: str
+    matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str], cell: str
 ) -> RemedyCell:
-    elsewhere = [row for row in singles if matrix.rows[row].home != cell]
-    lost = [_lost(layout, matrix, mixture, row, cell) for row in elsewhere]
+    lost = [
+        row
+        for row in singles
+        if matrix.rows[row].home != cell and losses[row, cell].overfitting.estimate > FAIL_MARGIN
+    ]
     return RemedyCell(
         cell=cell,
         member=cell in matrix.rows[mixture].shares,
         solved=any(bool(matrix.rates(row, cell).mean() >= UNSOLVED) for row in matrix.rows),
-        overfitting=_overfitting(layout, matrix, mixture, cell),
-        lost=tuple(one for one in lost if one.overfitting.estimate > FAIL_MARGIN),
+        overfitting=Estimate.of(losses[mixture, cell].overfitting),
+        lost=tuple(_lost(matrix, losses, mixture, row, cell) for row in lost),
     )
 
 
-def _lost(layout: PanelLayout, matrix: Matrix, mixture: str, single: str, cell: str) -> RemedyLoss:
+def _lost(matrix: Matrix, losses: Losses, mixture: str, single: str, cell: str) -> RemedyLoss:
     """A row's loss, and success of the mixture minus its own."""
     better = unpaired_difference(matrix.rates(mixture, cell), matrix.rates(single, cell))
     return RemedyLoss(
         row=single,
-        overfitting=_overfitting(layout, matrix, single, cell),
+        overfitting=Estimate.of(losses[single, cell].overfitting),
         difference=Estimate.of(better.interval),
     )
-
-
-def _overfitting(layout: PanelLayout, matrix: Matrix, row: str, cell: str) -> Estimate:
-    rates = layout.rates(matrix, row, cell)
-    assert rates is not None
-    return Estimate.of(split(rates).overfitting)
 
 
 def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:

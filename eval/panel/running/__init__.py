@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from .achievability import Tried, tried
     from .evaluation import Subject
     from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
-    from .panel import baseline_of, complete, opened
+    from .panel import complete, opened
     from .run_directory import MANIFEST, RunDirectory, package_versions
-    from .units import training_config, units_of
+    from .units import baseline_of, training_config, units_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

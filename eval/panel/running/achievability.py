@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.train import make_baseline, possible_baselines
+from integ_gym.train import possible_baselines
 
 from ...verdict import ACHIEVED, Achieved, Attempt, Search, achieved
 from ..specification import Cell, PanelSpec, environments_of, file_name, inputs
-from .evaluation import Subject, roll_out, second_horizon
+from .evaluation import Subject, second_horizon, success_of
 from .run_directory import RunDirectory, key_of
+from .units import baseline_of
 from .work import Work
 
 PREFIX = "achieve-"
@@ -72,16 +73,12 @@ def tried(directory: RunDirectory) -> dict[str, Tried]:
 
 def try_cell(spec: PanelSpec, cell: Cell) -> Tried:
     """What can be done in a cell."""
-    testbed = spec.testbed
     success, recovered = (), ()
-    if HANDMADE in possible_baselines(spec.nominal, testbed.controller):
-        controller = make_baseline(HANDMADE, spec.nominal, controller=testbed.controller)
+    if HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller):
+        controller = baseline_of(spec, HANDMADE)
         subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
         episodes = range(spec.episodes)
-        lanes = len(subjects) * (len(episodes) if testbed.batched else 1)
-        environments = environments_of(testbed, cell, lanes)
-        found = roll_out(spec, environments, subjects, episodes)
-        environments.close()
+        found = success_of(spec, cell, subjects, episodes)
         later = second_horizon(spec, cell, subjects, episodes, found)
         success = tuple(found.ravel().astype(float).tolist())
         recovered = success if later is None else tuple(later.ravel().astype(float).tolist())

@@ -134,8 +134,8 @@ def _recorder(
     episodes: range,
     store: EvidenceStore,
 ) -> RecordVectorEvidence:
-    """Lanes for every start of every policy, or for one at a time where each lane costs its own."""
-    together = len(episodes) if spec.testbed.batched else 1
+    """What runs the policies in a cell, and keeps their episodes."""
+    together = _together(spec, episodes)
     return RecordVectorEvidence(
         environments_of(spec.testbed, cell, len(contexts) * together),
         store,
@@ -143,6 +143,30 @@ def _recorder(
         episodes=[*range(together)] * len(contexts),
         commit_on_close=False,
     )
+
+
+def _together(spec: PanelSpec, episodes: range) -> int:
+    """How many starts of a policy have lanes at once: all, or one where each lane costs its own."""
+    return len(episodes) if spec.testbed.batched else 1
+
+
+def success_of(
+    spec: PanelSpec, cell: Cell, subjects: Sequence[Subject], episodes: range, **changed: Any
+) -> Flags:
+    """Success of each policy's episode in a cell, shape (policies, episodes); no record is kept.
+
+    Args:
+        spec: the panel.
+        cell: where.
+        subjects: the policies.
+        episodes: those to run.
+        changed: arguments that differ from the cell's.
+    """
+    lanes = len(subjects) * _together(spec, episodes)
+    environments = environments_of(spec.testbed, cell, lanes, **changed)
+    success = roll_out(spec, environments, subjects, episodes)
+    environments.close()
+    return success
 
 
 def roll_out(
@@ -199,11 +223,8 @@ def second_horizon(
     recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1)).tolist()
     if failing:
         twice = {testbed.horizon: 2.0 * spec.nominal.settings.duration}
-        lanes = len(failing) * (len(episodes) if testbed.batched else 1)
-        environments = environments_of(testbed, cell, lanes, **twice)
-        again = roll_out(spec, environments, [subjects[place] for place in failing], episodes)
-        environments.close()
-        recovered[failing] |= again
+        own = [subjects[place] for place in failing]
+        recovered[failing] |= success_of(spec, cell, own, episodes, **twice)
     return recovered
 
 

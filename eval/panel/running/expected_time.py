@@ -23,7 +23,7 @@ def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:
 
 
 def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
-    """Time of one policy's episodes in a cell, s."""
+    """Time of one policy's episodes in a cell, s, without second horizons: who fails is unknown."""
     timing = cell_timing(spec, cell)
     recorded = DECISION_SECONDS if spec.testbed.batched else TASK_SECONDS
     decision = recorded + _engine_seconds(cell.discretization, timing.substeps)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.support import cores
-from integ_gym.train import POLICY_FILE, Policy, make_baseline, read_trained
+from integ_gym.train import POLICY_FILE, read_trained
 
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
@@ -16,7 +16,7 @@ from .evaluation_units import evaluate_all, evaluated
 from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
-from .units import Unit, units_of
+from .units import Unit, baseline_of, units_of
 from .work import PanelError
 
 
@@ -43,15 +43,6 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
         check_training(spec, workers)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
-
-
-def baseline_of(spec: PanelSpec, name: str) -> Policy:
-    """A baseline of a panel.
-
-    Raises:
-        ValueError: for one that cannot be made.
-    """
-    return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from integ_gym.train import POLICY_FILE, PPOConfig
+from integ_gym.train import POLICY_FILE, Policy, PPOConfig, make_baseline
 
 from ..specification import Home, PanelSpec, engine_versions, file_name, training_arguments
 from .run_directory import RunDirectory, key_of
@@ -49,6 +49,15 @@ def trained_units(spec: PanelSpec) -> tuple[Unit, ...]:
         for home in spec.train
         if seed in spec.seeds_of(home)
     )
+
+
+def baseline_of(spec: PanelSpec, name: str) -> Policy:
+    """A baseline of a panel.
+
+    Raises:
+        ValueError: for one that cannot be made.
+    """
+    return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
 
 
 def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:

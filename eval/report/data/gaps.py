@@ -12,6 +12,7 @@ from ...panel.model import Estimate, Panel, Verdict
 from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
 from .axes import difference_axis
 from .forest import Block, Forest, Line, Mark, Tone
+from .matrices import HATCHED
 
 VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", *WITHOUT_VERDICT)
 """Order in which verdicts are shown."""
@@ -55,7 +56,7 @@ def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
     cells that are known not to be solved in time.
     """
     declared = {(judged.row, judged.cell) for judged in panel.verdicts}
-    columns = {c.name for c in panel.columns if c.achievability not in ("too_slow", "unachievable")}
+    columns = {cell.name for cell in panel.columns if cell.achievability not in HATCHED}
     gaps = []
     for entry in panel.matrix:
         row = panel.row(entry.row)

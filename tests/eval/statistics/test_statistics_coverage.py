@@ -50,7 +50,7 @@ def test_simulated_tests_are_those_of_single_panels() -> None:
     first, second = smooth(0.8, 0.16)(rng, (5, 9)), smooth(0.5, 0.2)(rng, (5, 9))
     for kind, test in (("paired", paired_difference), ("unpaired", unpaired_difference)):
         p = (lowered(kind, first, second) <= 0.2).mean(axis=0)
-        exact = [test(a, b).p_exceeds(0.2) for a, b in zip(first, second, strict=True)]
+        exact = [test(a, b).p_greater(0.2) for a, b in zip(first, second, strict=True)]
         np.testing.assert_allclose(p, exact, atol=0.015)
 
 

@@ -249,13 +249,8 @@ def test_what_is_known_beside_the_episode_is_a_field_of_its_record(home):
 
 
 def test_every_field_of_replays_is_a_column():
-    said = Replays(
-        home=True,
-        without_noise=False,
-        without_delay=True,
-        second_horizon=False,
-        home_success=0.75,
-        cell_status="undecided",
+    said = replace(
+        EVERYTHING, home=True, without_delay=True, home_success=0.75, cell_status="undecided"
     )
     assert list(said.columns().values()) == list(vars(said).values())
     names = [field.name for field in SUMMARY_FIELDS if field.group == "replays"]

@@ -66,6 +66,10 @@ def _panel(success=SUCCESS):
     return PanelLayout(rows, cells, names, TRUTH.name), Matrix(rows, records, EPISODES)
 
 
+def _remedies(layout, matrix):
+    return remedies(layout, matrix, layout.losses(matrix))
+
+
 def test_home_of_a_mixture_is_the_mean_over_its_members_by_their_shares():
     layout, matrix = _panel()
     np.testing.assert_allclose(matrix.home_rates("both"), 0.75 * 1.0 + 0.25 * 0.5)
@@ -87,7 +91,7 @@ def test_home_of_a_mixture_is_the_mean_over_its_members_by_their_shares():
 
 def test_a_remedy_counts_where_others_lose_and_it_does_not():
     layout, matrix = _panel()
-    (found,) = remedies(layout, matrix)
+    (found,) = _remedies(layout, matrix)
     assert found.row == "both"
     assert found.singles == (A.name, B.name)
     cells = {cell.cell: cell for cell in found.cells}
@@ -114,7 +118,7 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
 
 def test_where_nobody_shows_that_a_cell_can_be_solved_it_is_lost_but_not_harmful():
     unsolved = {key: 0.0 if key[1] == D else rate for key, rate in SUCCESS.items()}
-    (found,) = remedies(*_panel(unsolved))
+    (found,) = _remedies(*_panel(unsolved))
     cells = {cell.cell: cell for cell in found.cells}
     assert [one.row for one in cells[D.name].lost] == [A.name, B.name]
     assert [name for name, cell in cells.items() if not cell.solved] == [C.name, D.name]
@@ -129,19 +133,19 @@ def test_what_a_second_horizon_wins_back_is_not_lost():
     loss = layout.loss(matrix, A.name, TRUTH.name)
     parts = (loss.total, loss.difficulty, loss.deadline, loss.overfitting)
     assert [part.estimate for part in parts] == [0.75, 0.0, 0.75, 0.0]
-    (found,) = remedies(layout, matrix)
+    (found,) = _remedies(layout, matrix)
     assert not next(cell for cell in found.cells if cell.cell == TRUTH.name).lost
 
 
 def test_a_mixture_that_did_not_learn_is_no_remedy():
     failing = {key: 0.0 if key[0] == "both" else rate for key, rate in SUCCESS.items()}
-    (found,) = remedies(*_panel(failing))
+    (found,) = _remedies(*_panel(failing))
     assert found.summary == "Policies trained on both did not learn, so they are no remedy here."
 
 
 def test_where_nobody_loses_there_is_nothing_to_remedy():
     perfect = {key: float(key[0] != C.name) for key in SUCCESS}
-    (found,) = remedies(*_panel(perfect))
+    (found,) = _remedies(*_panel(perfect))
     assert "nothing for both to remedy" in found.summary
     assert all(not cell.lost for cell in found.cells)
 
@@ -150,7 +154,7 @@ def test_a_panel_without_mixtures_has_no_remedy():
     layout, matrix = _panel()
     rows = tuple(row for row in layout.rows if row.name != "both")
     single = PanelLayout(rows, layout.cells, layout.cells_of, layout.reference)
-    assert remedies(single, matrix) == ()
+    assert _remedies(single, matrix) == ()
 
 
 def test_decisions_until_most_training_episodes_succeed():
