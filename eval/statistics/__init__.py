@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .family import holm
     from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, one_dimensional
     from .posterior import DRAWS, joint_means, paired_posterior, rate_posterior, unpaired_posterior
+    from .ranking import pearson, rank_violation, ranking_intervals
     from .rates import Difference, mean_rate, paired_difference, rate_interval, unpaired_difference
     from .returns import iqm, iqm_interval
     from .scalars import mean_interval, median_interval, student_t_quantile

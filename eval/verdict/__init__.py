@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         LEARNED,
         MIN_SEEDS,
         PASS,
+        TAIL,
         UNSOLVED,
         p_text,
         require_unique,

@@ -27,6 +27,9 @@ LEARNED: Final = 0.5
 ACHIEVED: Final = 0.5
 """Share of the starts from which success shows that a cell can be solved."""
 
+TAIL: Final = 0.5
+"""A seed that loses more success than this is counted beside the mean."""
+
 UNSOLVED: Final = 0.05
 """Mean success below which a policy counts as not solving a cell."""
 

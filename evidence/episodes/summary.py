@@ -103,10 +103,30 @@ class EpisodeRows:
         time = np.where(self._there(), self._column("time"), np.inf)
         return _finite(self._each(np.minimum, time))
 
+    def at_arrival(self, entry: str) -> Array:
+        """An entry at the first time at the goal; NaN without any."""
+        arrival = self._arrival()
+        never = arrival >= self._ends
+        return np.where(never, np.nan, self._column(entry)[np.where(never, 0, arrival)])
+
+    def until_arrival(self, entry: str) -> Array:
+        """Sum of an entry up to the first time at the goal; NaN without any, or no such entry."""
+        arrival = self._arrival()
+        before = np.arange(self._ends[-1]) <= np.repeat(arrival, self.steps + 1)
+        if entry not in self._layout:
+            return np.full(len(self.steps), np.nan)
+        until = self._each(np.add, np.where(before, self._column(entry), 0.0))
+        return np.where(arrival < self._ends, until, np.nan)
+
     def goal_left(self) -> Array:
         """Last time of leaving the goal, s; NaN if never."""
         left = self._fallen(self._there())
         return _finite(self._each(np.maximum, np.where(left, self._column("time"), -np.inf)))
+
+    def _arrival(self) -> Array:
+        """Place of the first row at the goal; beyond all rows without any."""
+        places = np.arange(self._ends[-1])
+        return self._each(np.minimum, np.where(self._there(), places, self._ends[-1]))
 
     def _there(self) -> Array:
         there: Array = self._column("goal_since") >= 0.0

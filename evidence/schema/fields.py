@@ -1,4 +1,4 @@
-"""The EvidenceRecord, version 2: every field that is not part of the trace.
+"""The EvidenceRecord, version 3: every field that is not part of the trace.
 
 This table and :mod:`integ_gym.evidence.schema.trace_fields` are the definition of a record: what a
 column is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the
@@ -27,7 +27,7 @@ from .description import (
 )
 from .origins import Origin, context, first, head, last, most, rows, setup, total
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 PHASES = ("training", "evaluation")
 
@@ -298,6 +298,22 @@ _LEDGER = _group(
     ),
 )  # fmt: skip
 
+_ARRIVAL = _group(
+    "arrival",
+    _real(
+        "arrival_time", "s", "first control instant at the goal; null: never there",
+        rows(lambda episodes: episodes.goal_reached()), nullable=True, since=3,
+    ),
+    _real(
+        "arrival_energy", "J", "energy gained up to it", nullable=True, since=3,
+        origin=rows(lambda episodes: episodes.at_arrival("energy") - episodes.first("energy")),
+    ),
+    _real(
+        "arrival_residual", "J", "energy that numerical error put in up to it; null: not known",
+        rows(lambda episodes: episodes.until_arrival("energy_residual")), nullable=True, since=3,
+    ),
+)  # fmt: skip
+
 _SOLVER = _group(
     "solver",
     _count(
@@ -346,7 +362,8 @@ _PROVENANCE = _group(
 )  # fmt: skip
 
 SUMMARY_FIELDS: tuple[Field, ...] = (
-    *_IDENTITY, *_DISCRETIZATION, *_POLICY, *_OUTCOME, *_REPLAYS, *_LEDGER, *_SOLVER, *_PROVENANCE
+    *_IDENTITY, *_DISCRETIZATION, *_POLICY, *_OUTCOME, *_REPLAYS, *_LEDGER, *_ARRIVAL, *_SOLVER,
+    *_PROVENANCE
 )  # fmt: skip
 """Every field that is not part of the trace, in the order of the columns."""
 

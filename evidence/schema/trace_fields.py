@@ -1,4 +1,4 @@
-"""The EvidenceRecord, version 2: the trace, one column per named scalar."""
+"""The EvidenceRecord, version 3: the trace, one column per named scalar."""
 
 from __future__ import annotations
 

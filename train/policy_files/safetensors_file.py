@@ -7,6 +7,7 @@ action space ``actions.low`` and ``actions.high``. The file's metadata holds ``f
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -50,7 +51,18 @@ def safetensors_bytes(policy: MlpPolicy) -> bytes:
         metadata["actions"] = str(policy.actions.n)
     else:
         tensors["actions.low"], tensors["actions.high"] = policy.actions.low, policy.actions.high
-    return save(tensors, metadata)
+    return _ordered(save(tensors, metadata))
+
+
+def _ordered(content: bytes) -> bytes:
+    """The same with the names of the header in order, so that equal policies are equal files.
+
+    The header is JSON behind its length in 8 bytes, filled up with blanks to a multiple of 8.
+    """
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = json.dumps(json.loads(content[8:end]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    return len(header).to_bytes(8, "little") + header + content[end:]
 
 
 def read_safetensors(path: str | os.PathLike[str]) -> MlpPolicy:

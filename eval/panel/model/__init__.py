@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         Failure,
         Median,
         PolicyComparison,
+        RankingAgreement,
         Remedy,
         RemedyCell,
         RemedyLoss,

@@ -201,6 +201,29 @@ class EngineAgreement(Part, frozen=True, kw_only=True):
     largest: float | None
 
 
+class RankingAgreement(Part, frozen=True, kw_only=True):
+    """Whether a cell ranks the trained policies as the truth does; exploratory.
+
+    Attributes:
+        cell: name of the cell.
+        policies: how many policies of all rows and seeds.
+        correlation: Pearson's, of their success here and on the truth; null where either is the
+            same for all.
+        violation: mean maximum rank violation, in [0, 1]; 0 where both rank alike.
+        chosen: row with the highest success here.
+        best: row with the highest success on the truth.
+        regret: success on the truth that is lost by taking the one for the other.
+    """
+
+    cell: str
+    policies: int
+    correlation: Estimate | None
+    violation: Estimate
+    chosen: str
+    best: str
+    regret: float
+
+
 class Failure(Part, frozen=True, kw_only=True):
     """A failed episode.
 

@@ -134,6 +134,9 @@ class Entry(Part, frozen=True, kw_only=True):
         time_to_success_episodes: how many episodes succeed.
         energy_residual: sum of the energy residual over an episode, J; null where not known.
         energy_residual_abs: sum of the residual's sizes, J; null where not known.
+        numerics_share: of the energy that successful episodes gain until they first reach the
+            goal, the share that numerical error put in; negative where it took some out; null
+            where nothing is gained or the residual is not known.
         diverged: episodes that the simulation did not survive.
         not_converged: episodes in which the solver missed its tolerance.
         home_drop: success at home minus success here; null at home and without one. The next
@@ -141,6 +144,9 @@ class Entry(Part, frozen=True, kw_only=True):
         difficulty: what policies trained here and the hand-made controller do not reach either.
         deadline: what is won back within a second horizon.
         overfitting: the rest.
+        tail: share of the seeds that lose more than 0.5 of success; null at home and without one.
+        worst_policy: id of the policy that loses most; null likewise.
+        worst_loss: what it loses.
         transfer_gap: success of the policies trained here minus that of these; null without any.
         reference_class: the cell's pass or fail beside the reference's; null where the reference
             has another plant or control period.
@@ -160,12 +166,16 @@ class Entry(Part, frozen=True, kw_only=True):
     time_to_success_episodes: int
     energy_residual: Estimate | None
     energy_residual_abs: Estimate | None
+    numerics_share: Estimate | None = None
     diverged: int
     not_converged: int
     home_drop: Estimate | None
     difficulty: Estimate | None
     deadline: Estimate | None
     overfitting: Estimate | None
+    tail: Estimate | None = None
+    worst_policy: str | None = None
+    worst_loss: float | None = None
     transfer_gap: Estimate | None
     reference_class: ReferenceClass | None
     labels: dict[str, int]

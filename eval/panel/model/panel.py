@@ -8,11 +8,19 @@ from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
 from ...verdict import require_unique
-from .conclusions import EngineAgreement, Failure, PolicyComparison, Remedy, TrainingCost, Verdict
+from .conclusions import (
+    EngineAgreement,
+    Failure,
+    PolicyComparison,
+    RankingAgreement,
+    Remedy,
+    TrainingCost,
+    Verdict,
+)
 from .matrix import Cell, Entry, Row
 from .part import Part
 
-SCHEMA_VERSION: Final = 3
+SCHEMA_VERSION: Final = 4
 """Version of ``panel.json`` that is written and read here."""
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
@@ -70,6 +78,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         remedies: mixtures held against single discretizations.
         training_costs: what training cost, by row.
         engine_agreement: cells on foreign engines beside their native twins.
+        rankings: whether cells rank the policies as the truth does.
         failures: a sample of the failed episodes of policies that are no baselines.
         failures_total: how many such episodes there are.
 
@@ -78,7 +87,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             not declare.
     """
 
-    schema_version: Literal[3] = SCHEMA_VERSION
+    schema_version: Literal[4] = SCHEMA_VERSION
     name: str
     question: str
     answer: str
@@ -100,6 +109,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     remedies: tuple[Remedy, ...] = ()
     training_costs: dict[str, TrainingCost] = {}  # noqa: RUF012 (msgspec copies it)
     engine_agreement: tuple[EngineAgreement, ...] = ()
+    rankings: tuple[RankingAgreement, ...] = ()
     failures: tuple[Failure, ...] = ()
     failures_total: int = 0
 

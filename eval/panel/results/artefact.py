@@ -36,6 +36,7 @@ from ..specification import Cell
 from .answer import answer_of
 from .layout import PanelLayout
 from .matrix import Matrix, Row
+from .ranking import rankings
 from .remedy import remedies
 
 FAILURE_SAMPLE = 40
@@ -109,6 +110,7 @@ def build_artefact(
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         remedies=remedies(layout, matrix, losses),
         engine_agreement=engine_agreement,
+        rankings=rankings(layout, matrix),
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
     )

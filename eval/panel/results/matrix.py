@@ -18,7 +18,7 @@ from ...statistics import (
     rate_interval,
     unpaired_difference,
 )
-from ...verdict import LEARNED, Loss, ReferenceClass, reference_class
+from ...verdict import LEARNED, TAIL, Loss, ReferenceClass, reference_class
 from ..model import Entry, Estimate, Failure, RowKind
 from ..specification import Home
 
@@ -27,7 +27,7 @@ Array = npt.NDArray[Any]
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
-    "failure_reason", "replay_second_horizon",
+    "failure_reason", "replay_second_horizon", "arrival_energy", "arrival_residual",
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
 
@@ -170,12 +170,14 @@ class Matrix:
             time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
             energy_residual=self._mean(row, cell, "energy_residual_total"),
             energy_residual_abs=self._mean(row, cell, "energy_residual_abs_total"),
+            numerics_share=self._numerics_share(row, cell),
             diverged=sum(record["solver_status"] == "diverged" for record in records),
             not_converged=sum(r["solver_status"] == "not_converged" for r in records),
             home_drop=None if loss is None else Estimate.of(loss.total),
             difficulty=None if loss is None else Estimate.of(loss.difficulty),
             deadline=None if loss is None else Estimate.of(loss.deadline),
             overfitting=None if loss is None else Estimate.of(loss.overfitting),
+            **self._tail(row, cell),
             transfer_gap=self._transfer_gap(row, cell, native),
             reference_class=self._reference_class(row, cell, reference),
             labels=dict(Counter(record["failure_label"] for record in records)),
@@ -210,12 +212,32 @@ class Matrix:
             return None
         return _estimate(iqm_interval(values), iqm(values))
 
+    def _numerics_share(self, row: str, cell: str) -> Estimate | None:
+        """Of the energy gained until the goal is first reached, what numerical error put in."""
+        success, energy, residual = (
+            self.values(row, cell, name)
+            for name in ("success", "arrival_energy", "arrival_residual")
+        )
+        gained = (success > 0.0) & (energy > 0.0)
+        share = np.divide(residual, energy, out=np.full_like(energy, np.nan), where=gained)
+        return _seed_mean(share)
+
+    def _tail(self, row: str, cell: str) -> dict[str, Any]:
+        """How many seeds lose most of their success, and which loses most."""
+        home = self.home_rates(row)
+        if home is None or cell == self.rows[row].home:
+            return {}
+        lost = home - self.rates(row, cell)
+        worst = int(np.argmax(lost))
+        return {
+            "tail": Estimate.of(rate_interval(lost > TAIL)),
+            "worst_policy": self.rows[row].policies[worst],
+            "worst_loss": float(lost[worst]),
+        }
+
     def _mean(self, row: str, cell: str, name: str) -> Estimate | None:
         """Mean over seeds of each seed's mean over its episodes that have a value."""
-        values = self.values(row, cell, name)
-        present = np.isfinite(values)
-        means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
-        return _estimate(mean_interval(means), means[0]) if means else None
+        return _seed_mean(self.values(row, cell, name))
 
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
@@ -227,6 +249,13 @@ class Matrix:
         if reference in (None, cell) or not self.has(row, str(reference)):
             return None
         return reference_class(self.rates(row, cell).mean(), self.rates(row, str(reference)).mean())
+
+
+def _seed_mean(values: Array) -> Estimate | None:
+    """Mean over seeds of each seed's mean over its finite values; None without any."""
+    present = np.isfinite(values)
+    means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
+    return _estimate(mean_interval(means), means[0]) if means else None
 
 
 def _estimate(interval: Interval | None, alone: float) -> Estimate:

@@ -81,6 +81,11 @@ def test_summaries_agree_with_a_loop(drawn):
             "truncated": True,
             "terminated": False,
             "goal_reached": min(reached, default=np.nan),
+            "arrival_time": min(reached, default=np.nan),
+            "arrival_energy": float(min(reached, default=np.nan)),
+            "arrival_residual": sum(step["energy_residual"] for step in each[: reached[0]])
+            if reached
+            else np.nan,
             "goal_left": max(left, default=np.nan),
         }
         for name, value in expected.items():

@@ -65,8 +65,8 @@ def both(old, play, context):
 
 def test_what_each_version_brought():
     """A field without its version would have files of earlier ones refused."""
-    assert SCHEMA_VERSION == 2
-    assert {field.since for field in SUMMARY_FIELDS} == {1, 2}
+    assert SCHEMA_VERSION == 3
+    assert {field.since for field in SUMMARY_FIELDS} == {1, 2, 3}
     assert len(SUMMARY_FIELDS) - len(LATER) == 68
     assert LATER == (
         "replay_home",
@@ -75,6 +75,9 @@ def test_what_each_version_brought():
         "replay_second_horizon",
         "home_success",
         "cell_status",
+        "arrival_time",
+        "arrival_energy",
+        "arrival_residual",
     )
     assert all(field.nullable for field in SUMMARY_FIELDS if field.name in LATER)
 
@@ -87,7 +90,7 @@ def test_an_older_file_is_read_with_null_for_what_it_lacks(old, table):
         assert {record[name] for name in LATER} == {None}
         assert set(record.fields) == {field.name for field in SUMMARY_FIELDS}
         for field in SUMMARY_FIELDS:
-            if field.name not in ("schema_version", "content_hash"):
+            if field.name not in ("schema_version", "content_hash", *LATER):
                 assert record[field.name] == before[field.name], field.name
         np.testing.assert_array_equal(record["theta"], before["theta"])
         assert old.find(record["record_id"]).fields == record.fields
@@ -190,14 +193,14 @@ def test_both_versions_in_one_store(both):
     assert rows.to_pylist() == [
         {"schema_version": 1, **dict.fromkeys(rows.column_names[1:])},
     ] * 3 + [
-        {"schema_version": 2, "cell_status": "achievable", "home_success": 0.25,
+        {"schema_version": SCHEMA_VERSION, "cell_status": "achievable", "home_success": 0.25,
          "replay_second_horizon": False, "replay_home": None},
     ] * 3  # fmt: skip
     assert [str(field.type) for field in rows.schema] == [
         "int64", "string", "double", "bool", "bool"
     ]  # fmt: skip
     records = list(both.records())
-    assert [record["schema_version"] for record in records] == [1] * 3 + [2] * 3
+    assert [record["schema_version"] for record in records] == [1] * 3 + [SCHEMA_VERSION] * 3
     assert {frozenset(record.fields) for record in records} == {frozenset(records[0].fields)}
     file = io.StringIO()
     assert export(records, file, "csv") == 6
@@ -205,13 +208,13 @@ def test_both_versions_in_one_store(both):
     assert [row["cell_status"] for row in csv.DictReader(file)] == [""] * 3 + ["achievable"] * 3
 
 
-@pytest.mark.parametrize("version", ["3", "0", "-1", "01", "1.0", "", "none"])
+@pytest.mark.parametrize("version", [str(SCHEMA_VERSION + 1), "0", "-1", "01", "1.0", "", "none"])
 def test_another_version_is_refused(store, table, version):
     other = store.directory / "other.parquet"
     metadata = table.schema.metadata | {VERSION_KEY: version.encode()}
     pq.write_table(table.replace_schema_metadata(metadata), other)
     message = (
-        f"{other} has schema version {version}, and this integ-gym reads 1 to 2; read it with the "
+        f"{other} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; read it with the "
         "version that wrote it, or move it away"
     )
     for read in (lambda: list(store.records()), lambda: store.query("SELECT 1")):
@@ -221,6 +224,17 @@ def test_another_version_is_refused(store, table, version):
     assert [(problem.file, problem.message) for problem in store.verify()] == [
         ("other.parquet", message)
     ]
+
+
+@pytest.mark.parametrize("version", range(1, SCHEMA_VERSION))
+def test_a_file_of_any_version_has_what_its_version_had(tmp_path, table, version):
+    store = EvidenceStore(tmp_path / "evidence")
+    store.commit("batch", _of_version(table, version))
+    assert store.verify() == []
+    (field, *_) = [field.name for field in SUMMARY_FIELDS if field.since == version]
+    for record, before in zip(store.records(), table.to_pylist(), strict=True):
+        assert record[field] == before[field]
+        assert record["arrival_time"] is None
 
 
 @pytest.mark.parametrize("name", LATER)

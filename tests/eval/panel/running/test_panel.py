@@ -320,7 +320,7 @@ def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, c
 
 
 def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
-    content = {"schema_version": 3, "rows": [1], "matrix": [{}], "cells": []}
+    content = {"schema_version": 4, "rows": [1], "matrix": [{}], "cells": []}
     (tmp_path / "panel.json").write_text(json.dumps(content))
     assert "is damaged" in _fails(capsys, "report", str(tmp_path))
 
