@@ -21,7 +21,7 @@ STARTS_APART = 10_000
 """Seeds between the first starts of one training seed and of the next."""
 
 START_SETS = 5
-"""Training seeds whose starts a hand-made controller acts from."""
+"""Seeds, from the first training seed on, whose starts a hand-made controller acts from."""
 
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
@@ -93,8 +93,13 @@ class PanelSpec:
 
     @property
     def start_sets(self) -> tuple[int, ...]:
-        """Training seeds whose starts a hand-made controller tries; baselines have the first's."""
-        return self.seeds[:START_SETS] or (0,)
+        """Seeds whose starts a hand-made controller tries; baselines have the first's.
+
+        They do not depend on how many training seeds there are, so that more may be added.
+        """
+        if not self.seeds:
+            return (0,)
+        return tuple(range(self.seeds[0], self.seeds[0] + START_SETS))
 
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, then the reference if there is one."""

@@ -214,8 +214,8 @@ def test_another_version_is_refused(store, table, version):
     metadata = table.schema.metadata | {VERSION_KEY: version.encode()}
     pq.write_table(table.replace_schema_metadata(metadata), other)
     message = (
-        f"{other} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; read it with the "
-        "version that wrote it, or move it away"
+        f"{other} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; "
+        "read it with the version that wrote it, or move it away"
     )
     for read in (lambda: list(store.records()), lambda: store.query("SELECT 1")):
         with pytest.raises(EvidenceError) as refused:

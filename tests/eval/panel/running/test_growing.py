@@ -1,0 +1,96 @@
+"""A panel that is given more seeds, and one that is shown before it is finished."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from small_panel import TOML
+
+from integ_gym.cli import main
+from integ_gym.eval.panel import calls
+from integ_gym.eval.panel.results import outputs
+from integ_gym.eval.panel.specification import growth
+from integ_gym.evidence.store.store import EvidenceStore
+
+SAME = ("row", "cell", "success_by_seed", "return", "energy_residual", "overfitting", "labels")
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(TOML, encoding="utf-8")
+    return path
+
+
+def _hashes(directory: Path) -> list[dict]:
+    query = "SELECT record_id, content_hash FROM records WHERE phase = 'evaluation' ORDER BY 1"
+    return EvidenceStore(directory / "evidence").query(query).to_pylist()
+
+
+def _matrix(panel: dict) -> list[list]:
+    return [[entry[name] for name in SAME] for entry in panel["matrix"]]
+
+
+@pytest.mark.slow
+def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(
+    spec, tmp_path, panel_directory, monkeypatch
+):
+    """With one seed first, a page; then both: nothing is done again, and the records are those of
+    a panel that was begun with two. On its way to three it shows a page that decides nothing."""
+    out = tmp_path / "out"
+    command = ["panel", str(spec), "--out", str(out), "--no-progress"]
+    assert main([*command, "--seeds", "1"]) == 0
+    files = {p: p.stat().st_mtime_ns for p in out.glob("[uep]*/**/*") if p.is_file()}
+    assert main(command) == 0
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert _hashes(out) == _hashes(panel_directory)
+    panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
+    assert _matrix(panel) == _matrix(whole)
+    assert (panel["looks"], whole["looks"]) == ([1, 2], [2])
+    assert any("seen on 1 of them" in warning for warning in panel["warnings"])
+    assert whole["warnings"] == []
+
+    shown = []
+    monkeypatch.setattr(growth, "STAGES", (1,))
+    monkeypatch.setattr(outputs, "write_outputs", _spied(outputs.write_outputs, shown))
+    fresh = tmp_path / "fresh"
+    calls.run_panel(str(spec), fresh, progress=False)
+    assert len(shown) == 1, "two seeds are not worth a page before"
+    assert main([*command[:3], str(tmp_path / "three"), "--no-progress", "--seeds", "3"]) == 0
+    _, first, last = shown
+    assert first.answer.startswith("Not decided yet: 1 of 3 training seeds are here")
+    assert first.looks == ()
+    assert {row.seeds for row in first.rows if not row.baseline} == {1}
+    assert all(one.p_exceeds is None for one in first.verdicts)
+    assert "Not decided yet" not in last.answer
+    assert last.looks == (3,)
+
+
+def _spied(function, shown):
+    def call(*given, **told):
+        panel = function(*given, **told)
+        shown.append(panel)
+        return panel
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("seeds", "sentence"),
+    [
+        ("[0]", "holds this panel with 2 seeds, not 1; give --seeds 2, or another directory"),
+        ("[0, 5]", "holds a panel with other seeds: 0 to 1, now 0 to 5; more may follow"),
+        ("[1, 0, 2]", "holds a panel with other seeds: 0 to 1, now 1 to 2; more may follow"),
+    ],
+)
+def test_fewer_or_other_seeds_are_refused(spec, tmp_path, panel_directory, capsys, seeds, sentence):
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    spec.write_text(TOML.replace("seeds = [0, 1]", f"seeds = {seeds}"), encoding="utf-8")
+    before = (copy / "run.json").read_bytes()
+    assert main(["panel", str(spec), "--out", str(copy)]) == 2
+    assert sentence in capsys.readouterr().err
+    assert (copy / "run.json").read_bytes() == before

@@ -1,0 +1,44 @@
+"""Panels that grow by seeds, and the stages in which they are shown."""
+
+from __future__ import annotations
+
+import pytest
+from small_panel import small_data
+
+from integ_gym.eval.panel.specification.growth import MOST_SEEDS, STAGES, grown, inputs, stages
+from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.specification.values import SpecError
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 60])
+def test_more_seeds_follow_those_that_are_there(count):
+    spec = parse_spec(small_data(seeds=[7, 3]), "small")
+    seeds = grown(spec, count).seeds
+    assert len(seeds) == len(set(seeds)) == count
+    assert seeds[:2] == (7, 3)[:count]
+    assert list(seeds[2:]) == list(range(8, 8 + count - 2))
+
+
+@pytest.mark.parametrize("count", [0, -1, MOST_SEEDS + 1])
+def test_numbers_of_seeds_that_cannot_be(count):
+    with pytest.raises(SpecError, match="takes 1 to 10000 seeds, got"):
+        grown(parse_spec(small_data(), "small"), count)
+
+
+def test_records_do_not_depend_on_how_many_seeds_there_are():
+    spec = parse_spec(small_data(), "small")
+    assert inputs(spec) == inputs(grown(spec, 40)) == inputs(grown(spec, 1))
+    assert inputs(spec) != inputs(parse_spec(small_data(episodes=4), "small"))
+    assert inputs(spec) != inputs(parse_spec(small_data(seeds=[1, 2]), "small"))
+
+
+@pytest.mark.parametrize("count", [1, 5, 10, 11, 40, 41, 200])
+def test_stages_are_the_first_seeds_and_end_with_all(count):
+    spec = grown(parse_spec(small_data(), "small"), count)
+    found = stages(spec)
+    counts = [len(stage.seeds) for stage in found]
+    assert found[-1] is spec
+    assert counts == sorted(set(counts))
+    assert set(counts[:-1]) <= set(STAGES)
+    assert all(stage.seeds == spec.seeds[: len(stage.seeds)] for stage in found)
+    assert all(2 * before < count for before in counts[:-1])
