@@ -52,7 +52,7 @@ def row(name: str) -> str:
         _answer(cart_pole.symplectic),
         _answer(pendulum.reversible and cart_pole.reversible),
         _limit(pendulum.stable_up_to),
-        growth.kind + sign,
+        growth.kind.replace("linear", "slow") + sign,
     )
     return f"| {' | '.join(cells)} |"
 
