@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         write_json,
         write_once,
     )
+    from .machine import instruction_sets
     from .packages import (
         Registry,
         absent,

@@ -66,6 +66,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         directory: directory in which it was made.
         created: when this was written, UTC.
         platform: operating system and machine on which this was written.
+        instruction_sets: of its processor, as numpy names what it uses.
+        weights: one hash of all policies' hashes; equal where all weights are; empty without any.
         versions: versions of Python and of all packages that the results depend on.
         cost: time that it took.
         rows: policies, by what they were trained on.
@@ -98,6 +100,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     directory: str
     created: datetime
     platform: str
+    instruction_sets: tuple[str, ...] = ()
+    weights: str = ""
     versions: dict[str, str]
     cost: Cost
     rows: tuple[Row, ...]

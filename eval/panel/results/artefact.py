@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import platform
 import shlex
 from collections.abc import Mapping, Sequence
@@ -9,6 +11,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from integ_gym.envs import Discretization
+from integ_gym.support import instruction_sets
 
 from ...statistics import rate_interval
 from ...verdict import (
@@ -87,6 +90,8 @@ def build_artefact(
         directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
         platform=platform.platform(),
+        instruction_sets=instruction_sets(),
+        weights=_weights(policies),
         rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
         matrix=tuple(
@@ -114,6 +119,11 @@ def build_artefact(
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
     )
+
+
+def _weights(policies: Mapping[str, Policy]) -> str:
+    hashes = {name: policy.hash for name, policy in sorted(policies.items()) if policy.hash}
+    return hashlib.sha256(json.dumps(hashes).encode()).hexdigest() if hashes else ""
 
 
 def _verdict(judgement: Judgement, row: str, cell: str, wanted: int | None) -> Verdict:

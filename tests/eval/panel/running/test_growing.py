@@ -7,12 +7,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from small_panel import TOML
+from small_panel import TOML, small_data
 
 from integ_gym.cli import main
 from integ_gym.eval.panel import calls
 from integ_gym.eval.panel.results import outputs
 from integ_gym.eval.panel.specification import growth
+from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.evidence.store.store import EvidenceStore
 
 SAME = ("row", "cell", "success_by_seed", "return", "energy_residual", "overfitting", "labels")
@@ -35,11 +36,8 @@ def _matrix(panel: dict) -> list[list]:
 
 
 @pytest.mark.slow
-def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(
-    spec, tmp_path, panel_directory, monkeypatch
-):
-    """With one seed first, a page; then both: nothing is done again, and the records are those of
-    a panel that was begun with two. On its way to three it shows a page that decides nothing."""
+def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(spec, tmp_path, panel_directory):
+    """With one seed first, then both: nothing is done again, and the records are the same."""
     out = tmp_path / "out"
     command = ["panel", str(spec), "--out", str(out), "--no-progress"]
     assert main([*command, "--seeds", "1"]) == 0
@@ -53,14 +51,16 @@ def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(
     assert any("seen on 1 of them" in warning for warning in panel["warnings"])
     assert whole["warnings"] == []
 
+
+@pytest.mark.slow
+def test_a_page_that_comes_early_decides_nothing(tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr(growth, "STAGES", (1,))
     monkeypatch.setattr(outputs, "write_outputs", _spied(outputs.write_outputs, shown))
-    fresh = tmp_path / "fresh"
-    calls.run_panel(str(spec), fresh, progress=False)
-    assert len(shown) == 1, "two seeds are not worth a page before"
-    assert main([*command[:3], str(tmp_path / "three"), "--no-progress", "--seeds", "3"]) == 0
-    _, first, last = shown
+    rows = {"train": [{"integrator": "rk4", "dt": 0.05}], "perturbations": [], "compare": []}
+    quick = small_data(seeds=[0, 1, 2], training={"total_steps": 128, "n_steps": 64}, **rows)
+    calls.run_panel(parse_spec(quick, "small"), tmp_path / "out", progress=False)
+    first, last = shown
     assert first.answer.startswith("Not decided yet: 1 of 3 training seeds are here")
     assert first.looks == ()
     assert {row.seeds for row in first.rows if not row.baseline} == {1}

@@ -1,0 +1,147 @@
+"""The tables of docs/panel.md on the quick panel, from a finished run.
+
+    python benchmarks/panel_tables.py RUN [--save docs/quick_panel.json]
+    python benchmarks/panel_tables.py docs/quick_panel.json
+
+Prints them in Markdown, every number with its 95 % interval over seeds and starts and rounded to
+what that carries. `--save` keeps what they are made of, with versions, instruction sets and one
+hash of all weights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.model.part import Estimate
+
+CELLS = {
+    "explicit_euler dt=0.05": "explicit Euler 0.05",
+    "symplectic_euler dt=0.05": "symplectic Euler 0.05",
+    "implicit_euler dt=0.0125": "implicit Euler 0.0125",
+    "reference dt=0.05": "truth",
+}
+"""Columns of the table of success."""
+
+
+def summary_of(panel: Panel) -> dict[str, Any]:
+    """What the tables are made of, as plain data."""
+    return {
+        "command": panel.command,
+        "answer": panel.answer,
+        "versions": panel.versions,
+        "instruction_sets": list(panel.instruction_sets),
+        "weights": panel.weights,
+        "wall_seconds": panel.cost.wall_seconds,
+        "workers": panel.cost.workers,
+        "rows": [_row(panel, row.name) for row in panel.rows if not row.baseline],
+        "verdicts": [
+            {
+                "row": one.row, "cell": one.cell, "verdict": one.verdict,
+                "p": one.p_exceeds_adjusted if one.verdict == "fails" else one.p_equivalent_adjusted,
+                **{part: _numbers(getattr(one, part))
+                   for part in ("total", "difficulty", "deadline", "overfitting")},
+            }
+            for one in panel.verdicts
+        ],
+    }  # fmt: skip
+
+
+def _row(panel: Panel, name: str) -> dict[str, Any]:
+    row, cells = panel.row(name), {}
+    for cell in CELLS:
+        entry = panel.entry(name, cell)
+        assert entry is not None
+        cells[cell] = {
+            "success": _numbers(entry.success),
+            "recovered": _numbers(entry.recovered),
+            "numerics_share": _numbers(entry.numerics_share),
+            "tail": _numbers(entry.tail),
+        }
+    return {"row": name, "seeds": row.seeds, "home": _numbers(row.home_success), "cells": cells}
+
+
+def _numbers(estimate: Estimate | None) -> list[float | None] | None:
+    """Estimate, low and high."""
+    if estimate is None:
+        return None
+    given = (estimate.estimate, estimate.low, estimate.high)
+    return [None if value is None else round(value, 4) for value in given]
+
+
+def tables(summary: dict[str, Any]) -> Iterator[str]:
+    """The Markdown, line by line."""
+    yield f"| trained on | seeds | {' | '.join(CELLS.values())} |"
+    yield "|---|---|" + "---|" * len(CELLS)
+    for row in summary["rows"]:
+        cells = (_success(row["cells"][cell]) for cell in CELLS)
+        yield f"| {_named(row['row'])} | {row['seeds']} | {' | '.join(cells)} |"
+    yield ""
+    yield "| trained on | judged on | overfitting | deadline | difficulty | verdict | adjusted p |"
+    yield "|---|---|---|---|---|---|---|"
+    for one in summary["verdicts"]:
+        parts = (_interval(one[part]) for part in ("overfitting", "deadline", "difficulty"))
+        yield (
+            f"| {_named(one['row'])} | {_named(one['cell'])} | {' | '.join(parts)} | "
+            f"{one['verdict']} | {_p(one['p'])} |"
+        )
+    yield ""
+    yield f"| energy that the numerics gave | {' | '.join(CELLS.values())} |"
+    yield "|---|" + "---|" * len(CELLS)
+    for row in summary["rows"]:
+        cells = (_interval(row["cells"][cell]["numerics_share"]) for cell in CELLS)
+        yield f"| {_named(row['row'])} | {' | '.join(cells)} |"
+
+
+def _success(cell: dict[str, Any]) -> str:
+    """Success with its interval, and behind a stroke that within two horizons."""
+    return f"{_interval(cell['success'])} / {cell['recovered'][0]:.2f}"
+
+
+def _interval(numbers: list[float] | None) -> str:
+    if numbers is None:
+        return "–"
+    value, low, high = numbers
+    return _minus(f"{value:z.2f}" + ("" if low is None else f" ({low:z.2f} to {high:z.2f})"))
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _p(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _named(name: str) -> str:
+    """A row or cell in code, its step behind it."""
+    integrator, _, step = name.partition(" dt=")
+    return f"`{integrator}` {step}".rstrip()
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("run", type=Path, help="directory of a finished quick panel, or a summary")
+    parser.add_argument("--save", type=Path, metavar="FILE")
+    given = parser.parse_args()
+    if given.run.is_dir():
+        summary = summary_of(read_panel(given.run / FILE_NAME))
+    else:
+        summary = json.loads(given.run.read_text(encoding="utf-8"))
+    print("\n".join(tables(summary)))
+    if given.save:
+        given.save.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

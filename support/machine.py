@@ -1,0 +1,17 @@
+"""What of the machine can show in the last bits of a result."""
+
+from __future__ import annotations
+
+import platform
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Processor family, then the vector extensions that numpy found and uses, in its names.
+
+    Whether products and sums are fused decides last bits, and a policy's success after training
+    may hang on these.
+    """
+    import numpy as np
+
+    found = np.show_config(mode="dicts").get("SIMD Extensions", {})  # type: ignore[union-attr]
+    return (platform.machine(), *found.get("baseline", ()), *found.get("found", ()))
