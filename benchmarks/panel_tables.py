@@ -28,6 +28,8 @@ CELLS = {
 }
 """Columns of the table of success."""
 
+_SHOWN_BY = {"fails": "p_exceeds_adjusted"}
+
 
 def summary_of(panel: Panel) -> dict[str, Any]:
     """What the tables are made of, as plain data."""
@@ -43,7 +45,7 @@ def summary_of(panel: Panel) -> dict[str, Any]:
         "verdicts": [
             {
                 "row": one.row, "cell": one.cell, "verdict": one.verdict,
-                "p": one.p_exceeds_adjusted if one.verdict == "fails" else one.p_equivalent_adjusted,
+                "p": getattr(one, _SHOWN_BY.get(one.verdict, "p_equivalent_adjusted")),
                 **{part: _numbers(getattr(one, part))
                    for part in ("total", "difficulty", "deadline", "overfitting")},
             }

@@ -19,11 +19,14 @@ SHORT = {
     "reference_cost": [],
     "trainer_equivalence": ["--only", "cart-pole", "--seeds", "2", "--steps", "4096"],
 }
+OF_A_RUN = {"closed_loops", "panel_tables"}
+"""Tested beside what they read."""
+
 NEEDED_BY_OTHERS = {"bare", "rates", "results", "scanned", "training_cost"}
 
 
 def test_every_benchmark_is_run():
-    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | NEEDED_BY_OTHERS
+    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | NEEDED_BY_OTHERS | OF_A_RUN
 
 
 @pytest.mark.slow
