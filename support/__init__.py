@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         write_json,
         write_once,
     )
+    from .locks import FileLock
     from .packages import (
         Registry,
         absent,

@@ -62,7 +62,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
-            "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
+            "render_fps": frames_per_second(self.setup),
         }
         self.action_space = self.setup.action_space
         self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
@@ -213,6 +213,11 @@ def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     """The setup of an environment class from its constructor arguments."""
     task = env.task_class()
     return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+
+
+def frames_per_second(setup: Setup) -> int:
+    """Frames that show an episode in its own time, one per decision."""
+    return max(1, round(1.0 / setup.timing.control_period))
 
 
 def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:

@@ -23,19 +23,24 @@ _FEWEST_ROWS = 4096
 class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     """Records every finished episode of an integ-gym environment.
 
-    Spaces, spec, observations, rewards and info pass through unchanged. Episodes are kept in
-    memory and written as one batch by :meth:`commit` or :meth:`close`; an episode that is not
-    finished is not written. Episodes count up from ``context.first_episode``.
+    Spaces, spec, observations, rewards and info pass through unchanged. Finished episodes are
+    written in batches: ``commit_every`` together, and the rest by :meth:`commit`, :meth:`close` or
+    the end of the process, whichever comes first; an episode that is not finished is not written.
+    Episodes count up from ``context.first_episode``.
 
     Args:
         env: an integ-gym environment or a rediscretized one, with no wrapper that changes what a
             policy sees.
         store: an :class:`EvidenceStore` or its directory.
         context: what the episodes are for.
-        commit_on_close: whether :meth:`close` commits what has not been committed.
+        commit_on_close: whether anything is written but by :meth:`commit`.
+        commit_every: finished episodes that are written together; None: all at the end, which
+            ``commit(replays=…)`` needs that is to label them all.
 
     Raises:
         TypeError: for another environment.
+        EvidenceError: if another recorder is open for the same episodes, or they are recorded.
+        ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
     """
 
     def __init__(
@@ -45,11 +50,15 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         context: EpisodeContext,
         *,
         commit_on_close: bool = True,
+        commit_every: int | None = 100,
     ) -> None:
         super().__init__(env)
         spaces = ("observation_space", "action_space")
         self._inner = recorded(env, (IntegEnv, RediscretizedEnv), spaces)
-        self._prepare(env, [(self._inner.setup, 0)], store, [context], commit_on_close)
+        self._prepare(
+            env, [(self._inner.setup, 0)], store, [context], [context.first_episode],
+            commit_on_close, commit_every,
+        )  # fmt: skip
         self._next_index = context.first_episode
         self._seed: int | None = None
         self._draws = -1
@@ -108,6 +117,10 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._next_index += 1
         if self._finished >= _FEWEST_ROWS:
             self._hand_over()
+        self._commit_if_many()
+
+    def _waiting_to_be_written(self) -> int:
+        return len(self._log) + len(self._heads)
 
     def _hand_over(self) -> None:
         if self._heads:

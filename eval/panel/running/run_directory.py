@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import math
@@ -12,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import installed_versions, replace_file, write_json
+from integ_gym.support import FileLock, installed_versions, replace_file, write_json
 
 MANIFEST = "run.json"
 LOCK = ".lock"
@@ -117,15 +116,16 @@ class RunDirectory:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        with (self.path / LOCK).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise RunDirectoryError(
-                    f"another process is running the panel in {self.path}; wait for it, or give "
-                    "another directory with --out"
-                ) from None
+        lock = FileLock(self.path / LOCK)
+        if not lock.acquire():
+            raise RunDirectoryError(
+                f"another process is running the panel in {self.path}; wait for it, or give "
+                "another directory with --out"
+            )
+        try:
             yield
+        finally:
+            lock.release()
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
