@@ -16,6 +16,8 @@ if TYPE_CHECKING:
         MANIFEST,
         TRAINERS,
         PanelSpec,
+        against_plan,
+        check_finished,
         evaluate,
         read_panel,
         run_panel,

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     )
     from .files import (
         cannot_write,
+        file_hash,
         make_folder,
         remove_leftovers,
         replace_file,
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
         units,
         unknown_name,
     )
+    from .reading import Kinds, read_bounded, read_object
     from .terminal import (
         FITS,
         NONE,
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
         step,
         true_minus,
         unbroken,
+        visible,
         whole_number,
         width_of,
     )

@@ -21,6 +21,7 @@ from ..episode import (
     ScalarStep,
     Setup,
     build_setup,
+    check_starts,
     draw_start,
     plain_start,
     plain_step,
@@ -212,7 +213,9 @@ class IntegEnv(gym.Env[Observation, Any]):
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     """The setup of an environment class from its constructor arguments."""
     task = env.task_class()
-    return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+    setup = build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+    check_starts(setup)
+    return setup
 
 
 def frames_per_second(setup: Setup) -> int:
@@ -269,11 +272,11 @@ def discrete_action(action: Any, count: int) -> float:
     """
     try:
         value = float(action)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = -1.0
     if math.isnan(value) or math.isinf(value):
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise ValueError(f"action must be one of {choices}, got {action!r}")
+        raise ValueError(f"action must be one of {choices}, got {action!r:.60}")
     return value

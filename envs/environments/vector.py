@@ -41,6 +41,7 @@ from .environment import (
 )
 from .lanes import (
     Array,
+    as_floats,
     as_lanes,
     blank,
     check_lanes,
@@ -322,7 +323,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
-        values = np.array(actions, dtype=np.float64)
+        values = as_floats(actions)
         if values.shape != self.action_space.shape:
             raise ValueError(
                 f"actions must have shape {self.action_space.shape}, got {values.shape}"

@@ -67,8 +67,8 @@ def package_versions(further: Mapping[str, str]) -> dict[str, str]:
 
 @cache
 def host() -> str:
-    """Operating system and processor."""
-    return f"{platform.platform()} {platform.machine()}"
+    """Operating system and processor, not the machine's own name or kernel."""
+    return f"{platform.system()} {platform.machine()}"
 
 
 def json_text(value: Any) -> str:

@@ -17,6 +17,7 @@ from integ_gym.support import load
 from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
+from ..lanes import as_floats
 from .description import Choice, ModelEngine, TaskGoal, TaskSetup, integrator_numbers, plant_of
 from .headless import is_of_opengl, no_context
 from .ledger import NOTHING, Ledger, is_lost
@@ -143,7 +144,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
-        asked = np.asarray(action, dtype=np.float64)
+        asked = as_floats(action)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
         with self._timed(*self._stock):
