@@ -172,6 +172,15 @@ class Recorder:
         return batch_name(self._env_id, identity_of(self._contexts), episodes)
 
 
+def is_known(env: Any, kinds: tuple[type, ...]) -> bool:
+    """Whether the environment or one inside its wrappers is of these kinds."""
+    while not isinstance(env, kinds):
+        if env is env.unwrapped:
+            return False
+        env = env.env
+    return True
+
+
 def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
     """The environment that is recorded: the outermost of these kinds.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from integ_gym.support import plural
+
 from ..store import EvidenceStore
 from .findings import Finding
 
@@ -21,10 +23,9 @@ def missing_episodes(store: EvidenceStore) -> Iterator[Finding]:
     for row in store.query(_COUNTED).to_pylist():
         missing = row["last"] - row["first"] + 1 - row["present"]
         twice = row["records"] - row["present"]
-        counts = (
-            [f"{missing} of episodes {row['first']} to {row['last']} missing"] if missing else []
-        )
-        counts += [f"{twice} records too many"] if twice else []
+        episodes = f"of episodes {row['first']} to {row['last']}"
+        counts = [f"{missing} missing {episodes}"] if missing else []
+        counts += [f"{plural(twice, 'record')} too many {episodes}"] if twice else []
         yield Finding(_named(row), None, ", ".join(counts))
 
 

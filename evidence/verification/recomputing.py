@@ -69,9 +69,9 @@ def recompute(record: EvidenceRecord, file: str) -> Iterator[Finding]:
     told = partial(deviation, file, str(record.fields["record_id"]))
     course = None
     if record.trace:
-        lengths = {len(record.trace["time"]) - 1, len(record.trace["reward"])}
-        if lengths != {record.fields["length"]}:
-            yield told("length", record.fields["length"], max(lengths))
+        length = len(record.trace["reward"])
+        if record.fields["length"] != length:
+            yield told("length", record.fields["length"], length)
             return
         for name, computed, scale in _from_trace(record):
             tolerance = TOLERANCE.get(record.fields["float_width"], TOLERANCE[32])
@@ -103,13 +103,16 @@ def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:
     for name, column in _MOST.items():
         if column in trace:
             yield name, _finite(trace[column].max(initial=0.0)), 0.0
-    yield "energy_start", float(trace["energy"][0]), 0.0
-    yield "energy_end", float(trace["energy"][-1]), 0.0
-    iterations = trace["solver_iterations"]
-    yield "solver_iterations_max", int(iterations.max()), 0.0
-    yield "solver_iterations_mean", float(iterations.mean()), 0.0
+    if "energy" in trace:
+        yield "energy_start", float(trace["energy"][0]), 0.0
+        yield "energy_end", float(trace["energy"][-1]), 0.0
+    if "solver_iterations" in trace:
+        iterations = trace["solver_iterations"]
+        yield "solver_iterations_max", int(iterations.max()), 0.0
+        yield "solver_iterations_mean", float(iterations.mean()), 0.0
     yield "solver_status", STATUS_NAMES[int(trace["solver_status_code"].max())], 0.0
-    yield "initial_state", [float(x[0]) for x in _states(record)], 0.0
+    if "time" in trace:
+        yield "initial_state", [float(x[0]) for x in _states(record)], 0.0
 
 
 def _states(record: EvidenceRecord) -> list[Array]:
@@ -169,11 +172,12 @@ def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterato
 
 def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
     given = json.loads(fields["training_discretization"] or "null")
+    period = fields["control_period"]
     return EpisodeFacts(
         success=fields["success"],
         goal=fields["metric_definition"],
         discretization=in_words(fields),
-        time=fields["length"] * fields["control_period"],
+        time=None if period is None else fields["length"] * period,
         episode_return=fields["return"],
         solver_status=fields["solver_status"],
         saturated_share=fields["saturated_share"],
@@ -190,6 +194,8 @@ def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
 def _staleness(fields: Any) -> float:
     """Action latency plus the greatest age that a sample can have at a decision, s."""
     dt, substeps = fields["dt"], fields["substeps"]
+    if dt is None:
+        return 0.0
     sensor = round(fields["sensor_period"] / dt)
     return float(fields["action_latency"] + (sensor - gcd(sensor, substeps)) * dt)
 

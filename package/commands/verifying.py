@@ -30,6 +30,8 @@ SAMPLE = 2000
 
 _PLAN = "run.json"
 
+_TRACED = "SELECT record_id FROM records WHERE reward IS NOT NULL ORDER BY record_id"
+
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The options of `verify`."""
@@ -102,8 +104,7 @@ def _whole(store: EvidenceStore, run: Path) -> Iterator[Finding]:
 def _replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Deviations of what was played again, and sentences that say what was."""
     files = {file.name: file for file in store.files()}
-    traced = store.query("SELECT record_id FROM records WHERE time IS NOT NULL ORDER BY record_id")
-    ids = traced.column("record_id").to_pylist()
+    ids = store.query(_TRACED).column("record_id").to_pylist()
     count = len(ids) if given.all else min(len(ids), max(0, given.sample))
     chosen = set(random.Random(given.seed).sample(ids, count))
     records: list[tuple[str, EvidenceRecord]] = []

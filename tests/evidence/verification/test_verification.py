@@ -149,10 +149,10 @@ def test_dropped_and_doubled_rows_are_counted(tmp_path, play):
         table.filter(pc.greater(pc.abs(pc.subtract(table["episode_index"], 4)), 1)), file
     )
     (found,) = missing_episodes(store)
-    assert str(found) == "cell 'cell', policy 'random': 3 of episodes 0 to 7 missing"
+    assert str(found) == "cell 'cell', policy 'random': 3 missing of episodes 0 to 7"
     pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), file)
     (found,) = missing_episodes(store)
-    assert "1 records of episodes 0 to 7 too many" in str(found)
+    assert "1 record too many of episodes 0 to 7" in str(found)
 
 
 def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path, play):
