@@ -17,6 +17,8 @@ if TYPE_CHECKING:
         TRAINERS,
         Panel,
         PanelSpec,
+        against_plan,
+        check_finished,
         evaluate,
         family_power,
         grown,

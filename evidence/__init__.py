@@ -32,5 +32,17 @@ if TYPE_CHECKING:
         print_table,
         show,
     )
+    from .verification import (
+        ELSEWHERE,
+        SEAL_FILE,
+        Finding,
+        Replayed,
+        broken_seals,
+        missing_episodes,
+        read_seal,
+        recompute,
+        replay,
+        seal,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

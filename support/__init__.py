@@ -43,12 +43,14 @@ if TYPE_CHECKING:
     )
     from .files import (
         cannot_write,
+        file_hash,
         make_folder,
         remove_leftovers,
         replace_file,
         write_json,
         write_once,
     )
+    from .locks import FileLock
     from .machine import instruction_sets
     from .packages import (
         Registry,
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
         units,
         unknown_name,
     )
+    from .reading import Kinds, read_bounded, read_object
     from .terminal import (
         FITS,
         NONE,
@@ -93,6 +96,7 @@ if TYPE_CHECKING:
         step,
         true_minus,
         unbroken,
+        visible,
         whole_number,
         width_of,
     )

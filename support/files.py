@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import time
@@ -60,11 +61,22 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     replace_file(path, f"{text}\n".encode())
 
 
-def remove_leftovers(directory: Path) -> None:
-    """Remove temporary files that killed writers left behind."""
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's content, 64 hexadecimal digits."""
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
+def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
+    """Remove temporary files that killed writers left behind.
+
+    Args:
+        directory: where.
+        age: since when they have not been written to, s; 0 where nobody else writes.
+    """
     for file in directory.glob(f".*{_SUFFIX}"):
         with suppress(FileNotFoundError):
-            if time.time() - file.stat().st_mtime > LEFTOVER_AGE:
+            if time.time() - file.stat().st_mtime >= age:
                 file.unlink()
 
 

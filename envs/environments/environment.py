@@ -21,6 +21,7 @@ from ..episode import (
     ScalarStep,
     Setup,
     build_setup,
+    check_starts,
     draw_start,
     plain_start,
     plain_step,
@@ -62,7 +63,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
-            "render_fps": max(1, round(1.0 / self.setup.timing.control_period)),
+            "render_fps": frames_per_second(self.setup),
         }
         self.action_space = self.setup.action_space
         self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
@@ -212,7 +213,14 @@ class IntegEnv(gym.Env[Observation, Any]):
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     """The setup of an environment class from its constructor arguments."""
     task = env.task_class()
-    return build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+    setup = build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
+    check_starts(setup)
+    return setup
+
+
+def frames_per_second(setup: Setup) -> int:
+    """Frames that show an episode in its own time, one per decision."""
+    return max(1, round(1.0 / setup.timing.control_period))
 
 
 def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
@@ -264,11 +272,11 @@ def discrete_action(action: Any, count: int) -> float:
     """
     try:
         value = float(action)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = -1.0
     if math.isnan(value) or math.isinf(value):
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise ValueError(f"action must be one of {choices}, got {action!r}")
+        raise ValueError(f"action must be one of {choices}, got {action!r:.60}")
     return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
@@ -97,3 +98,19 @@ def _part_of(part: Any, lanes: Array) -> Any:
 def _arrays(part: Any) -> dict[str, Array]:
     names = {f.name for f in fields(part)}
     return {k: x for k, x in vars(part).items() if k in names and isinstance(x, np.ndarray)}
+
+
+def as_floats(values: Any) -> Array:
+    """A copy as floats; infinite where a float cannot hold a whole number."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except OverflowError:
+        large: Array = np.frompyfunc(_as_float, 1, 1)(np.array(values, dtype=object))
+        return large.astype(np.float64)
+
+
+def _as_float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf

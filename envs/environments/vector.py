@@ -32,9 +32,16 @@ from ..episode import (
 )
 from ..plants import join_state, split_state
 from .discretized_vector import DiscretizedVectorEnv
-from .environment import IntegEnv, checked_render_mode, make_setup, observation_space
+from .environment import (
+    IntegEnv,
+    checked_render_mode,
+    frames_per_second,
+    make_setup,
+    observation_space,
+)
 from .lanes import (
     Array,
+    as_floats,
     as_lanes,
     blank,
     check_lanes,
@@ -92,7 +99,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             check_lanes(setup, num_envs)
         self.setup = self.setups[0]
         self.render_mode = checked_render_mode(render_mode, type(self).metadata["render_modes"])
-        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {
+            **type(self).metadata,
+            "render_fps": frames_per_second(self.setup),
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.single_action_space = self.setup.action_space
         self.single_observation_space = observation_space(self.setup)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -312,7 +323,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
-        values = np.array(actions, dtype=np.float64)
+        values = as_floats(actions)
         if values.shape != self.action_space.shape:
             raise ValueError(
                 f"actions must have shape {self.action_space.shape}, got {values.shape}"

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         GivenNumbers,
         LaneStarts,
         check_options,
+        check_starts,
         checked_state,
         draw_start,
         numbers_per_start,

@@ -89,6 +89,30 @@ def _checked_size(setup: Setup, start: Components) -> Components:
     return start
 
 
+def check_starts(setup: Setup) -> None:
+    """Check that no start is faster than a motion may be.
+
+    Tried are the slowest and fastest of a task whose starts are made of uniform numbers alone.
+
+    Raises:
+        ValueError: if one is, with the remedy.
+    """
+    if setup.settings.max_speed is None:
+        return
+    fastest = 0.0
+    for number in (0.0, 0.5, 1.0):
+        try:
+            start = _make(setup, GivenNumbers(repeat(number)), {})
+            fastest = max(fastest, *(abs(float(v)) for v in start[1::2]))
+        except Exception:  # whatever a task of the user's own does with what is not a generator
+            return
+    if fastest > setup.settings.max_speed:
+        raise ValueError(
+            f"`max_speed` {setup.settings.max_speed:g} is below the speed of starts, which is up "
+            f"to {fastest:g}; give at least that"
+        )
+
+
 class GivenNumbers:
     """Stands for a generator whose numbers from [0, 1) are given.
 

@@ -56,8 +56,11 @@ class CartPoleBalance:
         return Command(ops.where(valid, force, 0.0), valid, valid & False)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
-        """(x, ẋ, θ, θ̇)."""
-        return q[0], v[0], q[1], v[1]
+        """(x, ẋ, θ, θ̇), x and θ up to their limits, which a coarse step may pass at the end."""
+        far_x, _, far_theta, _ = self.observation_limits(None)
+        x = ops.minimum(ops.maximum(q[0], -far_x), far_x)
+        theta = ops.minimum(ops.maximum(q[1], -far_theta), far_theta)
+        return x, v[0], theta, v[1]
 
     def reward(
         self,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from integ_gym.evidence import seal
 from integ_gym.support import cores, require
 
 from .existing import evaluate_existing, plan, read_existing
@@ -63,7 +64,9 @@ def run_panel(
             new = complete(stage, directory, workers=workers, progress=progress)
             if new and stage is not given:
                 write_artefact(stage, directory, command, workers or cores(), of=given)
-        return write_artefact(given, directory, command, workers or cores())
+        panel = write_artefact(given, directory, command, workers or cores())
+        seal(directory.path)
+    return panel
 
 
 def evaluate(
@@ -111,6 +114,8 @@ def evaluate(
     statistics = None if obs_stats is None else Path(obs_stats)
     existing = read_existing(Path(policy), env_id, environment or {}, statistics, own_code)
     spec = plan(existing, env_id, integrators, dts, episodes)
-    return evaluate_existing(
+    panel = evaluate_existing(
         existing, spec, Path(out), command, progress=progress, on_doubt=on_doubt
     )
+    seal(Path(out))
+    return panel

@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .context import EpisodeContext
     from .episode_log import EpisodeHead, EpisodeLog
-    from .labels import Home, Replays
+    from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout
     from .record import EvidenceRecord, plain, records_of
     from .table import ReplayLookups, SetupOfLane, record_table

@@ -36,7 +36,7 @@ class EpisodeContext:
         replays: what replays said, for all episodes; see also ``commit`` of the recorder.
         inference_latency_mean: mean time of a decision at batch size 1, ns.
         inference_latency_p99: 99th percentile of the same, ns.
-        float_width: bits of the numbers that the physics is computed with.
+        float_width: bits of the numbers that the physics is computed with; None: not known.
         packages: versions of further packages that matter, such as the trainer's.
 
     Raises:
@@ -56,7 +56,7 @@ class EpisodeContext:
     replays: Replays = field(default_factory=Replays)
     inference_latency_mean: float | None = None
     inference_latency_p99: float | None = None
-    float_width: int = 64
+    float_width: int | None = 64
     packages: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,7 +85,8 @@ class EpisodeContext:
 
         Keys that the training discretization does not state are not compared.
         """
-        if self.phase == "training" or any(agrees(home, episode) for home in self.homes):
+        known = episode["engine"] is not None
+        if self.phase == "training" or (known and any(agrees(h, episode) for h in self.homes)):
             return "is home"
         return None if self.homes else "no home"
 

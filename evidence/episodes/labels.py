@@ -56,10 +56,10 @@ class EpisodeFacts:
     """What the rules look at.
 
     Attributes:
-        success: whether the metric was met.
+        success: whether the metric was met; None where that is not known.
         goal: the metric in words.
         discretization: engine, integrator and step in words.
-        time: length of the episode, s.
+        time: length of the episode, s; None where that is not known.
         episode_return: sum of rewards, or None if it is not finite.
         solver_status: worst status.
         saturated_share: share of saturated control steps.
@@ -72,10 +72,10 @@ class EpisodeFacts:
         terminated: whether the task ended the episode.
     """
 
-    success: bool
+    success: bool | None
     goal: str
     discretization: str
-    time: float
+    time: float | None
     episode_return: float | None
     solver_status: str
     saturated_share: float
@@ -98,7 +98,10 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
         broken = f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}"
         return "evaluation_error", broken
     if facts.episode_return is None:
-        return "evaluation_error", f"the return is not finite after {facts.time:.4g} s"
+        after = "" if facts.time is None else f" after {facts.time:.4g} s"
+        return "evaluation_error", f"the return is not finite{after}"
+    if facts.success is None:
+        return "unattributed", f"{facts.goal}; the return is {facts.episode_return:.6g}"
     if facts.success:
         since = (
             "" if facts.goal_since is None else f", at the goal from {facts.goal_since:.4g} s on"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from math import nan
 from operator import itemgetter
 from typing import Any
 
@@ -22,6 +23,9 @@ _ENDING = ("reward", "terminated", "truncated")
 
 _FOR_SUMMARIES = ("goal_since", "saturated", "fallback_used", "success")
 """What is taken from ``info`` beside what trace columns are made of."""
+
+_PERHAPS_UNKNOWN = dict.fromkeys(("dissipated", "energy_residual"), nan)
+"""What an environment leaves out of `info` where it is not known."""
 
 _STARTING = ("energy", "goal_since")
 """What of ``info`` is not 0 at a reset."""
@@ -88,7 +92,11 @@ class Layout:
             state: true state, component by component, in state order.
             sensed: observation, component by component.
         """
-        return (*self._told(info), status, *ending, *state, *sensed)
+        try:
+            told = self._told(info)
+        except KeyError:
+            told = self._told({**_PERHAPS_UNKNOWN, **info})
+        return (*told, status, *ending, *state, *sensed)
 
     def start(
         self, info: Mapping[str, Any], state: Iterable[Any], sensed: Iterable[Any]

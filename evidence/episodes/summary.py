@@ -31,7 +31,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
     """
     episodes = EpisodeRows(layout, rows, counts)
     values = {
-        field.name: field.origin.value(episodes).astype(_TYPES.get(field.kind, np.float64))
+        field.name: _typed(field.origin.value(episodes), field.kind)
         for field in SUMMARY_FIELDS
         if field.origin is not None and field.origin.of == "rows"
     }
@@ -42,6 +42,12 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
         "goal_left": episodes.goal_left(),
         "goal_since": episodes.goal_since(),
     }
+
+
+def _typed(values: Array, kind: str) -> Array:
+    """Numbers of a field's kind; NaN, which only floats have, where nothing is known."""
+    known = values.dtype.kind != "f" or not np.isnan(values).any()
+    return values.astype(_TYPES.get(kind, np.float64) if known else np.float64)
 
 
 class EpisodeRows:
@@ -83,10 +89,15 @@ class EpisodeRows:
 
     def falls(self, entry: str) -> Array:
         """How often an entry is 0 right after it was above."""
-        return self._each(np.add, self._fallen(self._column(entry) > 0.0).astype(np.int64))
+        column = self._column(entry)
+        falls = self._each(np.add, self._fallen(column > 0.0).astype(np.int64))
+        unknown = np.isnan(self._each(np.add, column))
+        return np.where(unknown, np.nan, falls) if unknown.any() else falls
 
     def starts(self) -> Array:
         """True states at time 0, in state order, shape (episodes, states)."""
+        if not self._layout.state:
+            return np.empty((len(self.steps), 0))
         return np.stack([self.first(name) for name in self._layout.state], axis=1)
 
     def goal_since(self) -> Array:

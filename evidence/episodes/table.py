@@ -57,7 +57,7 @@ def record_table(
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
     width = setups[0][0].engine.width
-    contexts = [replace(c, float_width=min(c.float_width, width)) for c in log.contexts]
+    contexts = [replace(c, float_width=_narrower(c.float_width, width)) for c in log.contexts]
     columns = _summary_columns(contexts, episodes, setups)
     columns["env_id"] = [env_id] * len(episodes.heads)
     columns["content_hash"] = [""] * len(episodes.heads)
@@ -71,6 +71,11 @@ def record_table(
     ]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
     return with_hashes(_in_order(table, episodes.heads))
+
+
+def _narrower(told: int | None, width: int | None) -> int | None:
+    """Bits of the numbers that were computed with; None where the engine's are not known."""
+    return None if told is None or width is None else min(told, width)
 
 
 def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
@@ -163,13 +168,16 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
     if field.source not in layout:
         return pa.nulls(len(episodes.heads), kind)
     numbers = episodes.rows[layout.place(field.source)]
+    if np.isnan(numbers).all():
+        return pa.nulls(len(episodes.heads), kind)
     if field.at == "step":
         numbers = np.append(numbers[1:], 0.0)
     numbers = numbers.astype(kind.value_type.to_pandas_dtype(), copy=False)
     lengths = np.zeros(len(episodes.heads), dtype=np.int64)
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))
-    values = pa.array(numbers, mask=_absent(numbers, ends) if field.at == "step" else None)
+    unknown = _absent(numbers, ends) if field.at == "step" else np.isnan(numbers)
+    values = pa.array(numbers, mask=unknown if unknown.any() else None)
     missing = None if episodes.traced.all() else pa.array(~episodes.traced)
     return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
 

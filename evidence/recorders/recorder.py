@@ -14,28 +14,39 @@ from integ_gym.envs import IntegEnv, RediscretizedEnv
 
 from ..episodes import EpisodeContext, EpisodeHead
 from ..store import EvidenceStore
-from .recording import Recorder, now, recorded
+from .recording import Recorder, is_known, now, recorded
+from .stranger import Stranger
+
+_KINDS = (IntegEnv, RediscretizedEnv)
 
 _FEWEST_ROWS = 4096
 """So many rows of finished episodes are given to the log together, at least."""
 
 
 class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
-    """Records every finished episode of an integ-gym environment.
+    """Records every finished episode of an environment.
 
-    Spaces, spec, observations, rewards and info pass through unchanged. Episodes are kept in
-    memory and written as one batch by :meth:`commit` or :meth:`close`; an episode that is not
-    finished is not written. Episodes count up from ``context.first_episode``.
+    Of one that is not integ-gym's, what it does not tell, such as its integrator and its energy, is
+    null, and the wrappers around it are listed in ``engine_description``.
+
+    Spaces, spec, observations, rewards and info pass through unchanged. Finished episodes are
+    written in batches: ``commit_every`` together, and the rest by :meth:`commit`, :meth:`close` or
+    the end of the process, whichever comes first; an episode that is not finished is not written.
+    Episodes count up from ``context.first_episode``.
 
     Args:
         env: an integ-gym environment or a rediscretized one, with no wrapper that changes what a
-            policy sees.
+            policy sees; or any other of Gymnasium's interface, as the policy sees it.
         store: an :class:`EvidenceStore` or its directory.
         context: what the episodes are for.
-        commit_on_close: whether :meth:`close` commits what has not been committed.
+        commit_on_close: whether anything is written but by :meth:`commit`.
+        commit_every: finished episodes that are written together; None: all at the end, which
+            ``commit(replays=…)`` needs that is to label them all.
 
     Raises:
-        TypeError: for another environment.
+        TypeError: for an integ-gym environment in a wrapper that changes what is seen of it.
+        EvidenceError: if another recorder is open for the same episodes, or they are recorded.
+        ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
     """
 
     def __init__(
@@ -45,11 +56,16 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         context: EpisodeContext,
         *,
         commit_on_close: bool = True,
+        commit_every: int | None = 100,
     ) -> None:
         super().__init__(env)
         spaces = ("observation_space", "action_space")
-        self._inner = recorded(env, (IntegEnv, RediscretizedEnv), spaces)
-        self._prepare(env, [(self._inner.setup, 0)], store, [context], commit_on_close)
+        self._stranger = None if is_known(env, _KINDS) else Stranger(env)
+        self._inner = self._stranger or recorded(env, _KINDS, spaces)
+        self._prepare(
+            env, [(self._inner.setup, 0)], store, [context], [context.first_episode],
+            commit_on_close, commit_every,
+        )  # fmt: skip
         self._next_index = context.first_episode
         self._seed: int | None = None
         self._draws = -1
@@ -67,19 +83,21 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         if seed is not None:
             self._seed, self._draws = seed, -1
         self._draws += 1
-        if self._note_contact(info):
+        told = info if self._stranger is None else self._stranger.told()
+        if self._note_contact(told):
             self._pack = struct.Struct(f"{len(self._layout)}d").pack
         del self._rows[self._finished :]
         self._wall_start = now()
         self._active = True
-        self._write(observation, (0.0, False, False), info)
+        self._write(observation, (0.0, False, False), told)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
         result = observation, reward, terminated, truncated, info = self.env.step(action)
         if self._active:
-            self._write(observation, (reward, terminated, truncated), info)
+            told = info if self._stranger is None else self._stranger.told(action)
+            self._write(observation, (reward, terminated, truncated), told)
             if terminated or truncated:
                 self._finish()
         return result
@@ -92,10 +110,9 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     def _write(
         self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
     ) -> None:
-        inner = self._inner
-        row = self._layout.row(
-            info, inner.status_code, ending, inner.state_components, observation.tolist()
-        )
+        inner, stranger = self._inner, self._stranger
+        sensed = observation.tolist() if stranger is None else stranger.sensed(observation)
+        row = self._layout.row(info, inner.status_code, ending, inner.state_components, sensed)
         self._rows.append(self._pack(*row))
 
     def _finish(self) -> None:
@@ -108,6 +125,10 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._next_index += 1
         if self._finished >= _FEWEST_ROWS:
             self._hand_over()
+        self._commit_if_many()
+
+    def _waiting_to_be_written(self) -> int:
+        return len(self._log) + len(self._heads)
 
     def _hand_over(self) -> None:
         if self._heads:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 import time
 from collections.abc import Mapping, Sequence
+from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from integ_gym.envs import Setup, quiet_status
 
 from ..episodes import EpisodeContext, EpisodeLog, Layout, ReplayLookups, SetupOfLane, record_table
 from ..store import EvidenceStore
+from .reservation import Reservation, batch_name, identity_of
 
 _CHANGING = (
     gym.ActionWrapper,
@@ -44,7 +44,9 @@ class Recorder:
         setups: list[SetupOfLane],
         store: EvidenceStore | str | Path,
         contexts: Sequence[EpisodeContext],
+        firsts: Sequence[int],
         commit_on_close: bool,
+        commit_every: int | None,
     ) -> None:
         """Begin with nothing recorded.
 
@@ -53,17 +55,30 @@ class Recorder:
             setups: its setups with the lane whose plant parameters hold.
             store: the store, or its directory.
             contexts: what the episodes are for; each belongs to one of them.
+            firsts: index of the first episode of each.
             commit_on_close: whether :meth:`close` commits what has not been committed.
+            commit_every: finished episodes that are committed together; None: all at the end.
+
+        Raises:
+            EvidenceError: if the episodes are recorded elsewhere, or have been.
+            ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
         """
+        if commit_every is not None and commit_every < 1:
+            raise ValueError(f"`commit_every` must be 1 or above, or None, got {commit_every}")
         self._store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
         self._contexts = tuple(contexts)
         self._setups = setups
         self._env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
         self._commit_on_close = commit_on_close
+        self._commit_every = commit_every if commit_on_close else None
         self._horizon = max(setup.timing.horizon for setup, _ in setups)
         self._status_at_start = quiet_status(setups[0][0])
         self._noted = False
         self._lay_out(None)
+        self._reservation: Reservation | None = None
+        if commit_on_close:
+            self._reservation = Reservation(self._store.directory, self._contexts, firsts)
+            self._at_exit = Finalize(None, self._end, exitpriority=0)
 
     def summaries(self) -> dict[str, npt.NDArray[Any]]:
         """Summaries of the finished episodes that are not committed yet.
@@ -107,10 +122,28 @@ class Recorder:
     def close(self, **kwargs: Any) -> None:
         """Commit, if wanted, and close the environment; finished episodes can still be taken."""
         try:
-            if self._commit_on_close:
-                self.commit()
+            if self._reservation is not None:
+                self._at_exit.cancel()
+                self._end()
         finally:
             super().close(**kwargs)  # type: ignore[misc]
+
+    def _end(self) -> None:
+        """Commit what is left, and let others record the same episodes."""
+        assert self._reservation is not None
+        try:
+            self.commit()
+        finally:
+            self._reservation.release()
+
+    def _commit_if_many(self) -> None:
+        """Commit, if so many episodes have finished that they are wanted on disk."""
+        if self._commit_every is not None and self._waiting_to_be_written() >= self._commit_every:
+            self.commit()
+
+    def _waiting_to_be_written(self) -> int:
+        """Finished episodes that have not been committed."""
+        return len(self._log)
 
     def _hand_over(self) -> None:
         """Give the log the finished episodes that it does not have yet."""
@@ -135,11 +168,17 @@ class Recorder:
         return record_table(self._log, self._env_id, self._setups, replays)
 
     def _batch_name(self) -> str:
-        indices = [head.index for head in self._log.episodes().heads]
-        identity = repr([(c.cell, c.policy_id, c.policy_hash) for c in self._contexts])
-        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        stem = re.sub(r"[^A-Za-z0-9.]+", "-", self._env_id).strip(".-")[:80] or "records"
-        return f"{stem}-{digest}-{min(indices):07d}-{max(indices):07d}"
+        episodes = [(head.context, head.index) for head in self._log.episodes().heads]
+        return batch_name(self._env_id, identity_of(self._contexts), episodes)
+
+
+def is_known(env: Any, kinds: tuple[type, ...]) -> bool:
+    """Whether the environment or one inside its wrappers is of these kinds."""
+    while not isinstance(env, kinds):
+        if env is env.unwrapped:
+            return False
+        env = env.env
+    return True
 
 
 def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:

@@ -31,8 +31,9 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
     """Records every finished episode of a testbed's vector environment.
 
     Spaces, spec, observations, rewards and info pass through unchanged, in all three autoreset
-    modes. Episodes are kept in memory and written as one batch by :meth:`commit` or :meth:`close`;
-    episodes that are not finished are not written.
+    modes. Finished episodes are written in batches: ``commit_every`` together, and the rest by
+    :meth:`commit`, :meth:`close` or the end of the process, whichever comes first; episodes that
+    are not finished are not written.
 
     Args:
         env: a vector environment that a testbed made, with no wrapper that changes what a policy
@@ -44,12 +45,16 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             and what the lane does after that is not recorded. By default all episodes of a context
             count up from its ``first_episode`` in the order in which they end, and by lane where
             they end together.
-        commit_on_close: whether :meth:`close` commits what has not been committed.
+        commit_on_close: whether anything is written but by :meth:`commit`.
+        commit_every: finished episodes that are written together, at least; None: all at the end,
+            which ``commit(replays=…)`` needs that is to label them all.
 
     Raises:
         TypeError: for another environment.
-        ValueError: if the contexts do not divide the lanes, or if ``episodes`` does not have one
-            index per lane, all different within a context.
+        EvidenceError: if another recorder is open for the same episodes, or they are recorded.
+        ValueError: if the contexts do not divide the lanes, if ``episodes`` does not have one
+            index per lane, all different within a context, for a ``commit_every`` below 1, or a
+            directory that cannot be written to.
     """
 
     def __init__(
@@ -60,6 +65,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         *,
         episodes: Sequence[int] | None = None,
         commit_on_close: bool = True,
+        commit_every: int | None = 1000,
     ) -> None:
         super().__init__(env)
         self._inner = recorded(env, (DiscretizedVectorEnv,), _SPACES)
@@ -68,9 +74,9 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._per_member = len(setups) // len(self._inner.setups)
         contexts = [context] if isinstance(context, EpisodeContext) else list(context)
         self._share = self._share_of(len(contexts))
-        self._prepare(env, setups, store, contexts, commit_on_close)
         self._next_index = [context.first_episode for context in contexts]
         self._episodes = self._checked(episodes)
+        self._prepare(env, setups, store, contexts, self._firsts(), commit_on_close, commit_every)
         self._buffer: LaneBuffer | None = None
         self._waiting = np.zeros(self.num_envs, dtype=bool)
         self._recorded = np.zeros(self.num_envs, dtype=bool)
@@ -143,6 +149,13 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._buffer = None
         super().close(**kwargs)
 
+    def _firsts(self) -> list[int]:
+        """Index of the first episode of each context."""
+        if self._episodes is None:
+            return list(self._next_index)
+        shares = range(0, self.num_envs, self._share)
+        return [min(self._episodes[start : start + self._share]) for start in shares]
+
     def _share_of(self, contexts: int) -> int:
         """Lanes of each context."""
         if not contexts or self.num_envs % contexts:
@@ -204,6 +217,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
                 [heads[lane] for lane in together.tolist()],
             )
         self._recorded[lanes] = self._episodes is not None
+        self._commit_if_many()
 
     def _head(self, lane: int, entropy: int, ended: int) -> EpisodeHead:
         context = lane // self._share

@@ -28,32 +28,42 @@ def arguments(setup: Setup, lane: int) -> str:
 def engine_description(setup: Setup, _: int) -> str:
     """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
     settings, described = setup.settings, setup.engine.describe()
-    if settings.engine != NATIVE:
+    if settings.engine not in (NATIVE, None):
         measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
         described = {**described, "fingerprint": measured.to_json()}
     return json_text(described)
 
 
-def sensor_period(setup: Setup, _: int) -> float:
-    """Time between two samples, s."""
+def sensor_period(setup: Setup, _: int) -> float | None:
+    """Time between two samples, s; None where it is not known."""
     timing = setup.timing
+    if timing.dt is None:
+        return None
     return (timing.substeps if timing.sensor is None else timing.sensor) * timing.dt
 
 
-def action_latency(setup: Setup, _: int) -> float:
-    """Delay of every command, s."""
-    return setup.timing.latency * setup.timing.dt
+def action_latency(setup: Setup, _: int) -> float | None:
+    """Delay of every command, s; None where it is not known."""
+    timing = setup.timing
+    return None if timing.dt is None else timing.latency * timing.dt
 
 
 def staleness(setup: Setup) -> float:
-    """Action latency plus the greatest age that a sample can have at a decision, s."""
+    """Action latency plus the greatest age that a sample can have at a decision, s.
+
+    0 where nothing is known of either.
+    """
     timing = setup.timing
+    if timing.dt is None:
+        return 0.0
     age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
     return (timing.latency + age) * timing.dt
 
 
 def in_words(fields: Mapping[str, Any]) -> str:
     """Engine, integrator and steps in words, from the record's fields of these names."""
+    if fields["engine"] is None:
+        return "an engine that is not known"
     return (
         f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
         f"period {fields['control_period']:.6g} s"
@@ -67,8 +77,8 @@ def package_versions(further: Mapping[str, str]) -> dict[str, str]:
 
 @cache
 def host() -> str:
-    """Operating system and processor."""
-    return f"{platform.platform()} {platform.machine()}"
+    """Operating system and processor, not the machine's own name or kernel."""
+    return f"{platform.system()} {platform.machine()}"
 
 
 def json_text(value: Any) -> str:

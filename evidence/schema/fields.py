@@ -145,23 +145,32 @@ _IDENTITY = _group(
 
 _DISCRETIZATION = _group(
     "discretization",
-    _text("engine", "what advanced the plant", setup("settings.engine")),
-    _text("engine_version", "version of the engine", setup("engine.version")),
+    _text("engine", "what advanced the plant", setup("settings.engine"), nullable=True),
+    _text("engine_version", "version of the engine", setup("engine.version"), nullable=True),
     _json(
         "engine_description",
         "the engine's float width, map, fingerprint and stops; `resistance`, where the force of "
         "our stops and friction acts; why no constraint is violated",
         setup(engine_description),
     ),
-    _text("integrator", "one-step map, as the engine calls it", setup("settings.integrator")),
-    _real("dt", "s", "integration step", setup("timing.dt")),
-    _real("control_period", "s", "time between two decisions", setup("timing.control_period")),
-    _count("substeps", "integration steps per decision", setup("timing.substeps")),
-    _real("sensor_period", "s", "time between two sensor samples", setup(sensor_period)),
-    _real("action_latency", "s", "delay of every command", setup(action_latency)),
+    _text(
+        "integrator", "one-step map, as the engine calls it", setup("settings.integrator"),
+        nullable=True,
+    ),
+    _real("dt", "s", "integration step", setup("timing.dt"), nullable=True),
+    _real(
+        "control_period", "s", "time between two decisions", setup("timing.control_period"),
+        nullable=True,
+    ),
+    _count("substeps", "integration steps per decision", setup("timing.substeps"), nullable=True),
+    _real(
+        "sensor_period", "s", "time between two sensor samples", setup(sensor_period),
+        nullable=True,
+    ),
+    _real("action_latency", "s", "delay of every command", setup(action_latency), nullable=True),
     _real(
         "observation_noise", "SI", "standard deviation of the sensor noise",
-        setup("settings.observation_noise"),
+        setup("settings.observation_noise"), nullable=True,
     ),
     _real(
         "solver_tolerance", "1",
@@ -172,13 +181,16 @@ _DISCRETIZATION = _group(
         "solver_cap", "most solver iterations per integration step; null: no solver",
         setup(lambda own, _: own.engine.solver().get("solver_cap")), nullable=True,
     ),
-    _real("duration", "s", "time until truncation", setup("settings.duration")),
-    _text("fallback", "control where no valid command acted", setup("settings.fallback")),
+    _real("duration", "s", "time until truncation", setup("settings.duration"), nullable=True),
+    _text(
+        "fallback", "control where no valid command acted", setup("settings.fallback"),
+        nullable=True,
+    ),
     _real(
         "max_speed", "SI", "clip on every velocity; null: no clip", setup("settings.max_speed"),
         nullable=True,
     ),
-    _text("start", "start distribution", setup("settings.start")),
+    _text("start", "start distribution", setup("settings.start"), nullable=True),
     _json(
         "arguments", "all constructor arguments and plant parameters: name to value and unit",
         setup(arguments),
@@ -211,7 +223,7 @@ _OUTCOME = _group(
     _text("metric", "name of the metric", context(lambda _: "success")),
     _text("metric_definition", "what counts as success, with units", setup("task.goal")),
     _real("return", "1", "sum of rewards; null if not finite", total("reward"), nullable=True),
-    _flag("success", "whether the metric was met", last("success")),
+    _flag("success", "whether the metric was met", last("success"), nullable=True),
     _real(
         "time_to_success", "s",
         "start of the final unbroken stay at the goal; null without success",
@@ -222,12 +234,15 @@ _OUTCOME = _group(
     _flag("truncated", "ended by the time limit", last("truncated")),
     _real(
         "saturated_share", "1", "share of control steps whose action was saturated",
-        rows(lambda episodes: episodes.total("saturated") / episodes.steps),
+        rows(lambda episodes: episodes.total("saturated") / episodes.steps), nullable=True,
     ),
-    _count("fallback_count", "control steps in which the fallback acted", total("fallback_used")),
+    _count(
+        "fallback_count", "control steps in which the fallback acted", total("fallback_used"),
+        nullable=True,
+    ),
     _count(
         "recovery_count", "control steps without fallback right after one with",
-        rows(lambda episodes: episodes.falls("fallback_used")),
+        rows(lambda episodes: episodes.falls("fallback_used")), nullable=True,
     ),
     _real(
         "penetration_max", "m, rad", "deepest penetration of a stop; null: not reported",
@@ -274,9 +289,12 @@ _REPLAYS = _group(
 
 _LEDGER = _group(
     "ledger",
-    _real("energy_start", "J", "energy at time 0; zero at rest hanging", first("energy")),
-    _real("energy_end", "J", "energy at the end", last("energy")),
-    _real("work_total", "J", "work of the actuator", total("actuator_work")),
+    _real(
+        "energy_start", "J", "energy at time 0; zero at rest hanging", first("energy"),
+        nullable=True,
+    ),
+    _real("energy_end", "J", "energy at the end", last("energy"), nullable=True),
+    _real("work_total", "J", "work of the actuator", total("actuator_work"), nullable=True),
     _real(
         "dissipated_total", "J", "energy that damping took out; null: a loss is not known",
         total("dissipated"), nullable=True,
@@ -285,7 +303,10 @@ _LEDGER = _group(
         "contact_loss_total", "J", "energy that contact took out; null: not reported",
         total("contact_loss"), nullable=True,
     ),
-    _real("clip_loss_total", "J", "energy that the speed limit took out", total("clip_loss")),
+    _real(
+        "clip_loss_total", "J", "energy that the speed limit took out", total("clip_loss"),
+        nullable=True,
+    ),
     _real(
         "energy_residual_total", "J",
         "energy that numerical error put in; null: a loss is not known", total("energy_residual"),
@@ -318,12 +339,12 @@ _SOLVER = _group(
     "solver",
     _count(
         "solver_iterations_max", "most iterations in one integration step",
-        most("solver_iterations"),
+        most("solver_iterations"), nullable=True,
     ),
     _real(
         "solver_iterations_mean", "1",
         "mean over control steps of the most iterations in one integration step",
-        rows(lambda episodes: episodes.total("solver_iterations") / episodes.steps),
+        rows(lambda episodes: episodes.total("solver_iterations") / episodes.steps), nullable=True,
     ),
     _text(
         "solver_status", "worst status of any control step", most("solver_status"),
@@ -336,7 +357,7 @@ _PROVENANCE = _group(
     _count("trace_every", "every n-th episode of its cell has a trace", context("trace_every")),
     _count(
         "float_width", "bits of the numbers that the physics was computed with",
-        context("float_width"),
+        context("float_width"), nullable=True,
     ),
     _json(
         "package_versions", "versions of the packages that matter",
@@ -354,7 +375,7 @@ _PROVENANCE = _group(
     ),
     _real(
         "latency_budget", "s", "time there is for a decision: the control period",
-        setup("timing.control_period"),
+        setup("timing.control_period"), nullable=True,
     ),
     _time("wall_start", "when the episode began", head("wall_start")),
     _time("wall_end", "when the episode ended", head("wall_end")),

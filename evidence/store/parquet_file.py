@@ -102,6 +102,21 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
         raise _unreadable(file, error) from None
 
 
+def parts(file: Path) -> Iterator[Any]:
+    """The row groups of one file as Arrow tables, so that no more than one is in memory.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    check_schema(file)
+    try:
+        with parquet().ParquetFile(file) as opened:
+            for group in range(opened.num_row_groups):
+                yield opened.read_row_group(group)
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
 def check_schema(file: Path) -> Any:
     """The Arrow schema of a file that has all fields of its schema version.
 

@@ -6,7 +6,7 @@ import csv
 import json
 from typing import Any, TextIO
 
-from integ_gym.support import print_aligned
+from integ_gym.support import print_aligned, visible
 
 from ..episodes import plain
 from .showing import number
@@ -35,15 +35,18 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
 
 def _aligned(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
     numeric = [all(isinstance(row[i], (int, float)) for row in rows) for i in range(len(names))]
+    names = [visible(name) for name in names]
     print_aligned(names, [[_short(value) for value in row] for row in rows], file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
 def _csv(names: list[str], rows: list[list[Any]], file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(names)
+    seen = visible if file.isatty() else str
+    writer.writerow(map(seen, names))
     for row in rows:
-        writer.writerow([json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row])
+        cells = [json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row]
+        writer.writerow([seen(x) if isinstance(x, str) else x for x in cells])
 
 
 def _json(names: list[str], rows: list[list[Any]], file: TextIO) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import beside
+from integ_gym.support import beside, visible
 
 from ..episodes import EvidenceRecord
 from ..schema import SUMMARY_FIELDS
@@ -101,7 +101,7 @@ def number(value: Any) -> str:
         return value.isoformat()
     if isinstance(value, list):
         return ", ".join(number(x) for x in value)
-    return str(value)
+    return visible(str(value))
 
 
 def _line(name: str, value: str, unit: str, width: int | None) -> str:

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import remove_leftovers, write_once
+from integ_gym.support import remove_leftovers, visible, write_once
 
 from ..episodes import EvidenceRecord, records_of
-from ..schema import (
-    SUMMARY_FIELDS,
-    BatchExistsError,
-    EvidenceError,
-    content_hashes,
-    duckdb,
-)
-from .parquet_file import check_schema, read, row_count, write
+from ..schema import BatchExistsError, EvidenceError, content_hashes
+from .parquet_file import check_schema, parts, read, row_count, write
+from .querying import query
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
 
@@ -38,7 +33,8 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.file}{': ' + self.record_id if self.record_id else ''}: {self.message}"
+        named = f"{self.file}{': ' + self.record_id if self.record_id else ''}"
+        return visible(f"{named}: {self.message}")
 
 
 class EvidenceStore:
@@ -116,6 +112,17 @@ class EvidenceStore:
         for file in self.files():
             yield from records_of(read(file, trace=trace))
 
+    def named_records(self, name: str | None = None) -> Iterator[tuple[str, EvidenceRecord]]:
+        """Name of the file and record, of all files or of the one of that name.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        for file in self.files():
+            if name in (None, file.name):
+                for part in parts(file):
+                    yield from ((file.name, record) for record in records_of(part))
+
     def find(self, record_id: str) -> EvidenceRecord:
         """The record with that id, or with the one id that begins so.
 
@@ -162,22 +169,7 @@ class EvidenceStore:
             raise EvidenceError(f"{self.directory} holds no evidence")
         for file in files:
             check_schema(file)
-        engine = duckdb()
-        with engine.connect() as connection:
-            try:
-                relation = connection.read_parquet(
-                    [str(file) for file in files], union_by_name=True
-                )
-                absent = [f.name for f in SUMMARY_FIELDS if f.name not in relation.columns]
-                later = "".join(f", NULL AS {name}" for name in absent)
-                relation.project(f"*{later}").create_view("records")
-                _check_reads(engine, connection.extract_statements(sql))
-                return connection.sql(sql).to_arrow_table()
-            except engine.Error as error:
-                reason = str(error).split("\n\nLINE")[0]
-                raise EvidenceError(
-                    f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
-                ) from None
+        return query(files, sql)
 
     def verify(self) -> list[Problem]:
         """Re-compute all content hashes and look for records that are there twice."""
@@ -196,16 +188,6 @@ class EvidenceStore:
                     problems.append(Problem(file.name, record_id, message))
                 seen.setdefault(record_id, file.name)
         return problems
-
-
-def _check_reads(engine: Any, statements: Sequence[Any]) -> None:
-    """Refuse what changes anything; a `PIVOT` is several statements to DuckDB, and reads."""
-    reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
-    if len(statements) != 1 or statements[0].type not in reading:
-        raise EvidenceError(
-            "a query is one statement that reads, such as SELECT; to write a file, use "
-            "`integ-gym evidence export`, or --format csv and the shell's >"
-        )
 
 
 def _check_name(name: str) -> None:

@@ -12,7 +12,6 @@ from integ_gym.evidence import (
     ASCII_BARS,
     BARS,
     EXPORT_FORMATS,
-    SCHEMA_VERSION,
     TABLE_FORMATS,
     EvidenceError,
     EvidenceRecord,
@@ -24,6 +23,8 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import FITS, CommandParser, width_of
 
+from . import verifying
+
 _EXAMPLES = """\
 examples:
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
@@ -32,6 +33,7 @@ examples:
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence show runs/panel 3f9a
   integ-gym evidence verify runs/panel
+  integ-gym evidence verify runs/panel --all --exact
   integ-gym evidence export runs/panel --format csv --output summaries.csv
 
 RUN is the directory of a run, or its directory `evidence`.
@@ -74,7 +76,8 @@ def parser() -> argparse.ArgumentParser:
         "(default: table)",
     )  # fmt: skip
 
-    add("verify", _verify, "check every record against its content hash")
+    command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")
+    verifying.add_arguments(command)
 
     command = add("export", _export, "write all records without their traces")
     command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
@@ -94,18 +97,8 @@ def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     return 0
 
 
-def _verify(_: argparse.Namespace, store: EvidenceStore) -> int:
-    problems = store.verify()
-    for problem in problems:
-        print(problem)
-    if problems:
-        print(f"problems in {store.directory}: {len(problems)}")
-        return 1
-    print(
-        f"records: {store.count()}, files: {len(store.files())}, schema version {SCHEMA_VERSION}; "
-        "every content hash matches"
-    )
-    return 0
+def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return verifying.verify(store, arguments)
 
 
 def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:

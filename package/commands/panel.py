@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.eval import BUILT_IN, TRAINERS, PanelSpec, grown, run_panel, specified
+from integ_gym.evidence import read_seal
 from integ_gym.support import CommandParser, beside, say, whole_number, width_of
 
 from .panel_power import print_power
@@ -118,4 +119,7 @@ def main(argv: Sequence[str]) -> int:
         name = f"  {verdict.verdict:<13}"
         print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
+    sealed = read_seal(arguments.out)
+    assert sealed is not None
+    print(f"Seal: {sealed['seal']}")
     return 0

@@ -6,7 +6,14 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval import FILE_NAME, MANIFEST, read_panel, write_figures, write_report
+from integ_gym.eval import (
+    FILE_NAME,
+    MANIFEST,
+    check_finished,
+    read_panel,
+    write_figures,
+    write_report,
+)
 from integ_gym.support import CommandParser
 
 
@@ -25,6 +32,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     directory = parser().parse_args(argv).directory
     _check(directory)
+    check_finished(directory)
     panel = read_panel(directory / FILE_NAME)
     write_figures(panel, directory / "figures")
     page = write_report(panel, directory)

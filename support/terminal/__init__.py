@@ -11,6 +11,16 @@ if TYPE_CHECKING:
     from .command_line import CommandParser, named_value, whole_number
     from .ending import end_quietly, report_errors
     from .formatting import NONE, compact, fixed, plural, seconds, step, true_minus
-    from .text_table import FITS, beside, fits, print_aligned, print_groups, say, unbroken, width_of
+    from .text_table import (
+        FITS,
+        beside,
+        fits,
+        print_aligned,
+        print_groups,
+        say,
+        unbroken,
+        visible,
+        width_of,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

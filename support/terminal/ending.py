@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import TextIO
 
 from .command_line import sentence
@@ -61,7 +65,11 @@ def report_errors(
         interrupted: what an interruption leaves.
     """
     try:
-        return run()
+        with _interruptions() as noted:
+            code = run()
+            if noted:  # and swallowed by compiled code that called back
+                raise KeyboardInterrupt
+            return code
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
@@ -72,6 +80,26 @@ def report_errors(
             raise
         print(f"{program}: {mark}{sentence(error)}", file=sys.stderr)
         return 2
+
+
+@contextmanager
+def _interruptions() -> Iterator[list[int]]:
+    """Interruptions so far, each of which is raised as well; none outside the main thread."""
+    noted: list[int] = []
+    held = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(held):
+        yield noted
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        held(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, held)
 
 
 def _is_meant_for_users(error: Exception) -> bool:

@@ -27,6 +27,9 @@ _NO_BREAK = "\N{NO-BREAK SPACE}"
 _BREAKS = " ,_"
 """Characters after which a line may end, the best first."""
 
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""What a terminal acts on, but for line breaks and tabs."""
+
 _UNBROKEN = re.compile(f"[^{_BREAKS}]*[,_]?")
 
 
@@ -35,6 +38,15 @@ def width_of(file: TextIO) -> int | None:
     if os.environ.get("COLUMNS") or file.isatty():
         return max(NARROWEST, shutil.get_terminal_size().columns)
     return None
+
+
+def visible(text: str) -> str:
+    """Text in which what would move a terminal's cursor, or colour it, is shown in its place.
+
+    >>> visible("a\x1b[2Jb")
+    'a\\x1b[2Jb'
+    """
+    return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def unbroken(text: str) -> str:

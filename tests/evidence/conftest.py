@@ -65,4 +65,5 @@ def store(tmp_path, context):
     env = RecordEvidence(gym.make("IntegPendulum-v0", duration=0.5), tmp_path, context)
     _play(env, range(3))
     env.commit("batch")
+    env.close()
     return EvidenceStore(tmp_path)

@@ -34,10 +34,16 @@ def fraction(value: Any) -> str | None:
     return None if nonnegative(value) is None and value <= 1 else "must be a number from 0 to 1"
 
 
+WIDEST, DEEPEST = 4096, 16
+"""Units in a hidden layer, and hidden layers, at most."""
+
+
 def layer_sizes(value: Any) -> str | None:
     """Sizes of layers."""
-    fits = isinstance(value, tuple) and all(whole(1)(size) is None for size in value)
-    return None if fits else "must be a list of whole numbers, 1 or above"
+    fits = isinstance(value, tuple) and all(whole(1, WIDEST)(size) is None for size in value)
+    if fits and len(value) <= DEEPEST:
+        return None
+    return f"must be a list of at most {DEEPEST} whole numbers, from 1 to {WIDEST}"
 
 
 def named_values(value: Any) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,7 +17,9 @@ from integ_gym.support import load
 from ...engines.mujoco import silencer
 from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
+from ..lanes import as_floats
 from .description import Choice, ModelEngine, TaskGoal, TaskSetup, integrator_numbers, plant_of
+from .headless import is_of_opengl, no_context
 from .ledger import NOTHING, Ledger, is_lost
 
 SURVIVAL = "not terminated within the time limit"
@@ -61,9 +64,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
 
     ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
     ``energy``, ``actuator_work``, ``dissipated``, ``energy_residual``, solver report and success.
-    ``energy_residual`` is NaN in a control period in which a constraint acted, and wherever a loss
-    is not accounted for. A motion that diverges ends the episode with the last finite observation;
-    MuJoCo's own silent reset to the initial pose is switched off.
+    ``energy_residual`` is left out of a control period in which a constraint acted, and it and
+    ``dissipated`` wherever a loss is not accounted for. A motion that diverges ends the episode
+    with the last finite observation; MuJoCo's own silent reset to the initial pose is switched off.
 
     Attributes:
         setup: timing, names and units, for evidence.
@@ -141,7 +144,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
-        asked = np.asarray(action, dtype=np.float64)
+        asked = as_floats(action)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
         with self._timed(*self._stock):
@@ -164,6 +167,19 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         success = self._note_goal(bool(terminated), bool(truncated))
         told = self._info(residual, self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    def render(self) -> Any:
+        """As the task draws itself.
+
+        Raises:
+            RuntimeError: where no OpenGL context can be had, with what to set.
+        """
+        try:
+            return self.env.render()
+        except Exception as error:
+            if not is_of_opengl(error):
+                raise
+            raise RuntimeError(no_context(os.environ.get("MUJOCO_GL"))) from error
 
     @contextmanager
     def _timed(self, timestep: float, frame_skip: int) -> Iterator[None]:
@@ -229,6 +245,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     ) -> dict[str, Any]:
         time = self._steps * self.setup.timing.control_period
         booked = self._booked
+        known = {"dissipated": booked.dissipated, "energy_residual": residual}
         applied = self._control if self._steps == 0 else self._applied
         controls = {}
         for (name, _), asked, given in zip(
@@ -239,9 +256,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             "time": time,
             "energy": self._energy,
             "actuator_work": booked.work,
-            "dissipated": booked.dissipated,
             "clip_loss": 0.0,
-            "energy_residual": residual,
             "saturated": saturated,
             "fallback_used": fell_back,
             "sensor_time": time,
@@ -253,6 +268,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             "solver_residual": 0.0,
             "solver_status": STATUS_NAMES[self.status_code],
             **controls,
+            **{name: value for name, value in known.items() if not math.isnan(value)},
         }
 
     def _discretized(self, choice: Choice) -> TaskSetup:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import nan
 from typing import Any, cast
 
 import numpy as np
@@ -13,9 +14,13 @@ from ...episode import Mixture
 from ..discretized_vector import DiscretizedVectorEnv
 from .environment import RediscretizedEnv
 
+_PERHAPS_UNKNOWN = ("dissipated", "energy_residual")
+
 
 class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
     """Rediscretized tasks of one kind, advanced one after the other.
+
+    What a task leaves out of ``info`` because it is not known is NaN here, and masked.
 
     Args:
         make: makes one of them.
@@ -56,3 +61,13 @@ class RediscretizedVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
     def final_state(self) -> npt.NDArray[np.float64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         return np.array([task.final_state for task in self._tasks])
+
+    def _add_info(
+        self, vector_infos: dict[str, Any], env_info: dict[str, Any], env_num: int
+    ) -> dict[str, Any]:
+        """What Gymnasium's does; what is not known is no 0."""
+        missing = [n for n in _PERHAPS_UNKNOWN if "energy" in env_info and n not in env_info]
+        infos = super()._add_info(vector_infos, env_info | dict.fromkeys(missing, nan), env_num)
+        for name in missing:
+            infos[f"_{name}"][env_num] = False
+        return infos

@@ -12,7 +12,13 @@ if TYPE_CHECKING:
     from .evaluation import Subject
     from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
     from .panel import complete, opened
-    from .run_directory import MANIFEST, RunDirectory, package_versions
+    from .run_directory import (
+        MANIFEST,
+        RunDirectory,
+        RunDirectoryError,
+        package_versions,
+        read_manifest,
+    )
     from .units import baseline_of, training_config, units_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from integ_gym.envs import ENGINES, Discretization, Timing
 
-from ..specification import Cell, PanelSpec
+from ..specification import Cell, Home, PanelSpec, SpecError
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""
@@ -14,6 +14,38 @@ TASK_SECONDS = 1e-4
 
 FOREIGN_STEP_SECONDS = 1e-5
 """Time of one step of an engine that advances lanes one by one, s."""
+
+
+TRAINING_SECONDS = 1e-5
+"""Time of one decision of a training run, at least, s."""
+
+LONGEST_DAYS, MOST_RUNS = 365.0, 10_000
+"""A panel that takes longer on one core, or has more training runs, is refused."""
+
+
+def check_cost(spec: PanelSpec) -> None:
+    """Refuse a panel that nobody could wait for.
+
+    Raises:
+        SpecError: with what it would take.
+    """
+    runs = {home: len(spec.seeds_of(home)) for home in spec.train}
+    playing = sum(count * _seconds_of(spec, home) for home, count in runs.items())
+    playing += len(spec.baselines) * _seconds_of(spec, None)
+    steps = spec.training.get("total_steps", 0)
+    training = sum(runs.values()) * TRAINING_SECONDS * (steps if isinstance(steps, int) else 0)
+    days = (playing + training) / 86400.0
+    if days > LONGEST_DAYS or sum(runs.values()) > MOST_RUNS:
+        raise SpecError(
+            f"panel {spec.name!r} has {sum(runs.values())} training runs and "
+            f"{spec.episodes} episodes in each cell, about {days:.3g} days of one core, and at "
+            f"most {MOST_RUNS} runs and {LONGEST_DAYS:g} days are taken; give fewer seeds, cells "
+            "or episodes, or a shorter `duration`"
+        )
+
+
+def _seconds_of(spec: PanelSpec, home: Home | None) -> float:
+    return sum(cell_seconds(spec, cell) for cell in spec.cells_of(home))
 
 
 def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:

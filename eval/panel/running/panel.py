@@ -13,6 +13,7 @@ from integ_gym.train import POLICY_FILE, read_trained
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
 from .evaluation_units import evaluate_all, evaluated
+from .expected_time import check_cost
 from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
@@ -37,6 +38,7 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
                 f"panel {spec.name!r}: `{name}` in `training` is set by the panel itself; use "
                 "`env_id`, `environment` and `seeds`"
             )
+    check_cost(spec)
     try:
         for name in spec.baselines:
             baseline_of(spec, name)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..specification import PanelSpec
-from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_json
+from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
 from .units import Unit, is_trained, trained_units, training_config, training_key
 
 
@@ -28,7 +28,7 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
         raise RunDirectoryError(
             f"{path} holds no panel; give --policies the directory of a finished one"
         )
-    held = read_json(manifest).get("specification", {})
+    held = read_manifest(manifest)["specification"]
     wanted, trainer = spec.to_json()["trainer"], held.get("trainer")
     if trainer != wanted:
         raise RunDirectoryError(

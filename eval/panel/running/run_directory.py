@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import math
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import installed_versions, replace_file, write_json
+from integ_gym.support import (
+    FileLock,
+    Kinds,
+    file_hash,
+    installed_versions,
+    read_object,
+    remove_leftovers,
+    replace_file,
+    write_json,
+)
 
 MANIFEST = "run.json"
 GROWING = "seeds"
@@ -21,6 +30,18 @@ GROWING = "seeds"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
+
+
+RECORDS = "records"
+"""Of a marker: SHA-256 of the unit's records."""
+
+_NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
+_NOTED_BY: dict[str, Kinds] = {
+    "train": {"policy": str},
+    "evaluate": {"policies": dict},
+    "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
+}
+"""What a marker holds, and by the first word of the unit's name what else."""
 
 
 class RunDirectoryError(ValueError):
@@ -73,13 +94,15 @@ class RunDirectory:
         for folder in (self.evidence, self.policies, self._units):
             folder.mkdir(parents=True, exist_ok=True)
         with self._locked():
+            for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
+                remove_leftovers(folder, age=0.0)
             self._check()
             self._write_manifest()
             yield
 
     def looked(self, seeds: int) -> list[int]:
         """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
-        manifest = read_json(self.path / MANIFEST)
+        manifest = read_manifest(self.path / MANIFEST)
         looks = sorted({*manifest.get("looks", ()), seeds})
         if looks != manifest.get("looks"):
             write_json(self.path / MANIFEST, {**manifest, "looks": looks})
@@ -87,7 +110,7 @@ class RunDirectory:
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
-        held = read_json(manifest) if manifest.exists() else {"versions": self.versions()}
+        held = read_manifest(manifest) if manifest.exists() else {"versions": self.versions()}
         if held.get("specification") != self._specification:
             write_json(manifest, {**held, "specification": self._specification})
 
@@ -110,7 +133,7 @@ class RunDirectory:
         return all(name in own or name.startswith(f".{MANIFEST}.") for name in names)
 
     def _check_manifest(self, manifest: Path) -> None:
-        held = read_json(manifest)
+        held = read_manifest(manifest)
         before = held.get("specification", {})
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
         same = {GROWING: self._specification.get(GROWING)}
@@ -151,30 +174,31 @@ class RunDirectory:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        with (self.path / LOCK).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise RunDirectoryError(
-                    f"another process is running the panel in {self.path}; wait for it, or give "
-                    "another directory with --out"
-                ) from None
+        lock = FileLock(self.path / LOCK)
+        if not lock.acquire():
+            raise RunDirectoryError(
+                f"another process is running the panel in {self.path}; wait for it, or give "
+                "another directory with --out"
+            )
+        try:
             yield
+        finally:
+            lock.release()
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
         path = self._marker(unit)
-        return read_json(path) if path.exists() else None
+        return _read_marker(path) if path.exists() else None
 
     def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
         """Markers of the units whose names begin with ``prefix``, by name."""
         found = sorted(self._units.glob(f"{prefix}*.json"))
-        return {path.stem: read_json(path) for path in found}
+        return {path.stem: _read_marker(path) for path in found}
 
     def finished(
         self, unit: str, key: str, *files: Path, records: bool = True
     ) -> Mapping[str, Any] | None:
-        """The marker of a finished unit, or None; one that has lost a file is done again.
+        """The marker of a finished unit, or None; one that has lost a file is done again, and said.
 
         Args:
             unit: name.
@@ -183,7 +207,8 @@ class RunDirectory:
             records: whether it writes records.
 
         Raises:
-            RunDirectoryError: if the unit was finished under another key.
+            RunDirectoryError: if the unit was finished under another key, or its records were
+                changed since.
         """
         held = self.marker(unit)
         if held is not None and held.get("key") != key:
@@ -191,12 +216,50 @@ class RunDirectory:
                 f"{self.path}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
-        complete = self.has_records(unit) or not records
-        return held if complete and all(file.exists() for file in files) else None
+        if held is None:
+            return None
+        lost = [file for file in files if not file.exists()]
+        if records and not self._whole_records(unit, held):
+            lost.append(self._records(unit))
+        if lost:
+            print(f"{lost[0]} is missing or cut off: unit {unit} is done again", file=sys.stderr)
+        return None if lost else held
 
     def has_records(self, unit: str) -> bool:
         """Whether the unit's records are there."""
         return self._records(unit).exists()
+
+    def _whole_records(self, unit: str, held: Mapping[str, Any]) -> bool:
+        """Whether a unit's records are those that it was finished with.
+
+        Raises:
+            RunDirectoryError: if they are whole, and others.
+        """
+        file = self._records(unit)
+        if not file.exists() or (RECORDS in held and file_hash(file) == held[RECORDS]):
+            return file.exists()
+        if _is_cut_off(file):
+            return False
+        if RECORDS in held:
+            raise RunDirectoryError(
+                f"{file} was changed after unit {unit} was finished; restore it from a copy, or "
+                "remove it to do the unit again"
+            )
+        return True
+
+    def faults(self) -> Iterator[tuple[str, str]]:
+        """Files of finished units that are missing or were changed: file, and what is wrong."""
+        markers = self.markers("")
+        for unit, held in markers.items():
+            file = self._records(unit)
+            name = file.relative_to(self.path).as_posix()
+            if RECORDS in held and not file.exists():
+                yield name, "is missing"
+            elif RECORDS in held and file_hash(file) != held[RECORDS]:
+                yield name, "is not what its unit was finished with"
+        for file in sorted(self.evidence.glob("*.parquet")):
+            if file.stem not in markers:
+                yield file.relative_to(self.path).as_posix(), "belongs to no finished unit"
 
     def finish(
         self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any
@@ -213,12 +276,13 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        write_json(self._marker(unit), {"key": key, **times, **facts})
+        records = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else {}
+        write_json(self._marker(unit), {"key": key, **times, **records, **facts})
 
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
         replace_file(self._records(unit), other._records(unit).read_bytes())
-        write_json(self._marker(unit), read_json(other._marker(unit)))
+        write_json(self._marker(unit), _read_marker(other._marker(unit)))
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that was spent on finished units, added up, s."""
@@ -265,6 +329,37 @@ def key_of(engines: Mapping[str, str], **parts: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def read_manifest(path: Path) -> dict[str, Any]:
+    """What a directory says of its run.
+
+    Raises:
+        RunDirectoryError: if it is damaged.
+    """
+    remedy = "restore it from a copy, or give another directory with --out"
+    kinds: Kinds = {"specification": dict, "versions": dict}
+    return _read(path, kinds, remedy)
+
+
+def _is_cut_off(file: Path) -> bool:
+    """Whether a Parquet file lacks its end."""
+    with file.open("rb") as content:
+        content.seek(max(0, file.stat().st_size - 4))
+        return content.read() != b"PAR1"
+
+
+def _read_marker(path: Path) -> dict[str, Any]:
+    """What was noted of a finished unit, with all that units of its kind note."""
+    kind = path.stem.partition("-")[0]
+    return _read(path, {**_NOTED, **_NOTED_BY.get(kind, {})}, "remove it to do the unit again")
+
+
+def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
+    try:
+        return read_object(path, kinds, remedy)
+    except ValueError as error:
+        raise RunDirectoryError(str(error)) from None
+
+
 def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
     """What differs between two specifications: numbers and texts as they were and are."""
     for key in {**held, **now}:
@@ -277,18 +372,3 @@ def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") 
             yield f"another `{name}`"
         else:
             yield f"`{name}` {one} (now {other})"
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises:
-        RunDirectoryError: if it is not one.
-    """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
-        raise RunDirectoryError(f"cannot read {path}: {error}") from error
-    if not isinstance(content, dict):
-        raise RunDirectoryError(f"{path} does not hold a JSON object")
-    return content

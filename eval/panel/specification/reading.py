@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import testbed_of
+from integ_gym.support import read_bounded
 from integ_gym.train import possible_baselines
 
 from .cells import nominal_setup
@@ -46,6 +47,9 @@ _LISTS: dict[str, Callable[[str, Any], Any]] = {
 }
 """Key of a list to what reads each of its values."""
 
+LARGEST_FILE = 1 << 20
+"""Bytes of a specification, at most."""
+
 _KEYS = (
     *_VALUES, *_LISTS, "environment", "training", "train", "evaluate", "perturbations",
 )  # fmt: skip
@@ -65,8 +69,7 @@ def read_spec(path: Path) -> PanelSpec:
         SpecError: if the file cannot be read, or is no valid specification.
     """
     try:
-        with path.open("rb") as file:
-            data = tomllib.load(file)
+        data = tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
     except UnicodeDecodeError as error:
         raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
@@ -78,6 +81,14 @@ def read_spec(path: Path) -> PanelSpec:
         raise SpecError(
             f"{path} is not valid TOML: {error}; docs/panel.md has the format"
         ) from error
+    except RecursionError:
+        raise SpecError(
+            f"{path} is nested too deep to be a specification; docs/panel.md has the format"
+        ) from None
+    except ValueError as error:
+        raise SpecError(
+            f"{path} cannot be a specification: {error}; docs/panel.md has the format"
+        ) from None
     return parse_spec(data, source=str(path))
 
 

@@ -293,3 +293,13 @@ def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
 def test_a_mixture_that_is_no_list_of_discretizations_is_refused(mixture):
     with pytest.raises(ValueError, match="mixture"):
         gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=mixture)
+
+
+@pytest.mark.parametrize("period", [0.05, 0.02, 0.004])
+def test_frames_per_second_are_those_of_the_single_environment(period):
+    given = {"dt": period, "control_period": period}
+    single, lanes = (
+        gym.make("IntegPendulum-v0", **given),
+        gym.make_vec("IntegPendulum-v0", 3, **given),
+    )
+    assert lanes.metadata["render_fps"] == single.metadata["render_fps"] == round(1.0 / period)

@@ -16,6 +16,7 @@ from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders import recorder as recorder_module
 from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema.errors import BatchExistsError
 from integ_gym.evidence.schema.fields import PHASES
 from integ_gym.evidence.schema.trace_fields import record_fields
@@ -399,8 +400,8 @@ def test_stepping_before_reset_is_refused_as_before(tmp_path, context):
 
 
 def test_other_environments_are_refused(tmp_path, context):
-    with pytest.raises(TypeError, match="integ-gym environments, got PendulumEnv"):
-        RecordEvidence(gym.make("Pendulum-v1"), tmp_path, context)
+    with pytest.raises(TypeError, match="integ-gym environments, got SyncVectorEnv"):
+        RecordVectorEvidence(gym.make_vec("Pendulum-v1", 2, "sync"), tmp_path, context)
     env = gym.make("IntegPendulum-v0")
     env = gym.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
     with pytest.raises(TypeError, match=r"RescaleAction changes.*around the environment first"):

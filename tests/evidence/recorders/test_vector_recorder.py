@@ -284,4 +284,5 @@ def test_contexts_must_divide_the_lanes(tmp_path, context):
             RecordVectorEvidence(env, tmp_path, contexts)
     with pytest.raises(ValueError, match="all different within a context"):
         RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 0, 1, 2])
-    RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 1, 0, 1])
+    other = replace(context, cell="other")
+    RecordVectorEvidence(env, tmp_path, [context, other], episodes=[0, 1, 0, 1]).close()

@@ -286,10 +286,10 @@ def test_open_run(two_environments, tmp_path):
         EvidenceStore(tmp_path).query("SELECT 1")
 
 
-def test_store_is_made_by_the_first_commit(tmp_path, context, play):
+def test_store_is_made_with_the_recorder(tmp_path, context, play):
     directory: Path = tmp_path / "a" / "b"
     env = Recorder(gym.make("IntegPendulum-v0", duration=0.1), directory, context)
-    assert not directory.exists()
+    assert EvidenceStore(directory).files() == []
     play(env, [0])
     env.close()
     assert EvidenceStore(directory).count() == 1

@@ -260,3 +260,44 @@ def test_a_file_that_is_not_utf8_is_refused(tmp_path):
     (tmp_path / "latin.toml").write_bytes('name = "é"'.encode("latin-1"))
     with pytest.raises(SpecError, match="not UTF-8"):
         read_spec(tmp_path / "latin.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a = " + "[" * 5000, "nested too deep"),
+        ("a = " + "1" * 5000, "cannot be a specification"),
+        ("a = 1\n" * 300_000, "has more than 1048576 bytes"),
+        ("a = ", "is not valid TOML"),
+    ],
+)
+def test_files_that_are_no_specification_are_refused(tmp_path, content, message):
+    file = tmp_path / "spec.toml"
+    file.write_text(content)
+    with pytest.raises(SpecError, match=message) as refused:
+        read_spec(file)
+    assert str(file) in str(refused.value)
+
+
+def test_a_file_without_end_is_refused():
+    with pytest.raises(SpecError, match="/dev/zero has more than 1048576 bytes"):
+        read_spec(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"episodes": 10**9}, "`episodes` must be at most 10000"),
+        (
+            {"seeds": list(range(100_000)), "episodes": 10_000},
+            "days of one core, and at most 10000 runs and 365",
+        ),
+        ({"environment": {"duration": 1e9}}, "more than 1e.09 control periods"),
+        ({"training": {"total_steps": 10**13}}, "days of one core, and at most 10000 runs and 365"),
+        ({"training": {"net_arch": [10**9]}}, "whole numbers, from 1 to 4096"),
+        ({"training": {"net_arch": [64] * 1000}}, "at most 16 whole numbers"),
+    ],
+)
+def test_what_nobody_could_wait_for_is_refused_at_once(changes, message):
+    with pytest.raises(SpecError, match=message):
+        check_spec(parse_spec(small_data(**changes), "test"))

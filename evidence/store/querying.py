@@ -1,0 +1,85 @@
+"""SQL over the records of some files, which reads them and touches nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..schema import SUMMARY_FIELDS, EvidenceError, duckdb
+
+_ONE_STATEMENT = (
+    "a query is one statement that reads, such as SELECT; to write a file, use "
+    "`integ-gym evidence export`, or --format csv and the shell's >"
+)
+
+
+def query(files: Sequence[Path], sql: str) -> Any:
+    """Run SQL over the view ``records``, which holds all files with their columns united.
+
+    Nothing but these files can be read, nothing written, and no extension loaded.
+
+    Args:
+        files: committed files.
+        sql: one statement in DuckDB's dialect that reads: `SELECT`, `DESCRIBE`, `PIVOT`, ….
+
+    Returns:
+        An Arrow table.
+
+    Raises:
+        EvidenceError: if the statement does more than read, or DuckDB refuses it.
+        KeyboardInterrupt: if it is interrupted.
+    """
+    engine = duckdb()
+    extensions = ("autoinstall_known_extensions", "autoload_known_extensions")
+    with engine.connect(config=dict.fromkeys(extensions, False)) as connection:
+        try:
+            _offer(connection, [str(file.resolve()) for file in files])
+            _check_reads(engine, connection, sql)
+            return connection.sql(sql).to_arrow_table()
+        except engine.InterruptException:
+            raise KeyboardInterrupt from None
+        except engine.Error as error:
+            reason = str(error).split("\n\nLINE")[0]
+            raise EvidenceError(
+                f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
+            ) from None
+        except RuntimeError as error:  # what DuckDB makes of an interruption while it works
+            if "interrupt" not in str(error).lower():
+                raise
+            raise KeyboardInterrupt from None
+
+
+def _offer(connection: Any, paths: list[str]) -> None:
+    """Make the view, and forbid everything else for good."""
+    patterns = [_literal(path) for path in paths]
+    relation = connection.read_parquet(patterns, union_by_name=True)
+    absent = [field.name for field in SUMMARY_FIELDS if field.name not in relation.columns]
+    later = "".join(f", NULL AS {name}" for name in absent)
+    relation.project(f"*{later}").create_view("records")
+    connection.execute("SET allowed_paths = ?", [[*paths, *patterns]])
+    connection.execute("SET enable_external_access = false")
+    connection.execute("SET lock_configuration = true")
+
+
+def _literal(path: str) -> str:
+    """A path in which no character stands for others."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in path)
+
+
+def _check_reads(engine: Any, connection: Any, sql: str) -> None:
+    """Refuse what is not one statement whose result could stand in a `FROM`.
+
+    A `PIVOT` is several statements to DuckDB, and so is what writes its result somewhere.
+    """
+    reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
+    statements = connection.extract_statements(sql)
+    if len(statements) != 1 or statements[0].type not in reading:
+        raise EvidenceError(_ONE_STATEMENT)
+    bare = sql.rstrip().rstrip(";")
+    try:
+        within = connection.extract_statements(f"SELECT * FROM (\n{bare}\n)")
+    except engine.ParserException:
+        raise EvidenceError(_ONE_STATEMENT) from None
+    if len(within) != 1:
+        raise EvidenceError(_ONE_STATEMENT)

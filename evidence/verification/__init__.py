@@ -1,0 +1,17 @@
+"""What records say, held against their traces, the same episodes played again, and the seal.
+
+Knows episodes and environments; plans and policies are of higher floors.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .findings import Finding
+    from .gaps import missing_episodes
+    from .recomputing import recompute
+    from .replaying import ELSEWHERE, Replayed, replay
+    from .sealing import SEAL_FILE, broken_seals, read_seal, seal
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,57 @@
+"""What a check finds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from integ_gym.support import visible
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is not as it should be.
+
+    Attributes:
+        file: where, relative to the run.
+        record_id: the record, or None if more than one is meant.
+        message: what is wrong.
+    """
+
+    file: str
+    record_id: str | None
+    message: str
+
+    def __str__(self) -> str:
+        where = self.file if self.record_id is None else f"{self.file}: {self.record_id}"
+        return visible(f"{where}: {self.message}")
+
+
+def deviation(file: str, record_id: str, field: str, recorded: Any, computed: Any) -> Finding:
+    """That a record's field is not what it was computed to be."""
+    message = f"`{field}` is recorded as {recorded!r}, and comes out as {computed!r}"
+    return Finding(file, record_id, message)
+
+
+def same(recorded: Any, computed: Any, tolerance: float, scale: float = 0.0) -> bool:
+    """Whether two values agree.
+
+    Args:
+        recorded: a number, or anything else, which must be equal.
+        computed: the same.
+        tolerance: of numbers, relative to the larger of 1, themselves and ``scale``.
+        scale: what a number was added up from.
+    """
+    if not (_is_number(recorded) and _is_number(computed)):
+        return bool(recorded == computed)
+    if math.isnan(recorded) or math.isnan(computed):
+        return math.isnan(recorded) and math.isnan(computed)
+    if recorded == computed:
+        return True
+    largest = max(1.0, abs(recorded), abs(computed), scale)
+    return bool(abs(recorded - computed) <= tolerance * largest)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,33 @@
+"""Episodes that a run does not have between those that it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from integ_gym.support import plural
+
+from ..store import EvidenceStore
+from .findings import Finding
+
+_COUNTED = """
+SELECT phase, cell, policy_id, policy_hash, min(episode_index) AS first, max(episode_index) AS last,
+       count(DISTINCT episode_index) AS present, count(*) AS records
+FROM records GROUP BY ALL HAVING present < last - first + 1 OR records > present
+ORDER BY phase, cell, policy_id, policy_hash
+"""
+
+
+def missing_episodes(store: EvidenceStore) -> Iterator[Finding]:
+    """Cells in which episodes between the first and the last are missing, or there twice."""
+    for row in store.query(_COUNTED).to_pylist():
+        missing = row["last"] - row["first"] + 1 - row["present"]
+        twice = row["records"] - row["present"]
+        episodes = f"of episodes {row['first']} to {row['last']}"
+        counts = [f"{missing} missing {episodes}"] if missing else []
+        counts += [f"{plural(twice, 'record')} too many {episodes}"] if twice else []
+        yield Finding(_named(row), None, ", ".join(counts))
+
+
+def _named(row: dict[str, Any]) -> str:
+    return f"cell {row['cell']!r}, policy {row['policy_id']!r}"

@@ -1,0 +1,223 @@
+"""Outcomes, ledger and label of a record, recomputed from its own trace and stored replays."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from functools import lru_cache, partial
+from math import gcd
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import (
+    ARRAY,
+    ENVIRONMENTS,
+    NATIVE,
+    STATUS_NAMES,
+    TRUTH,
+    environment_setup,
+    split_state,
+)
+
+from ..episodes import EpisodeContext, EpisodeFacts, EvidenceRecord, Replays, failure_label
+from ..schema import in_words
+from .findings import Finding, deviation, same
+
+Array = npt.NDArray[Any]
+
+TOLERANCE = {64: 1e-9, 32: 1e-5}
+"""By float width: of sums over a trace, relative to the sum of their sizes."""
+
+_SUMS = {
+    "return": "reward",
+    "work_total": "work",
+    "dissipated_total": "dissipated",
+    "contact_loss_total": "contact_loss",
+    "clip_loss_total": "clip_loss",
+    "energy_residual_total": "energy_residual",
+}
+"""Field to the trace column that it is the sum of."""
+
+_MOST = {"penetration_max": "penetration", "constraint_violation_max": "constraint_violation"}
+
+_ALIKE = ("control_error", "planning_error")
+"""Labels that only a trace tells apart."""
+
+
+class _Course(NamedTuple):
+    """What the rules of success and labels look at, in s; None where it never was."""
+
+    reached: float | None
+    left: float | None
+    since: float | None
+    success: bool
+    terminated: bool
+
+
+def recompute(record: EvidenceRecord, file: str) -> Iterator[Finding]:
+    """What of a record is not what its trace and its replays make of it.
+
+    Without a trace, only what the label rests on is checked.
+
+    Args:
+        record: with its trace, if it has one.
+        file: that it is in.
+    """
+    told = partial(deviation, file, str(record.fields["record_id"]))
+    course = None
+    if record.trace:
+        length = len(record.trace["reward"])
+        if record.fields["length"] != length:
+            yield told("length", record.fields["length"], length)
+            return
+        for name, computed, scale in _from_trace(record):
+            tolerance = TOLERANCE.get(record.fields["float_width"], TOLERANCE[32])
+            if not same(record.fields[name], computed, tolerance, scale):
+                yield told(name, record.fields[name], computed)
+        course = _course(record)
+        if course is not None:
+            for name in ("success", "terminated"):
+                if record.fields[name] != getattr(course, name):
+                    yield told(name, record.fields[name], getattr(course, name))
+            took = course.since if course.success else None
+            if not same(record.fields["time_to_success"], took, 1e-9):
+                yield told("time_to_success", record.fields["time_to_success"], took)
+    if record.fields["schema_version"] > 1:  # which did not keep what its labels rest on
+        yield from _label(record, course, told)
+
+
+def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:
+    """Field, what the trace makes of it, and what it was added up from."""
+    trace = record.trace
+    for name, column in _SUMS.items():
+        values = trace.get(column)
+        if values is not None:
+            scale = float(np.abs(values).sum())
+            yield name, _finite(values.sum()), scale if math.isfinite(scale) else 0.0
+    if "energy_residual" in trace:
+        size = _finite(np.abs(trace["energy_residual"]).sum())
+        yield "energy_residual_abs_total", size, size or 0.0
+    for name, column in _MOST.items():
+        if column in trace:
+            yield name, _finite(trace[column].max(initial=0.0)), 0.0
+    if "energy" in trace:
+        yield "energy_start", float(trace["energy"][0]), 0.0
+        yield "energy_end", float(trace["energy"][-1]), 0.0
+    if "solver_iterations" in trace:
+        iterations = trace["solver_iterations"]
+        yield "solver_iterations_max", int(iterations.max()), 0.0
+        yield "solver_iterations_mean", float(iterations.mean()), 0.0
+    yield "solver_status", STATUS_NAMES[int(trace["solver_status_code"].max())], 0.0
+    if "time" in trace:
+        yield "initial_state", [float(x[0]) for x in _states(record)], 0.0
+
+
+def _states(record: EvidenceRecord) -> list[Array]:
+    """The true state's columns, in state order: they come right after the time."""
+    names = list(record.trace)
+    first = names.index("time") + 1
+    return [record.trace[name] for name in names[first : first + len(record["initial_state"])]]
+
+
+def _course(record: EvidenceRecord) -> _Course | None:
+    """The way to the goal; None where the task is not one of ours."""
+    fields = record.fields
+    if fields["env_id"] not in ENVIRONMENTS:
+        return None
+    setup = _setup(fields["env_id"], fields["arguments"])
+    q, v = split_state(tuple(_states(record)))
+    time = record.trace["time"]
+    there = np.broadcast_to(np.asarray(setup.task.at_goal(ARRAY, q, v)), time.shape)
+    arrived, left = np.flatnonzero(there), np.flatnonzero(there[:-1] & ~there[1:]) + 1
+    away = np.flatnonzero(~there)
+    since = None
+    if there[-1]:
+        since = float(time[away[-1] + 1]) if away.size else float(time[0])
+    over = np.asarray(
+        setup.task.terminated(ARRAY, tuple(x[-1:] for x in q), tuple(x[-1:] for x in v))
+    )
+    diverged = fields["solver_status"] == "diverged"
+    terminated = bool(over.any()) or diverged
+    truncated = fields["length"] >= setup.timing.horizon
+    stayed = since is not None and time[-1] - since >= setup.task.goal_stay * (1.0 - 1e-4)
+    return _Course(
+        reached=float(time[arrived[0]]) if arrived.size else None,
+        left=float(time[left[-1]]) if left.size else None,
+        since=since,
+        success=truncated and stayed and not terminated,
+        terminated=terminated,
+    )
+
+
+@lru_cache(maxsize=256)
+def _setup(env_id: str, arguments: str) -> Any:
+    """The task with its goal and its times; no code that a record names is loaded for it."""
+    values = {name: given["value"] for name, given in json.loads(arguments).items()}
+    return environment_setup(env_id, {**values, "engine": NATIVE, "integrator": TRUTH})
+
+
+def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterator[Finding]:
+    """Whether the label follows from the outcome and the stored replays."""
+    fields = record.fields
+    label, reason = failure_label(_facts(fields, course), replays_of(fields))
+    recorded = fields["failure_label"]
+    if recorded != label and (course is not None or {recorded, label} - set(_ALIKE)):
+        yield told("failure_label", recorded, label)
+    elif course is not None and fields["failure_reason"] != reason:
+        yield told("failure_reason", fields["failure_reason"], reason)
+
+
+def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
+    given = json.loads(fields["training_discretization"] or "null")
+    period = fields["control_period"]
+    return EpisodeFacts(
+        success=fields["success"],
+        goal=fields["metric_definition"],
+        discretization=in_words(fields),
+        time=None if period is None else fields["length"] * period,
+        episode_return=fields["return"],
+        solver_status=fields["solver_status"],
+        saturated_share=fields["saturated_share"],
+        goal_reached=course.reached if course else None,
+        goal_left=course.left if course else None,
+        goal_since=course.since if course else None,
+        observation_noise=fields["observation_noise"],
+        staleness=_staleness(fields),
+        homes=len(given) if isinstance(given, list) else 1,
+        terminated=fields["terminated"],
+    )
+
+
+def _staleness(fields: Any) -> float:
+    """Action latency plus the greatest age that a sample can have at a decision, s."""
+    dt, substeps = fields["dt"], fields["substeps"]
+    if dt is None:
+        return 0.0
+    sensor = round(fields["sensor_period"] / dt)
+    return float(fields["action_latency"] + (sensor - gcd(sensor, substeps)) * dt)
+
+
+def replays_of(fields: Any) -> Replays:
+    """What the record says of its replays."""
+    context = EpisodeContext(
+        fields["run_id"],
+        fields["cell"],
+        phase=fields["phase"],
+        training_discretization=json.loads(fields["training_discretization"] or "null"),
+    )
+    home = fields["replay_home"]
+    return Replays(
+        home=context.home(fields) if home is None else home,
+        without_noise=fields["replay_without_noise"],
+        without_delay=fields["replay_without_delay"],
+        second_horizon=fields["replay_second_horizon"],
+        home_success=fields["home_success"],
+        cell_status=fields["cell_status"],
+    )
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if math.isfinite(value) else None

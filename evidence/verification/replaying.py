@@ -1,0 +1,224 @@
+"""Episodes simulated again from the controls in their traces, and held against their records."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import ENVIRONMENTS, SCALAR
+
+from ..episodes import EpisodeContext, EvidenceRecord, records_of
+from ..recorders import RecordVectorEvidence
+from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES
+from .findings import Finding, deviation, same
+from .recomputing import replays_of
+
+Array = npt.NDArray[Any]
+
+ELSEWHERE = 1e-6
+"""Relative tolerance where other versions, another processor or another engine computed."""
+
+_NOT_REPLAYED = VOLATILE_NAMES | {
+    *("seed", "rng_key", "saturated_share", "fallback_count", "recovery_count", "failure_reason"),
+    *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
+}
+"""Fields that say how controls and starts came about, or that a replay is told."""
+
+MOST_LANES = 256
+"""Episodes that are played side by side."""
+
+
+@dataclass
+class Replayed:
+    """What came of replays.
+
+    Attributes:
+        records: that were played again.
+        exact: of them, those that came out the same to the last bit.
+        findings: what deviated.
+        skipped: reason to number of records that were not.
+    """
+
+    records: int = 0
+    exact: int = 0
+    findings: list[Finding] = field(default_factory=list)
+    skipped: dict[str, int] = field(default_factory=dict)
+
+    def skip(self, reason: str, count: int = 1) -> None:
+        """Count records that cannot be played again."""
+        self.skipped[reason] = self.skipped.get(reason, 0) + count
+
+
+def replay(
+    records: Sequence[tuple[str, EvidenceRecord]], *, exact: bool = False, own_code: bool = False
+) -> Replayed:
+    """Play episodes again from their first states, with the controls of their traces.
+
+    Args:
+        records: file and record.
+        exact: whether every bit must be the same, and not numbers within `ELSEWHERE`.
+        own_code: whether classes that a record names as ``"module:Class"`` may be loaded.
+    """
+    done = Replayed()
+    able = []
+    for file, record in records:
+        reason = _hindrance(record, own_code)
+        if reason is None:
+            able.append((file, record))
+        else:
+            done.skip(reason)
+    able.sort(key=_key)
+    for _, group in groupby(able, _key):
+        alike = list(group)
+        for first in range(0, len(alike), MOST_LANES):
+            _play(alike[first : first + MOST_LANES], exact, done)
+    return done
+
+
+def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, str]:
+    fields = item[1].fields
+    return fields["env_id"], fields["arguments"]
+
+
+def _hindrance(record: EvidenceRecord, own_code: bool) -> str | None:
+    """Why a record cannot be played again here; None: it can."""
+    fields = record.fields
+    if fields["env_id"] not in ENVIRONMENTS:
+        return "of an environment whose state cannot be set"
+    if not record.trace:
+        return "without a trace"
+    if fields["float_width"] != 64:
+        return "computed in 32 bits, which no environment here does"
+    if not own_code and any(":" in text for text in _texts(json.loads(fields["arguments"]))):
+        return "made with code of somebody's own, see --own-code"
+    return None
+
+
+def _texts(arguments: Mapping[str, Any]) -> list[str]:
+    return [str(given["value"]) for given in arguments.values()]
+
+
+def _play(alike: Sequence[tuple[str, EvidenceRecord]], exact: bool, done: Replayed) -> None:
+    """Play episodes of one setup side by side."""
+    records = [record for _, record in alike]
+    try:
+        env = _made(records)
+    except (ModuleNotFoundError, TypeError, ValueError) as error:
+        done.skip(f"that cannot be made here: {' '.join(str(error).split())}", len(records))
+        return
+    contexts = [_context(record) for record in records]
+    indices = [record.fields["episode_index"] for record in records]
+    recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
+    actions = _actions(recorder.unwrapped.setup, records)
+    recorder.reset(options={"state": np.array([r.fields["initial_state"] for r in records])})
+    for step in range(actions.shape[1]):
+        recorder.step(actions[:, step])
+    table = recorder.take(
+        [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    )
+    recorder.close()
+    played = {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
+    for file, record in alike:
+        _compare(file, record, played.get(record.fields["record_id"]), exact, done)
+
+
+def _made(records: Sequence[EvidenceRecord]) -> Any:
+    fields = records[0].fields
+    arguments = {n: given["value"] for n, given in json.loads(fields["arguments"]).items()}
+    return gym.make_vec(
+        fields["env_id"],
+        len(records),
+        vectorization_mode="vector_entry_point",
+        **arguments,
+    )
+
+
+def _context(record: EvidenceRecord) -> EpisodeContext:
+    fields = record.fields
+    return EpisodeContext(
+        run_id=fields["run_id"],
+        cell=fields["cell"],
+        phase=fields["phase"],
+        policy_id=fields["policy_id"],
+        policy_hash=fields["policy_hash"],
+        training_discretization=json.loads(fields["training_discretization"] or "null"),
+        training_seed=fields["training_seed"],
+        perturbation=json.loads(fields["perturbation"] or "null"),
+        float_width=fields["float_width"],
+    )
+
+
+def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
+    """Actions that ask for the recorded controls, shape of the action space with all steps."""
+    steps = max(record.fields["length"] for record in records)
+    asked = np.zeros((len(records), steps))
+    name = f"{setup.plant.control_name}_commanded"
+    for lane, record in enumerate(records):
+        asked[lane, : record.fields["length"]] = record.trace[name]
+    if setup.task.discrete is None:
+        return asked[:, :, None]
+    actions = np.full(asked.shape, np.nan)
+    for choice in range(setup.task.discrete):
+        actions[asked == setup.task.command(SCALAR, float(choice)).control] = choice
+    for lane, record in enumerate(records):
+        actions[lane, record.fields["length"] :] = 0.0
+    return actions
+
+
+def _compare(
+    file: str, record: EvidenceRecord, again: EvidenceRecord | None, exact: bool, done: Replayed
+) -> None:
+    name, done.records = str(record.fields["record_id"]), done.records + 1
+    if again is None:
+        message = "the episode does not end within its length when it is played again"
+        done.findings.append(Finding(file, name, message))
+        return
+    differing = list(_differences(record, again, 0.0))
+    done.exact += not differing
+    if differing and not exact:
+        differing = list(_differences(record, again, ELSEWHERE))
+    done.findings += [deviation(file, name, *values) for values in differing]
+
+
+def _differences(
+    record: EvidenceRecord, again: EvidenceRecord, tolerance: float
+) -> Iterator[tuple[str, Any, Any]]:
+    """Field or place in the trace, recorded and computed value."""
+    fields = record.fields
+    for own in SUMMARY_FIELDS:
+        if own.name in _NOT_REPLAYED or own.since > fields["schema_version"]:
+            continue
+        recorded, computed = fields[own.name], again.fields[own.name]
+        if not _alike(recorded, computed, tolerance):
+            yield own.name, recorded, computed
+    for column, values in record.trace.items():
+        if column.startswith("sensed_") and fields["observation_noise"]:
+            continue
+        place = _first_difference(values, again.trace.get(column), tolerance)
+        if place is not None:
+            yield f"{column}[{place}]", values[place].item(), again.trace[column][place].item()
+
+
+def _alike(recorded: Any, computed: Any, tolerance: float) -> bool:
+    if isinstance(recorded, list) and isinstance(computed, list):
+        pairs = zip(recorded, computed, strict=False)
+        return len(recorded) == len(computed) and all(same(a, b, tolerance) for a, b in pairs)
+    return same(recorded, computed, tolerance)
+
+
+def _first_difference(values: Array, again: Array | None, tolerance: float) -> int | None:
+    """Place of the first value that differs; None if none does."""
+    if again is None or again.shape != values.shape:
+        return None
+    gone = np.isnan(values.astype(np.float64)) & np.isnan(again.astype(np.float64))
+    limit = tolerance * np.maximum(1.0, np.abs(values))
+    differs = ~((values == again) | (np.abs(values - again) <= limit) | gone)
+    places = np.flatnonzero(differs)
+    return int(places[0]) if places.size else None

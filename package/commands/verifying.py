@@ -1,0 +1,129 @@
+"""``integ-gym evidence verify``: whole, sealed, replayed."""
+
+from __future__ import annotations
+
+import argparse
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+from integ_gym.evidence import (
+    ELSEWHERE,
+    SCHEMA_VERSION,
+    SEAL_FILE,
+    EvidenceError,
+    EvidenceRecord,
+    EvidenceStore,
+    Finding,
+    broken_seals,
+    missing_episodes,
+    read_seal,
+    recompute,
+    replay,
+)
+from integ_gym.support import plural, whole_number
+
+DEPTHS = ("whole", "sealed", "replayed")
+
+SAMPLE = 2000
+"""Records that are played again unless more are asked for."""
+
+_PLAN = "run.json"
+
+_TRACED = "SELECT record_id FROM records WHERE reward IS NOT NULL ORDER BY record_id"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The options of `verify`."""
+    add = command.add_argument
+    add(
+        "--depth", choices=DEPTHS, default=DEPTHS[-1],
+        help="whole: hashes, the run's plan, and outcomes from traces; sealed: the run's seal as "
+        "well; replayed: episodes simulated again as well, and the seal if there is one (default)",
+    )  # fmt: skip
+    add(
+        "--sample", type=whole_number, default=SAMPLE, metavar="N",
+        help=f"records with a trace that are simulated again, drawn by --seed (default: {SAMPLE})",
+    )  # fmt: skip
+    add("--all", action="store_true", help="simulate all of them again")
+    add("--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)")
+    add(
+        "--exact", action="store_true",
+        help=f"let no bit differ, where otherwise numbers within {ELSEWHERE:g} are let pass",
+    )  # fmt: skip
+    add("--own-code", action="store_true", help="load classes that records name as module:Class")
+
+
+def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
+    """Print what is wrong with a run: 1 if anything is, else 0 and what was checked.
+
+    Args:
+        store: of the run.
+        given: the options of :func:`add_arguments`.
+
+    Raises:
+        EvidenceError: for ``sealed`` without a seal.
+    """
+    run = store.directory.parent if store.directory.name == "evidence" else store.directory
+    sealed = read_seal(run)
+    if given.depth == "sealed" and sealed is None:
+        raise EvidenceError(f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end")
+    found = [str(problem) for problem in store.verify()]
+    if not found:
+        found += map(str, _whole(store, run))
+    if given.depth != "whole":
+        found += map(str, broken_seals(run))
+    told = [
+        f"records: {store.count()}, files: {len(store.files())}, schema version {SCHEMA_VERSION}",
+        "whole: every content hash matches, no episode is missing, and outcomes, ledgers and "
+        "labels follow from traces and stored replays",
+    ]
+    if sealed is not None and given.depth != "whole":
+        told.append(f"sealed: {sealed['seal']}")
+    if given.depth == "replayed" and not found:
+        played, sentences = _replayed(store, given)
+        found += played
+        told += sentences
+    for line in found or told:
+        print(line)
+    if found:
+        print(f"problems in {run}: {len(found)}")
+    return 1 if found else 0
+
+
+def _whole(store: EvidenceStore, run: Path) -> Iterator[Finding]:
+    if (run / _PLAN).exists():
+        from integ_gym.eval import against_plan
+
+        yield from against_plan(run)
+    yield from missing_episodes(store)
+    for file, record in store.named_records():
+        yield from recompute(record, file)
+
+
+def _replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str], list[str]]:
+    """Deviations of what was played again, and sentences that say what was."""
+    files = {file.name: file for file in store.files()}
+    ids = store.query(_TRACED).column("record_id").to_pylist()
+    count = len(ids) if given.all else min(len(ids), max(0, given.sample))
+    chosen = set(random.Random(given.seed).sample(ids, count))
+    records: list[tuple[str, EvidenceRecord]] = []
+    found: list[str] = []
+    played = exact = 0
+    skipped: dict[str, int] = {}
+    for name in files:
+        records = [(name, r) for f, r in store.named_records(name) if r["record_id"] in chosen]
+        done = replay(records, exact=given.exact, own_code=given.own_code)
+        found += map(str, done.findings)
+        played, exact = played + done.records, exact + done.exact
+        for reason, number in done.skipped.items():
+            skipped[reason] = skipped.get(reason, 0) + number
+    told = [
+        f"replayed: {played} of {plural(len(ids), 'record')} with a trace, {exact} of them to the "
+        f"last bit, the others within {ELSEWHERE:g}"
+    ]
+    told += [f"not replayed: {plural(number, 'record')} {why}" for why, number in skipped.items()]
+    without = store.count() - len(ids)
+    if without:
+        told.append(f"not replayed: {plural(without, 'record')} without a trace")
+    return found, told

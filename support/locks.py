@@ -1,0 +1,53 @@
+"""Files held by one process at a time."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows: nothing is held there
+    fcntl = None  # type: ignore[assignment]
+
+
+class FileLock:
+    """A file that one holder has at a time; released with the process, however it ends.
+
+    Args:
+        path: the file, in a folder that exists; it is there while it is held.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor: int | None = None
+
+    def acquire(self) -> bool:
+        """Hold it; False if somebody does, in this process or another."""
+        while True:
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                if fcntl is not None:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if self._is_the_file(descriptor):
+                    self._descriptor, descriptor = descriptor, -1
+                    return True
+            except BlockingIOError:
+                return False
+            finally:
+                if descriptor >= 0:
+                    os.close(descriptor)
+
+    def release(self) -> None:
+        """Give it back, and remove the file; nothing happens if it is not held."""
+        if self._descriptor is not None:
+            self.path.unlink(missing_ok=True)
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _is_the_file(self, descriptor: int) -> bool:
+        """Whether the file has not been removed by a holder that gave it back in between."""
+        try:
+            return os.path.samestat(os.stat(self.path), os.fstat(descriptor))
+        except FileNotFoundError:
+            return False

@@ -1,0 +1,150 @@
+"""A run whose files were touched is named by `verify`, and built on by nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from integ_gym.cli import main
+from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.verification.sealing import seal
+
+
+@pytest.fixture
+def run(panel_directory, tmp_path):
+    return shutil.copytree(panel_directory, tmp_path / "run")
+
+
+def _rewrite(file, change):
+    """Records changed, with hashes that fit."""
+    table = change(pq.read_table(file))
+    pq.write_table(with_hashes(table.combine_chunks()), file)
+
+
+def _flipped(table):
+    place = table.schema.get_field_index("success")
+    values = pa.array([not x for x in table.column("success").to_pylist()])
+    return table.set_column(place, table.schema.field(place), values)
+
+
+def _drop(run):
+    _rewrite(_evaluation(run), lambda table: table.slice(0, table.num_rows - 5))
+
+
+def _byte(run):
+    file = next(run.glob("evidence/evaluate-*.parquet"))
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 4
+    file.write_bytes(content)
+
+
+def _another_policy(run):
+    one, other = sorted(run.glob("policies/*"))[:2]
+    for name in ("policy.zip", "policy.json", "policy.safetensors"):
+        shutil.copy(other / name, one / name)
+
+
+def _marker_too(run):
+    """A forger who mends the marker as well."""
+    file = next(run.glob("evidence/evaluate-*.parquet"))
+    _rewrite(file, _flipped)
+    marker = run / "units" / f"{file.stem}.json"
+    held = json.loads(marker.read_text())
+    held["records"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    marker.write_text(json.dumps(held))
+
+
+def _evaluation(run):
+    return next(run.glob("evidence/evaluate-*.parquet"))
+
+
+def _foreign(run):
+    def rename(table):
+        place = table.schema.get_field_index("run_id")
+        names = pa.array(["another"] * table.num_rows)
+        return table.set_column(place, table.schema.field(place), names)
+
+    shutil.copy(_evaluation(run), run / "evidence" / "evaluate-foreign.parquet")
+    _rewrite(run / "evidence" / "evaluate-foreign.parquet", rename)
+
+
+ATTACKS = {
+    "forged outcome": (lambda run: _rewrite(_evaluation(run), _flipped), "unit was finished with"),
+    "forged marker": (_marker_too, "`success` is recorded as"),
+    "dropped rows": (_drop, "of 3 episodes"),
+    "deleted file": (lambda run: _evaluation(run).unlink(), "is missing"),
+    "another run's file": (_foreign, "belongs to no finished unit"),
+    "swapped policy": (_another_policy, "is not the policy that this run was made with"),
+    "flipped byte": (_byte, ""),
+}  # fmt: skip
+
+
+def test_a_finished_run_is_whole_sealed_and_replayed(run, capsys):
+    assert main(["evidence", "verify", str(run), "--all", "--exact"]) == 0
+    told = capsys.readouterr().out
+    for depth in ("whole: ", "sealed: ", "replayed: "):
+        assert depth in told
+    assert main(["report", str(run)]) == 0
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_what_was_touched_is_named(run, attack, capsys):
+    change, message = ATTACKS[attack]
+    change(run)
+    assert main(["evidence", "verify", str(run)]) == 1
+    assert message in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_a_new_seal_hides_nothing_that_whole_checks(run, attack, capsys):
+    change, message = ATTACKS[attack]
+    change(run)
+    seal(run)
+    assert main(["evidence", "verify", str(run)]) == 1
+    assert message in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("attack", sorted(set(ATTACKS) - {"forged marker"}))
+def test_no_page_is_made_of_what_was_touched(run, attack, capsys):
+    ATTACKS[attack][0](run)
+    assert main(["report", str(run)]) == 2
+    assert "run the panel's command again" in capsys.readouterr().err
+
+
+def test_without_a_seal_that_depth_is_refused(run, capsys):
+    (run / "seal.json").unlink()
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 2
+    assert "has no seal.json" in capsys.readouterr().err
+
+
+def _panel(run, panel_directory):
+    spec = panel_directory.parent / "small.toml"
+    return main(["panel", str(spec), "--out", str(run), "--no-progress", "--workers", "1"])
+
+
+@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy"])
+def test_a_panel_builds_on_nothing_that_was_touched(run, panel_directory, attack, capsys):
+    ATTACKS[attack][0](run)
+    assert _panel(run, panel_directory) == 2
+    assert "restore it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_a_unit_that_lost_its_records_is_done_again_and_named(run, panel_directory, cut, capsys):
+    file = _evaluation(run)
+    before = pq.read_table(file).sort_by("record_id").column("content_hash").to_pylist()
+    if cut:
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    else:
+        file.unlink()
+    assert _panel(run, panel_directory) == 0
+    assert f"{file} is missing or cut off: unit {file.stem}" in capsys.readouterr().err
+    tables = [pq.read_table(other) for other in run.glob("evidence/evaluate-*.parquet")]
+    after = {h for table in tables for h in table.column("content_hash").to_pylist()}
+    assert set(before) <= after
+    assert main(["evidence", "verify", str(run)]) == 0

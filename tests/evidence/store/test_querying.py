@@ -1,0 +1,129 @@
+"""A query reads the records of its run, and nothing else in the world."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow as pa
+import pytest
+
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.printing import print_table
+from integ_gym.evidence.store.store import EvidenceStore
+
+WRITING = (
+    "COPY (PIVOT records ON env_id USING count(*)) TO '{file}'",
+    "COPY (PIVOT records ON env_id USING count(*)) TO '{file}' (USE_TMP_FILE false)",
+    "COPY records TO '{file}'",
+    "CREATE TABLE mine AS PIVOT records ON env_id USING count(*)",
+    "CREATE TABLE mine AS SELECT 1",
+    "INSERT INTO records SELECT * FROM records",
+    "SET enable_external_access = true",
+    "SELECT 1) TO '{file}' --",
+    "SELECT 1; SELECT 2",
+    "INSTALL httpfs",
+    "LOAD httpfs",
+    "PRAGMA enable_profiling",
+    "ATTACH '{file}.db'",
+    "EXPORT DATABASE '{file}.d'",
+    "CALL pragma_version()",
+)
+
+READING_ELSEWHERE = (
+    "SELECT * FROM read_csv('/etc/passwd')",
+    "SELECT * FROM read_text('/etc/passwd')",
+    "SELECT * FROM read_blob('/proc/self/environ')",
+    "SELECT * FROM glob('/*')",
+    "SELECT * FROM '/etc/passwd'",
+    "SELECT * FROM read_parquet('{other}')",
+    "SELECT * FROM 'https://example.org/a.parquet'",
+    "SELECT * FROM read_csv('s3://bucket/a.csv')",
+    "SELECT * FROM sqlite_scan('{other}', 'x')",
+)
+
+READING = (
+    "SELECT 1",
+    "SELECT 1;",
+    "SELECT 1 -- as an example",
+    "DESCRIBE records",
+    "SUMMARIZE records",
+    "FROM records",
+    "VALUES (1), (2)",
+    "PIVOT records ON env_id USING count(*)",
+    "WITH a AS (PIVOT records ON env_id USING count(*)) SELECT * FROM a",
+    "SELECT * FROM records ORDER BY episode_index DESC LIMIT 1",
+)
+
+
+@pytest.mark.parametrize("sql", WRITING)
+def test_nothing_can_be_written(store, sql):
+    (file,) = store.files()
+    before = file.read_bytes()
+    with pytest.raises(EvidenceError):
+        store.query(sql.format(file=file))
+    assert file.read_bytes() == before
+    assert list(store.directory.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("sql", READING_ELSEWHERE)
+def test_nothing_else_can_be_read(store, tmp_path_factory, sql):
+    other = tmp_path_factory.mktemp("other") / "other.parquet"
+    shutil.copy(store.files()[0], other)
+    with pytest.raises(EvidenceError, match="DuckDB refuses the query"):
+        store.query(sql.format(other=other))
+
+
+@pytest.mark.parametrize("sql", READING)
+def test_what_reads_is_run(store, sql):
+    assert store.query(sql).num_rows > 0
+
+
+@pytest.mark.parametrize("name", ["a*b", "a?b", "a[X]b", "a'b", 'a"b', "a b", "ä"])
+def test_a_directory_is_named_by_its_own_name_alone(store, tmp_path, name):
+    for folder in (name, "aXb"):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        shutil.copy(store.files()[0], tmp_path / folder)
+    found = EvidenceStore(tmp_path / name).query("SELECT count(*) AS n FROM records")
+    assert found.to_pylist() == [{"n": 3}]
+
+
+def test_what_would_move_the_cursor_is_shown():
+    table = pa.table({"a\x1b[2J": ["x\x1b[31mred\x07", "y\x9b1A\u202e", "tab\tnew\nline"]})
+    file = io.StringIO()
+    print_table(table, file)
+    text = file.getvalue()
+    assert not set(text) & set("\x1b\x07\x9b\u202e")
+    for shown in (r"a\x1b[2J", r"x\x1b[31mred\x07", r"y\x9b1A\u202e"):
+        assert shown in text
+    file = io.StringIO()
+    print_table(table, file, "csv")
+    assert "x\x1b[31mred\x07" in file.getvalue(), "a file is given every value as it is"
+
+
+def test_an_interruption_ends_a_query_at_once(store):
+    long = "SELECT count(*) FROM range(1000000) a, range(1000000) b WHERE a.range * b.range % 7 = 3"
+    command = [sys.executable, "-m", "integ_gym.cli", "evidence", "query"]
+    with subprocess.Popen(
+        [*command, str(store.directory), long], stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr is not None
+        while not _working(process.pid):
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        assert b"interrupted" in process.stderr.read()
+        assert process.wait() == 130
+
+
+def _working(pid):
+    """Whether a process has started DuckDB's threads, or has but one core to work with."""
+    with open(f"/proc/{pid}/maps", encoding="ascii", errors="replace") as maps:
+        loaded = "duckdb" in maps.read()
+    with open(f"/proc/{pid}/stat", encoding="ascii") as stat:
+        ticks = sum(map(int, stat.read().split()[13:15]))
+    return loaded and ticks > 3 * os.sysconf("SC_CLK_TCK")

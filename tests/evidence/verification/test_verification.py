@@ -1,0 +1,216 @@
+"""What was forged, dropped or swapped in records is named, with what it comes out as."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.gaps import missing_episodes
+from integ_gym.evidence.verification.recomputing import recompute
+from integ_gym.evidence.verification.replaying import replay
+from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, read_seal, seal
+
+SETTINGS = {
+    "plain": {},
+    "implicit": {"integrator": "implicit_midpoint"},
+    "late": {
+        "dt": 0.01, "control_period": 0.02, "action_latency": 0.03, "sensor_period": 0.05,
+        "observation_noise": 0.01,
+    },
+    "coarse": {"integrator": "explicit_euler", "dt": 0.2, "control_period": 0.2},
+}  # fmt: skip
+
+
+def _recorded(directory, play, env_id="IntegPendulum-v0", episodes=4, **settings):
+    context = EpisodeContext("run", "cell", policy_id="random", replays=Replays(home=False))
+    env = RecordEvidence(gym.make(env_id, duration=2.0, **settings), directory, context)
+    play(env, range(episodes))
+    env.close()
+    return EvidenceStore(directory)
+
+
+def _found(store):
+    return [str(x) for name, record in store.named_records() for x in recompute(record, name)]
+
+
+def _replayed(store, **options):
+    return replay(list(store.named_records()), **options)
+
+
+def _forge(store, column, change):
+    """Change a column of the only file, and make its hashes fit."""
+    (file,) = store.files()
+    table = pq.read_table(file)
+    place = table.schema.get_field_index(column)
+    field = table.schema.field(column)
+    values = pa.array(change(table.column(column).to_pylist()), field.type)
+    pq.write_table(with_hashes(table.set_column(place, field, values)), file)
+    assert store.verify() == []
+
+
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_what_was_recorded_comes_out_again_to_the_last_bit(env_id, settings, tmp_path, play):
+    store = _recorded(tmp_path, play, env_id, **settings)
+    assert _found(store) == []
+    assert list(missing_episodes(store)) == []
+    done = _replayed(store, exact=True)
+    assert (done.findings, done.records, done.exact, done.skipped) == ([], 4, 4, {})
+
+
+FORGED = {
+    "success": lambda values: [not x for x in values],
+    "return": lambda values: [x + 1.0 for x in values],
+    "time_to_success": lambda values: [0.5 for _ in values],
+    "length": lambda values: [x - 1 for x in values],
+    "terminated": lambda values: [not x for x in values],
+    "energy_end": lambda values: [x + 1e-3 for x in values],
+    "work_total": lambda values: [x + 1e-3 for x in values],
+    "energy_residual_abs_total": lambda values: [2.0 * x + 1.0 for x in values],
+    "solver_status": lambda values: ["not_converged" for _ in values],
+    "initial_state": lambda values: [[x[0] + 0.1, x[1]] for x in values],
+    "failure_label": lambda values: ["discretization_error" for _ in values],
+    "failure_reason": lambda values: ["it was the weather" for _ in values],
+    "replay_home": lambda values: [True for _ in values],
+    "cell_status": lambda values: ["unachievable" for _ in values],
+    "reward": lambda values: [[0.0 * x if x else None for x in row] for row in values],
+}
+
+
+@pytest.mark.parametrize("column", FORGED)
+def test_a_forged_outcome_with_hashes_that_fit_is_named(column, tmp_path, play):
+    store = _recorded(tmp_path, play)
+    _forge(store, column, FORGED[column])
+    found = _found(store)
+    ids = {record["record_id"] for record in store.records(trace=False)}
+    assert {name for name in ids if any(name in line for line in found)} == ids
+    assert any("is recorded as" in line and "comes out as" in line for line in found)
+
+
+def test_a_forged_trace_whose_sums_fit_is_named_by_the_replay(tmp_path, play):
+    store = _recorded(tmp_path, play)
+
+    def swap(rows):
+        return [[*row[:10], row[10] + 1e-3, *row[11:]] for row in rows]
+
+    _forge(store, "theta_dot", swap)
+    assert _found(store) == []
+    done = _replayed(store)
+    assert len(done.findings) == 4
+    assert "`theta_dot[10]` is recorded as" in str(done.findings[0])
+
+
+def test_the_last_bit_counts_if_asked_for(tmp_path, play):
+    store = _recorded(tmp_path, play)
+    _forge(store, "energy", lambda rows: [[*row[:-2], np.nextafter(row[-2], 9.0), row[-1]]
+                                          for row in rows])  # fmt: skip
+    done = _replayed(store)
+    assert (done.findings, done.exact, done.records) == ([], 0, 4)
+    assert len(_replayed(store, exact=True).findings) == 4
+
+
+def test_what_does_not_end_as_recorded_is_named(tmp_path, play):
+    store = _recorded(tmp_path, play, "IntegCartPole-v0")
+    _forge(store, "force_commanded", lambda rows: [[x and -x for x in row] for row in rows])
+    assert _replayed(store).findings
+
+
+def test_no_code_that_a_record_names_is_run(tmp_path, play, monkeypatch):
+    store = _recorded(tmp_path, play)
+    trap = tmp_path / "trap.py"
+    trap.write_text("raise SystemExit('executed')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    _forge(store, "arguments",
+           lambda rows: [x.replace('"value":"symplectic_euler"', '"value":"trap:Map"')
+                         for x in rows])  # fmt: skip
+    assert _found(store) == []
+    done = _replayed(store)
+    assert (done.records, list(done.skipped.values())) == (0, [4])
+    with pytest.raises(SystemExit, match="executed"):
+        _replayed(store, own_code=True)
+
+
+def test_dropped_and_doubled_rows_are_counted(tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=8)
+    (file,) = store.files()
+    table = pq.read_table(file)
+    pq.write_table(
+        table.filter(pc.greater(pc.abs(pc.subtract(table["episode_index"], 4)), 1)), file
+    )
+    (found,) = missing_episodes(store)
+    assert str(found) == "cell 'cell', policy 'random': 3 missing of episodes 0 to 7"
+    pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), file)
+    (found,) = missing_episodes(store)
+    assert "1 record too many of episodes 0 to 7" in str(found)
+
+
+def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path, play):
+    context = EpisodeContext("run", "cell", trace_every=2)
+    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=1.0), tmp_path, context)
+    play(env, range(4))
+    env.close()
+    store = EvidenceStore(tmp_path)
+    assert _found(store) == []
+    assert _replayed(store).skipped == {"without a trace": 2}
+    _forge(store, "failure_label", lambda values: ["discretization_error" for _ in values])
+    assert len(_found(store)) == 4
+
+
+@pytest.fixture
+def sealed(tmp_path, play):
+    run = tmp_path / "run"
+    _recorded(run / "evidence", play)
+    (run / "policies" / "a").mkdir(parents=True)
+    (run / "policies" / "a" / "policy.json").write_text("{}")
+    pinned = seal(run)
+    assert read_seal(run)["seal"] == pinned
+    assert list(broken_seals(run)) == []
+    return run
+
+
+def _flip(file):
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+ATTACKS = {
+    "flipped": (lambda file: _flip(file), "was changed after the run was sealed"),
+    "cut": (lambda file: file.write_bytes(file.read_bytes()[:-9]), "was changed after the run"),
+    "deleted": (lambda file: file.unlink(), "is sealed and missing"),
+    "added": (lambda file: (file.parent / f"x{file.suffix}").write_text("{}"), "is not of the"),
+}
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("pattern", ["evidence/*.parquet", "policies/a/policy.json"])
+def test_a_seal_names_every_file_that_was_touched(sealed, attack, pattern):
+    (file,) = sealed.glob(pattern)
+    change, message = ATTACKS[attack]
+    change(file)
+    (found,) = broken_seals(sealed)
+    assert message in str(found)
+
+
+def test_a_seal_that_was_made_to_fit_is_another(sealed):
+    (file,) = sealed.glob("evidence/*.parquet")
+    before = read_seal(sealed)["seal"]
+    text = (sealed / SEAL_FILE).read_text()
+    _flip(file)
+    assert seal(sealed) != before
+    (sealed / SEAL_FILE).write_text(text.replace(before, "0" * 64))
+    assert "its own hash does not fit" in "\n".join(map(str, broken_seals(sealed)))
+    (sealed / SEAL_FILE).write_text("[]")
+    with pytest.raises(EvidenceError, match=r"a list where an object was expected; restore it"):
+        read_seal(sealed)

@@ -1,0 +1,42 @@
+"""How a command ends."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+
+import pytest
+
+from integ_gym.support.terminal.ending import report_errors
+
+CALLBACK = ctypes.CFUNCTYPE(None)
+
+
+def _swallowed():
+    """Interrupt inside a callback of compiled code, which cannot raise what it raises."""
+
+    def interrupted():
+        signal.raise_signal(signal.SIGINT)
+
+    CALLBACK(interrupted)()
+    return 0
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interruption_that_compiled_code_swallows_is_no_success(capsys):
+    held = signal.getsignal(signal.SIGINT)
+    assert report_errors("a", _swallowed) == 130
+    assert "a: interrupted" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is held
+
+
+def test_an_interruption_is_raised_where_it_comes(capsys):
+    def interrupted():
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("went on")
+
+    assert report_errors("a", interrupted) == 130
+
+
+def test_without_one_the_code_is_the_commands():
+    assert report_errors("a", lambda: 3) == 3

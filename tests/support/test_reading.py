@@ -1,0 +1,67 @@
+"""Files that are damaged, endless or made to harm are refused in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from integ_gym.support.reading import DEEPEST, read_bounded, read_object
+
+KINDS = {"name": str, "seconds": float, "parts": (list, type(None))}
+WHOLE = '{"name": "a", "seconds": 1, "parts": null}'
+
+DAMAGED = {
+    "nothing": ("", "Expecting value"),
+    "cut": (WHOLE[:20], "is damaged"),
+    "list": ("[1]", "a list where an object was expected"),
+    "empty": ("{}", "it lacks 'name'"),
+    "text": ('{"name": "a", "seconds": "1", "parts": []}', "'seconds' must be a number, got text"),
+    "flag": ('{"name": "a", "seconds": true, "parts": []}', "must be a number, got true or false"),
+    "kind": ('{"name": "a", "seconds": 1, "parts": 3}', "must be a list or null, got a whole"),
+    "deep": (f'{{"a": {"[" * 100_000}{"]" * 100_000}}}', f"more than {DEEPEST} deep"),
+    "deeper": (f'{{"a": {"[" * 70}{"]" * 70}}}', f"more than {DEEPEST} deep"),
+    "digits": (f'{{"a": {"1" * 5000}}}', "has 5000 digits"),
+    "float": ('{"a": 1e400}', "the number 1e400 is not finite"),
+    "nan": ('{"a": NaN}', "the number NaN is not finite"),
+    "bytes": (b'{"a": "\xff"}', "is damaged"),
+}
+
+
+def test_what_is_whole_is_read(tmp_path):
+    file = tmp_path / "a.json"
+    file.write_text(WHOLE)
+    assert read_object(file, KINDS, "") == {"name": "a", "seconds": 1, "parts": None}
+
+
+@pytest.mark.parametrize("fault", DAMAGED)
+def test_what_is_damaged_is_named_with_the_remedy(tmp_path, fault):
+    content, message = DAMAGED[fault]
+    file = tmp_path / "a.json"
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ValueError) as refused:
+        read_object(file, KINDS, "restore it")
+    told = str(refused.value)
+    assert told.startswith(str(file))
+    assert message in told
+    assert told.endswith("; restore it")
+
+
+@given(content=st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
+    file = tmp_path_factory.mktemp("any") / "a.json"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match="restore it"):
+        read_object(file, KINDS, "restore it")
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"cannot read .*: No such file .*; restore it"):
+        read_object(tmp_path / "a.json", {}, "restore it")
+
+
+def test_a_file_without_end_is_not_read_to_its_end():
+    with pytest.raises(ValueError, match="has more than 1000 bytes"):
+        read_bounded(Path("/dev/zero"), 1000)
