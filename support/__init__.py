@@ -73,6 +73,7 @@ if TYPE_CHECKING:
         units,
         unknown_name,
     )
+    from .spawning import SpawnError, check_spawning
     from .terminal import (
         FITS,
         NONE,

@@ -12,13 +12,15 @@ if TYPE_CHECKING:
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
-    from .policy import MlpPolicy, Policy, PolicyStack
+    from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
         POLICY_FILE,
         SIDECAR_FILE,
+        PolicyFileError,
         TrainedPolicy,
         has_sidecar,
         read_observation_statistics,
+        read_sb3_model,
         read_sb3_zip,
         read_trained,
     )

@@ -10,6 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .actions import BoxActions, DiscreteActions
     from .arrays import ActionArray, FloatArray
+    from .called_policy import CalledPolicy, behaviour_hash
     from .interface import Policy
     from .mlp_policy import MlpPolicy
     from .network import ACTIVATIONS, Layer

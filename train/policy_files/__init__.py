@@ -9,7 +9,8 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
-    from .sb3_zip import read_observation_statistics, read_sb3_zip
+    from .error import PolicyFileError
+    from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip
     from .sidecar import (
         POLICY_FILE,
         SIDECAR_FILE,

@@ -8,7 +8,15 @@ from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
 from ...verdict import require_unique
-from .conclusions import EngineAgreement, Failure, PolicyComparison, Remedy, TrainingCost, Verdict
+from .conclusions import (
+    EngineAgreement,
+    Failure,
+    PairedEpisodes,
+    PolicyComparison,
+    Remedy,
+    TrainingCost,
+    Verdict,
+)
 from .matrix import Cell, Entry, Row
 from .part import Part
 
@@ -63,6 +71,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         rows: policies, by what they were trained on.
         cells: discretizations in which policies were evaluated.
         matrix: what each row did in each cell that it was evaluated in.
+        paired: what given policies do in each cell, beside what they do at home or on the truth
+            from the same starts.
         verdicts: verdicts on the declared family of transfers.
         policy_comparisons: comparisons of declared pairs of rows.
         remedies: mixtures held against single discretizations.
@@ -92,6 +102,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     rows: tuple[Row, ...]
     cells: tuple[Cell, ...]
     matrix: tuple[Entry, ...]
+    paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()
     remedies: tuple[Remedy, ...] = ()

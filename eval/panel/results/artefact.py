@@ -10,7 +10,7 @@ from typing import Any
 
 from integ_gym.envs import Discretization
 
-from ...statistics import rate_interval
+from ...statistics import draws_for, rate_interval
 from ...verdict import (
     LEARNED,
     WITHOUT_VERDICT,
@@ -35,6 +35,7 @@ from ..specification import Cell
 from .engine_agreement import agreement_answer
 from .layout import PanelLayout
 from .matrix import Matrix, Row
+from .paired import paired_episodes
 from .remedy import remedies
 
 FAILURE_SAMPLE = 40
@@ -96,6 +97,7 @@ def build_artefact(
             for row in layout.rows
             for cell in layout.cells_of[row.name]
         ),
+        paired=paired_episodes(layout, matrix),
         verdicts=tuple(
             _verdict(judgement, *pair)
             for judgement, pair in zip(judgements, layout.family, strict=True)
@@ -163,7 +165,9 @@ def _row(
         control_period=row.trained_on.control_period if row.trained_on else None,
         seeds=len(row.policies),
         policies=tuple(policies[policy] for policy in row.policies),
-        home_success=None if rates is None else Estimate.of(rate_interval(rates)),
+        home_success=None
+        if rates is None
+        else Estimate.of(rate_interval(rates, draws=draws_for(len(rates)))),
         learned=matrix.learned(row.name),
         training_steps=training_steps if row.kind == "trained" else None,
     )
@@ -303,8 +307,11 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
         )
     anchor, where = layout.reference, "the reference"
     if anchor is None:
-        anchor, where = next(iter(layout.rows[0].shares)), "its home"
-    return (
-        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
-        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
+        anchor, where = next(iter(layout.rows[0].shares), None), "its home"
+    between = (
+        f"over {len(rates)} discretizations between {rates[low]:.0%} ({low}) and "
+        f"{rates[high]:.0%} ({high})."
     )
+    if anchor is None:
+        return f"{row}, whose home is unknown, succeeds {between}"
+    return f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; {between}"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zipfile
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from ...policy import MlpPolicy, ObservationStatistics
@@ -49,6 +51,35 @@ def read_sb3_zip(
         return read_archive(file, file.stem, statistics, action_bounds)
     except ValueError as error:
         raise PolicyFileError(f"{file}: {error}") from error
+
+
+def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
+    """The actor of a model in memory, as :func:`read_sb3_zip` would read its file.
+
+    Statistics of a `VecNormalize` that the model's environment has are taken with it.
+
+    Args:
+        model: of stable-baselines3 or sb3-contrib.
+        policy_id: its name.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    content = io.BytesIO()
+    model.save(content)
+    normalize = model.get_vec_normalize_env()
+    try:
+        statistics = None
+        if normalize is not None and normalize.norm_obs:
+            own, limits_of = normalize.obs_rms, (normalize.epsilon, normalize.clip_obs)
+            statistics = ObservationStatistics(own.mean, own.var, *limits_of)
+        return read_archive(content, policy_id, statistics, _bounds(model.action_space))
+    except (AttributeError, ValueError) as error:
+        raise PolicyFileError(f"the model {policy_id}: {error}") from error
+
+
+def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
+    return (space.low, space.high) if isinstance(space, spaces.Box) else None
 
 
 def read_archive(

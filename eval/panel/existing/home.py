@@ -1,0 +1,224 @@
+"""The home of a policy: what it was trained on, stated or unknown, never assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from integ_gym.envs import (
+    DISCRETIZATION,
+    Discretization,
+    DiscretizedVectorEnv,
+    Mixture,
+    make_training_environments,
+    testbed_of,
+)
+from integ_gym.support import named_value, unknown_name
+
+from ..specification import DiscretizationMixture, Home
+
+STOCK = "stock"
+"""What is stated of a policy that was trained on Gymnasium's own environment."""
+
+STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
+    "IntegPendulum-v0": {"max_speed": 8.0},
+    "IntegCartPole-v0": {},
+}
+"""What makes an environment Gymnasium's own at its default discretization."""
+
+VARIED = (*DISCRETIZATION, "mixture")
+
+Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
+"""A home as people state it: ``"integrator=…,dt=…,control_period=…"``, the same as a mapping or a
+`Discretization`, or ``"stock"``; a control period alone leaves the rest unknown."""
+
+HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What is known of a policy's training.
+
+    Attributes:
+        home: discretization or mixture that it was trained on; None: unknown.
+        control_period: time between two of its decisions, s.
+        environment: constructor arguments of its training environment, without the discretization.
+        origin: where this comes from, in words.
+    """
+
+    home: Home | None
+    control_period: float
+    environment: Mapping[str, Any]
+    origin: str
+
+    def __str__(self) -> str:
+        """In one line."""
+        period = f"control period {self.control_period:g} s"
+        if self.home is None:
+            return f"home: unknown ({self.origin}); judged at {period}"
+        members = " and ".join(member.name for member in self.home.shares)
+        return f"home: {members}, {period} ({self.origin})"
+
+
+def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
+    """A stated home as constructor arguments of the training environment.
+
+    Raises:
+        ValueError: for what is no home, in one sentence.
+    """
+    if stated is None:
+        return {}
+    if stated == STOCK:
+        if ":" in env_id:
+            raise ValueError(
+                f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
+                "--home integrator=…,dt=…,control_period=…"
+            )
+        return {**testbed_of(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
+    parts = _parts(stated)
+    for name in parts:
+        if name not in DISCRETIZATION:
+            raise ValueError(unknown_name("part of a home", name, DISCRETIZATION))
+    if set(parts) == {"control_period"}:
+        return parts
+    lacking = [name for name in ("integrator", "dt") if name not in parts]
+    if lacking:
+        raise ValueError(
+            f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
+            "control_period=… alone where no more is known"
+        )
+    testbed = testbed_of(env_id, {})
+    period = testbed.control_period or parts["dt"]
+    return {"engine": testbed.home.engine, "control_period": period, **parts}
+
+
+def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
+    if isinstance(stated, Discretization):
+        return stated.arguments()
+    if isinstance(stated, Mapping):
+        return dict(stated)
+    words = [word.strip() for word in stated.split(",")]
+    if not all("=" in word for word in words):
+        raise ValueError(
+            f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
+            f"{STOCK!r} for what was trained on Gymnasium's own environment"
+        )
+    return dict(named_value(word) for word in words)
+
+
+def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
+    """Environment arguments of the training, as a side-car tells them.
+
+    Raises:
+        ValueError: if it does not, or is of another environment, or names code that may not be
+            run.
+    """
+    config = card.get("config")
+    given = config.get("env_arguments") if isinstance(config, Mapping) else None
+    if not isinstance(config, Mapping) or not isinstance(given, Mapping):
+        raise ValueError(
+            "the policy's side-car does not say what it was trained on; restore the file that the "
+            "trainer wrote, or move it away and state the home with --home"
+        )
+    if config.get("env_id") != env_id:
+        raise ValueError(
+            f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
+            f"{config.get('env_id')}"
+        )
+    arguments = dict(given)
+    foreign = [text for text in _texts(arguments) if ":" in text]
+    if foreign and not own_code:
+        raise ValueError(
+            f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
+            "pass --own-code"
+        )
+    return arguments
+
+
+def _texts(value: Any) -> list[str]:
+    """All texts in plain data, keys left out."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value
+    return [t for x in inner for t in _texts(x)] if isinstance(inner, Iterable) else []
+
+
+def provenance(
+    env_id: str,
+    card: Mapping[str, Any] | None,
+    stated: Stated,
+    given: Mapping[str, Any],
+    own_code: bool = False,
+) -> tuple[Provenance, DiscretizedVectorEnv]:
+    """What is known of a policy's training, and one lane of its training environment, closed.
+
+    Args:
+        env_id: environment to evaluate in.
+        card: content of its side-car, or None.
+        stated: its home.
+        given: environment arguments that override those of its training; not the discretization,
+            which is what the evaluation varies.
+        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
+
+    Raises:
+        ValueError: if side-car and statement contradict each other, see also
+            :func:`stated_arguments` and :func:`card_arguments`; or if ``given`` holds what the
+            evaluation varies.
+        TypeError, ValueError: for a home that the environment cannot have.
+    """
+    for name in VARIED:
+        if name in given:
+            raise ValueError(
+                f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
+                "policy's home with --home and choose cells with --integrator and --dt"
+            )
+    told = stated_arguments(stated, env_id)
+    arguments, origin = told, _origin(stated, told)
+    known = "integrator" in told
+    if card is not None and (carded := card_arguments(card, env_id, own_code)):
+        arguments, origin, known = carded, "the side-car beside the policy", True
+    environments = _closed(env_id, {**_stepped(arguments), **given})
+    home = _home(environments.mixture) if known else None
+    if arguments is not told and "integrator" in told:
+        other = _home(_closed(env_id, {**told, **given}).mixture)
+        if other != home:
+            raise ValueError(
+                f"--home says {other.name} and the policy's side-car {home and home.name}; leave "
+                "out --home, or move the side-car away"
+            )
+    period = environments.setups[0].timing.control_period
+    environment = {name: x for name, x in {**arguments, **given}.items() if name not in VARIED}
+    return Provenance(home, period, environment, origin), environments
+
+
+def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
+    if stated == STOCK:
+        return "stated: Gymnasium's own environment"
+    if "integrator" in told:
+        return "stated"
+    return f"there is no side-car, and none was stated; {HOW_TO_STATE}"
+
+
+def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """A control period alone is that of one step per decision."""
+    if set(arguments) == {"control_period"}:
+        return {"dt": arguments["control_period"], **arguments}
+    return dict(arguments)
+
+
+def _closed(env_id: str, arguments: Mapping[str, Any]) -> DiscretizedVectorEnv:
+    environments = make_training_environments(env_id, arguments, 1)
+    environments.close()
+    return environments
+
+
+def _home(mixture: Mixture) -> Home:
+    """What a training environment's episodes run on, a discretization named twice counted once."""
+    weights: dict[Discretization, float] = {}
+    for setup, share in zip(mixture.setups, mixture.shares, strict=True):
+        member = Discretization.of(setup)
+        weights[member] = weights.get(member, 0.0) + float(share)
+    if len(weights) == 1:
+        return next(iter(weights))
+    return DiscretizationMixture("its mixture", tuple(weights.items()))
