@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -107,6 +108,8 @@ class MlpPolicy:
         arrays: list[NDArray[Any]] = [array for layer in self.layers for array in layer]
         if isinstance(self.actions, BoxActions):
             header["squash"] = bool(self.actions.squash)
+            if self.actions.limit < math.inf:
+                header["limit"] = float(self.actions.limit).hex()
             arrays += [self.actions.low, self.actions.high]
         if self.statistics is not None:
             limits = (self.statistics.epsilon, self.statistics.clip_obs)

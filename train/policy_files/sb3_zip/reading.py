@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from ...policy import MlpPolicy, ObservationStatistics
+from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from ..error import DAMAGED, PolicyFileError
 from . import limits
-from .architecture import activation_name, check_policy_class, hidden_sizes, policy_kwargs, squashed
+from .algorithms import SHARED, Actor
+from .architecture import (
+    activation_name,
+    actor_class,
+    hidden_sizes,
+    mean_limit,
+    policy_kwargs,
+    quantile_count,
+    squashed,
+)
 from .data import parse_json, section
 from .observation_statistics import read_observation_statistics
 from .spaces import decoding, vector_size
-from .weights import layers_of, load_tensors
+from .weights import averaged, layers_of, load_tensors
 
 
 def read_sb3_zip(
@@ -27,7 +38,10 @@ def read_sb3_zip(
     *,
     action_bounds: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> MlpPolicy:
-    """Read the actor of a PPO or A2C model with `MlpPolicy`, as `model.save(path)` wrote it.
+    """Read the deterministic actor of a model with `MlpPolicy`, as `model.save(path)` wrote it.
+
+    Of PPO, A2C, SAC, TD3, DDPG and DQN of stable-baselines3 and TQC, TRPO and QR-DQN of
+    sb3-contrib, of all versions since 1.0.
 
     The file does not say whether the model was trained inside `VecNormalize`; if it was, pass
     `obs_stats`, or the policy acts on observations of the wrong scale.
@@ -95,13 +109,27 @@ def read_archive(
     """
     data_text, weights = _read_members(archive)
     data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
-    check_policy_class(data)
-    kwargs = policy_kwargs(data)
+    actor, kwargs = actor_class(data), policy_kwargs(data)
     inputs = vector_size(section(data, "observation_space"), "observation space")
-    activation, hidden = activation_name(kwargs), hidden_sizes(kwargs)
-    actions = decoding(section(data, "action_space"), squashed(data, kwargs), action_bounds)
-    layers = layers_of(load_tensors(weights), (inputs, *hidden, actions.size))
-    return MlpPolicy(layers, activation, actions, statistics, policy_id)
+    activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
+    limit = mean_limit(data, kwargs, actor)
+    actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
+    _check_kind(actions, actor)
+    tensors = load_tensors(weights)
+    shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
+    names = actor.names(len(shared), len(own), limit < math.inf)
+    quantiles = quantile_count(kwargs, actor)
+    sizes = (inputs, *shared, *own, quantiles * actions.size)
+    layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
+    return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
+
+
+def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:
+    if actor.discrete is None or actor.discrete == isinstance(actions, DiscreteActions):
+        return
+    raise PolicyFileError(
+        f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
+    )
 
 
 def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:

@@ -6,17 +6,16 @@ import io
 import math
 import zipfile
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from integ_gym.support import missing
 
 from ...policy import Layer
 from ..error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
-
-_UNUSED_WEIGHTS = ("mlp_extractor.value_net.", "value_net.", "log_std")
 
 
 def load_tensors(content: bytes) -> Mapping[str, Any]:
@@ -67,32 +66,33 @@ def _check_archive(content: bytes) -> None:
         )
 
 
-def layers_of(tensors: Mapping[str, Any], sizes: tuple[int, ...]) -> tuple[Layer, ...]:
+def layers_of(
+    tensors: Mapping[str, Any], layers: Mapping[str, tuple[int, int]], unused: tuple[str, ...]
+) -> tuple[Layer, ...]:
     """The actor's layers, checked name by name and shape by shape.
 
     Args:
         tensors: the state dict.
-        sizes: inputs, hidden layers, outputs.
+        layers: inputs and outputs of each by its name, input first.
+        unused: beginnings of the names of other weights.
     """
-    hidden = [f"mlp_extractor.policy_net.{2 * index}" for index in range(len(sizes) - 2)]
-    names = [*hidden, "action_net"]
+    sizes = tuple(after for _, after in layers.values())[:-1]
     expected = {
         f"{name}.{part}": shape
-        for name, (before, after) in zip(names, pairwise(sizes), strict=True)
+        for name, (before, after) in layers.items()
         for part, shape in (("weight", (after, before)), ("bias", (after,)))
     }
     for name in tensors:
-        if name not in expected and not name.startswith(_UNUSED_WEIGHTS):
+        if name not in expected and not name.startswith(unused):
             raise PolicyFileError(
-                f"the weights '{name}' have no place in the saved architecture "
-                f"{sizes[1:-1]}; {DAMAGED}"
+                f"the weights '{name}' have no place in the saved architecture {sizes}; {DAMAGED}"
             )
     for name, shape in expected.items():
         found = tuple(tensors[name].shape) if name in tensors else "none"
         if found != shape:
             raise PolicyFileError(
                 f"the weights '{name}' should have shape {shape} for the saved architecture "
-                f"{sizes[1:-1]} and have {found}; {DAMAGED}"
+                f"{sizes} and have {found}; {DAMAGED}"
             )
     if 4 * sum(math.prod(shape) for shape in expected.values()) > limits.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
@@ -100,5 +100,18 @@ def layers_of(tensors: Mapping[str, Any], sizes: tuple[int, ...]) -> tuple[Layer
             "give a model with a smaller network"
         )
     return tuple(
-        (tensors[f"{name}.weight"].numpy(), tensors[f"{name}.bias"].numpy()) for name in names
+        (tensors[f"{name}.weight"].numpy(), tensors[f"{name}.bias"].numpy()) for name in layers
     )
+
+
+def averaged(layers: tuple[Layer, ...], quantiles: int) -> tuple[Layer, ...]:
+    """The same network with the mean over quantiles, which come first, as its outputs."""
+    if quantiles == 1:
+        return layers
+    *hidden, (weight, bias) = layers
+    actions = len(bias) // quantiles
+    mean = (
+        weight.reshape(quantiles, actions, -1).mean(axis=0, dtype=np.float64),
+        bias.reshape(quantiles, actions).mean(axis=0, dtype=np.float64),
+    )
+    return (*hidden, (mean[0].astype(np.float32), mean[1].astype(np.float32)))
