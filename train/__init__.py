@@ -14,15 +14,20 @@ if TYPE_CHECKING:
     from .fleet import fleet_workers, plan, train_fleet
     from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
+        HOW_TO_STATE,
         POLICY_FILE,
-        SIDECAR_FILE,
+        STOCK,
         PolicyFileError,
+        Stated,
         TrainedPolicy,
         has_sidecar,
-        read_observation_statistics,
+        onnx_card,
         read_sb3_model,
-        read_sb3_zip,
         read_trained,
+        read_weights,
+        save_policy,
+        stated_arguments,
+        write_sidecar,
     )
     from .ppo import PPOConfig, train_ppo
     from .running import TrainingError, TrainingEvidence

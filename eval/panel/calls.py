@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support import check_spawning, cores, require
+from integ_gym.train import Stated
 
 from .existing import (
-    Stated,
     evaluate_existing,
     given_policy,
     is_reference,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .arrays import ActionArray, FloatArray
     from .called_policy import CalledPolicy, behaviour_hash
     from .interface import Policy
-    from .mlp_policy import MlpPolicy
+    from .mlp_policy import MOST, MlpPolicy
     from .network import ACTIVATIONS, Layer
     from .observation_statistics import ObservationStatistics
     from .stack import PolicyStack

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,9 @@ from .actions import BoxActions, DiscreteActions
 from .arrays import ActionArray, FloatArray, frozen
 from .network import ACTIVATIONS, Layer, network_outputs
 from .observation_statistics import ObservationStatistics
+
+MOST = float(np.finfo(np.float32).max)
+"""Bound of actions that have none."""
 
 _HASH_FORMAT = "integ-gym MlpPolicy 1"
 
@@ -162,6 +165,13 @@ class MlpPolicy:
             ValueError: on another shape, or where a discrete choice is impossible.
         """
         return self.actions.decode(self.outputs(observations))
+
+    def choosing(self) -> MlpPolicy | None:
+        """The same network choosing the action of its largest output; None where it has bounds."""
+        actions = self.actions
+        if isinstance(actions, DiscreteActions) or np.abs([actions.low, actions.high]).min() < MOST:
+            return None
+        return replace(self, actions=DiscreteActions(actions.size))
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]

@@ -10,7 +10,6 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .evaluate import evaluate_existing
     from .given import given_policy, is_reference
-    from .home import Stated
     from .planning import plan
     from .policy import read_existing
 else:

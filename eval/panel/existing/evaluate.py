@@ -8,14 +8,13 @@ from pathlib import Path
 
 from integ_gym.evidence import EvidenceStore
 from integ_gym.support import check_spawning, cores, replace_file
-from integ_gym.train import Policy
+from integ_gym.train import HOW_TO_STATE, Policy
 
 from ..model import Panel
 from ..model import Policy as PanelPolicy
 from ..results import Matrix, Row, cost_of, paired_episodes, paired_remark, reduced, write_outputs
 from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds
 from ..specification import Cell, PanelSpec
-from .home import HOW_TO_STATE
 from .planning import main_home
 from .policy import Existing
 

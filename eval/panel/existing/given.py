@@ -12,9 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.envs import DiscretizedVectorEnv, make_training_environments
-from integ_gym.train import CalledPolicy, Policy, PolicyFileError, behaviour_hash, read_sb3_model
+from integ_gym.train import (
+    CalledPolicy,
+    Policy,
+    PolicyFileError,
+    Stated,
+    behaviour_hash,
+    read_sb3_model,
+)
 
-from .home import Stated, provenance
+from .home import provenance
 from .policy import Existing, row_name
 
 LANES, STEPS = 8, 16

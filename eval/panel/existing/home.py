@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from integ_gym.envs import (
     DISCRETIZATION,
@@ -12,28 +12,12 @@ from integ_gym.envs import (
     DiscretizedVectorEnv,
     Mixture,
     make_training_environments,
-    testbed_of,
 )
-from integ_gym.support import named_value, unknown_name
+from integ_gym.train import HOW_TO_STATE, STOCK, Stated, stated_arguments
 
 from ..specification import DiscretizationMixture, Home
 
-STOCK = "stock"
-"""What is stated of a policy that was trained on Gymnasium's own environment."""
-
-STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
-    "IntegPendulum-v0": {"max_speed": 8.0},
-    "IntegCartPole-v0": {},
-}
-"""What makes an environment Gymnasium's own at its default discretization."""
-
 VARIED = (*DISCRETIZATION, "mixture")
-
-Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
-"""A home as people state it: ``"integrator=…,dt=…,control_period=…"``, the same as a mapping or a
-`Discretization`, or ``"stock"``; a control period alone leaves the rest unknown."""
-
-HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
 
 
 @dataclass(frozen=True)
@@ -59,52 +43,6 @@ class Provenance:
             return f"home: unknown ({self.origin}); judged at {period}"
         members = " and ".join(member.name for member in self.home.shares)
         return f"home: {members}, {period} ({self.origin})"
-
-
-def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
-    """A stated home as constructor arguments of the training environment.
-
-    Raises:
-        ValueError: for what is no home, in one sentence.
-    """
-    if stated is None:
-        return {}
-    if stated == STOCK:
-        if ":" in env_id:
-            raise ValueError(
-                f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
-                "--home integrator=…,dt=…,control_period=…"
-            )
-        return {**testbed_of(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
-    parts = _parts(stated)
-    for name in parts:
-        if name not in DISCRETIZATION:
-            raise ValueError(unknown_name("part of a home", name, DISCRETIZATION))
-    if set(parts) == {"control_period"}:
-        return parts
-    lacking = [name for name in ("integrator", "dt") if name not in parts]
-    if lacking:
-        raise ValueError(
-            f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
-            "control_period=… alone where no more is known"
-        )
-    testbed = testbed_of(env_id, {})
-    period = testbed.control_period or parts["dt"]
-    return {"engine": testbed.home.engine, "control_period": period, **parts}
-
-
-def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
-    if isinstance(stated, Discretization):
-        return stated.arguments()
-    if isinstance(stated, Mapping):
-        return dict(stated)
-    words = [word.strip() for word in stated.split(",")]
-    if not all("=" in word for word in words):
-        raise ValueError(
-            f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
-            f"{STOCK!r} for what was trained on Gymnasium's own environment"
-        )
-    return dict(named_value(word) for word in words)
 
 
 def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -176,11 +114,15 @@ def provenance(
     told = stated_arguments(stated, env_id)
     arguments, origin = told, _origin(stated, told)
     known = "integrator" in told
-    if card is not None and (carded := card_arguments(card, env_id, own_code)):
-        arguments, origin, known = carded, "the side-car beside the policy", True
+    if card is not None:
+        arguments = card_arguments(card, env_id, own_code)
+        if card.get("home", "said by `config`") is None:
+            arguments |= told
+        else:
+            origin, known = "the side-car beside the policy", True
     environments = _closed(env_id, {**_stepped(arguments), **given})
     home = _home(environments.mixture) if known else None
-    if arguments is not told and "integrator" in told:
+    if card is not None and "integrator" in told:
         other = _home(_closed(env_id, {**told, **given}).mixture)
         if other != home:
             raise ValueError(
@@ -197,7 +139,7 @@ def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
         return "stated: Gymnasium's own environment"
     if "integrator" in told:
         return "stated"
-    return f"there is no side-car, and none was stated; {HOW_TO_STATE}"
+    return f"no side-car says it, and none was stated; {HOW_TO_STATE}"
 
 
 def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:

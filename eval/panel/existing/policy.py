@@ -8,21 +8,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from gymnasium import spaces
+
 from integ_gym.train import (
     BASELINES,
-    POLICY_FILE,
-    SIDECAR_FILE,
+    MlpPolicy,
     Policy,
+    Stated,
     has_sidecar,
-    read_observation_statistics,
-    read_sb3_zip,
+    onnx_card,
     read_trained,
+    read_weights,
 )
 
 from ..specification import Home
-from .home import Provenance, Stated, provenance
-
-STATISTICS_FILE = "obs_stats.json"
+from .home import Provenance, provenance
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,11 @@ def read_existing(
     Without a side-car, its home is what is stated, or unknown.
 
     Args:
-        path: the zip that SB3 wrote.
+        path: of its file.
         env_id: environment to evaluate in.
         given: environment arguments that override those of its training; not the discretization,
             which is what the evaluation varies.
-        obs_stats: JSON file of VecNormalize's statistics.
+        obs_stats: VecNormalize's statistics, as its pickle or as JSON.
         own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
         home: what it was trained on.
 
@@ -78,20 +78,38 @@ def read_existing(
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
         TypeError, ValueError: see :func:`~integ_gym.eval.panel.existing.home.provenance`.
     """
-    files, card = {POLICY_FILE: path}, None
-    if obs_stats is not None:
-        files[STATISTICS_FILE] = obs_stats
-    if has_sidecar(path):
-        files[SIDECAR_FILE] = path.with_suffix(".json")
-        policy, card = read_trained(path)
-        if obs_stats is not None:
-            policy = replace(policy, statistics=read_observation_statistics(obs_stats))
-    else:
-        policy = read_sb3_zip(path, obs_stats=obs_stats)
+    read, card, files = _read(path, obs_stats)
     known, environments = provenance(env_id, card, home, given, own_code)
+    policy = _fitted(read, environments.single_action_space)
     policy.check_spaces(environments.single_observation_space, environments.single_action_space)
-    name, seed = (path.stem, None) if card is None else (policy.policy_id, card.get("seed"))
+    name, seed = (path.stem, None)
+    if card is not None:
+        name, seed = str(card.get("policy_id", name)), card.get("seed")
     return Existing(replace(policy, policy_id=row_name(name)), known, files, seed)
+
+
+def _read(path: Path, obs_stats: Path | None) -> tuple[Any, Any, dict[str, Path]]:
+    """The policy, what its side-car or metadata says, and the files by the name to keep them."""
+    files = {f"policy{path.suffix}": path}
+    card: dict[str, Any] | None = None
+    if obs_stats is not None:
+        files[f"obs_stats{obs_stats.suffix}"] = obs_stats
+    if has_sidecar(path):
+        files["policy.json"] = path.with_suffix(".json")
+        policy, card = read_trained(path)
+        return (policy if obs_stats is None else read_weights(path, card, obs_stats)), card, files
+    if path.suffix == ".onnx":
+        card = onnx_card(path)
+    return read_weights(path, None, obs_stats), card, files
+
+
+def _fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
+    """A graph's outputs are values of actions where the environment's actions are discrete."""
+    if not isinstance(action_space, spaces.Discrete):
+        return policy
+    if not isinstance(policy, MlpPolicy):
+        return replace(policy, discrete=True)
+    return policy.choosing() or policy
 
 
 def row_name(name: str) -> str:

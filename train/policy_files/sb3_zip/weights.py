@@ -18,19 +18,28 @@ from ..error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
 
 
-def load_tensors(content: bytes) -> Mapping[str, Any]:
-    """The state dict in `policy.pth`, by torch's reader that builds tensors and nothing else."""
+def load_tensors(content: bytes, what: str = "its member 'policy.pth'") -> Mapping[str, Any]:
+    """A state dict, by torch's reader that builds tensors and nothing else.
+
+    Of several in a tuple, as CleanRL saves actor and critics, the first is the actor's.
+
+    Args:
+        content: of the file.
+        what: a message calls it.
+    """
     try:
         import torch
     except ImportError:
         raise missing("torch", "train") from None
-    _check_archive(content)
+    _check_archive(content, what)
     try:
         tensors = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:  # hostile or damaged bytes can fail in any way inside torch
         raise PolicyFileError(
-            f"its member 'policy.pth' holds something other than plain weights; {DAMAGED}"
+            f"{what} holds something other than plain weights; {DAMAGED}"
         ) from error
+    if isinstance(tensors, tuple) and tensors:
+        tensors = tensors[0]
     if not isinstance(tensors, dict) or not all(
         isinstance(name, str)
         and isinstance(tensor, torch.Tensor)
@@ -39,29 +48,26 @@ def load_tensors(content: bytes) -> Mapping[str, Any]:
         and tensor.device.type == "cpu"
         for name, tensor in tensors.items()
     ):
-        raise PolicyFileError(
-            f"its member 'policy.pth' holds something other than float32 weights; {RETRAIN}"
-        )
+        raise PolicyFileError(f"{what} holds something other than float32 weights; {RETRAIN}")
     return tensors
 
 
-def _check_archive(content: bytes) -> None:
+def _check_archive(content: bytes, what: str) -> None:
     """Refuse weights that are not torch's zip format, or unpack to more than the limit."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
     except Exception as error:  # a damaged archive can fail in any way
-        raise PolicyFileError(
-            f"its member 'policy.pth' is not in torch's zip format; {DAMAGED}"
-        ) from error
+        raise PolicyFileError(f"{what} is not in torch's zip format; {DAMAGED}") from error
     if any(Path(member.filename).name == "constants.pkl" for member in members):
         raise PolicyFileError(
-            f"its member 'policy.pth' is a TorchScript program, not weights; {DAMAGED}"
+            f"{what} is a TorchScript program, which is never run; export it with "
+            "torch.onnx.export, or save the state_dict alone"
         )
     unpacked = sum(member.file_size for member in members)
     if unpacked > limits.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
-            f"its member 'policy.pth' unpacks to {unpacked} bytes, above the limit of "
+            f"{what} unpacks to {unpacked} bytes, above the limit of "
             f"{limits.MAX_WEIGHTS_BYTES}; give a model with a smaller network"
         )
 

@@ -95,6 +95,9 @@ class _Machine:
     def pop(self) -> Any:
         return self.stack.pop()
 
+    def drop(self) -> None:
+        self.stack.pop()
+
     def to_mark(self) -> list[Any]:
         """What is above the last mark, which goes."""
         place = max(k for k, one in enumerate(self.stack) if one is _MARK)
@@ -171,8 +174,7 @@ _STEPS: dict[str, Step] = {
     **dict.fromkeys(
         ("GET", "BINGET", "LONG_BINGET"), lambda machine, place: machine.push(machine.memo[place])
     ),
-    "POP": lambda machine, argument: machine.stack.pop() and None,
-    "POP_MARK": lambda machine, argument: machine.to_mark() and None,
+    "POP": lambda machine, argument: machine.drop(),
     "DUP": lambda machine, argument: machine.push(machine.stack[-1]),
     "EMPTY_TUPLE": lambda machine, argument: machine.tuple_of(0),
     "TUPLE1": lambda machine, argument: machine.tuple_of(1),
