@@ -38,7 +38,15 @@ if TYPE_CHECKING:
         RecordVectorEvidence,
     )
     from integ_gym.support import nonnegative, parameter, positive
-    from integ_gym.train import Policy, PPOConfig, TrainingEvidence, train_fleet, train_ppo
+    from integ_gym.train import (
+        Policy,
+        PPOConfig,
+        TrainingEvidence,
+        save_policy,
+        train_fleet,
+        train_ppo,
+        write_sidecar,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)
 
@@ -75,6 +83,8 @@ __all__ = [
     "read_panel",
     "rediscretize",
     "run_panel",
+    "save_policy",
     "train_fleet",
     "train_ppo",
+    "write_sidecar",
 ]

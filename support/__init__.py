@@ -77,6 +77,7 @@ if TYPE_CHECKING:
         unknown_name,
     )
     from .reading import Kinds, read_bounded, read_object
+    from .spawning import SpawnError, check_spawning
     from .terminal import (
         FITS,
         NONE,

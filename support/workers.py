@@ -20,6 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from .spawning import check_spawning
+
 _report: Callable[[float], None] | None = None
 
 
@@ -64,7 +66,11 @@ class Progress:
         Args:
             workers: how many.
             prepare: called once in each process, with its number from 0; importable from a module.
+
+        Raises:
+            SpawnError: where no process can be started; see :func:`check_spawning`.
         """
+        check_spawning()
         watched = os.getpid(), self._stopped
         return _Pool(
             self._stopped,

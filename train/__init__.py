@@ -12,15 +12,22 @@ if TYPE_CHECKING:
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
-    from .policy import MlpPolicy, Policy, PolicyStack
+    from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
+        HOW_TO_STATE,
         POLICY_FILE,
-        SIDECAR_FILE,
+        STOCK,
+        PolicyFileError,
+        Stated,
         TrainedPolicy,
         has_sidecar,
-        read_observation_statistics,
-        read_sb3_zip,
+        onnx_card,
+        read_sb3_model,
         read_trained,
+        read_weights,
+        save_policy,
+        stated_arguments,
+        write_sidecar,
     )
     from .ppo import PPOConfig, train_ppo
     from .running import TrainingError, TrainingEvidence

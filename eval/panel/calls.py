@@ -8,9 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence import seal
-from integ_gym.support import cores, require
+from integ_gym.support import check_spawning, cores, require
+from integ_gym.train import Stated
 
-from .existing import evaluate_existing, plan, read_existing
+from .existing import (
+    evaluate_existing,
+    given_policy,
+    is_reference,
+    plan,
+    read_existing,
+)
 from .model import Panel
 from .results import write_artefact
 from .running import complete, opened
@@ -54,10 +61,12 @@ def run_panel(
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
+        SpawnError: where worker processes cannot be started, before anything is written.
         PanelError, TrainingError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("train", "report", "evidence")
+    check_spawning()
     given, taken = specified(spec), None if policies is None else Path(policies)
     with opened(given, Path(out), workers=workers, policies=taken) as directory:
         for stage in stages(given):
@@ -70,33 +79,43 @@ def run_panel(
 
 
 def evaluate(
-    policy: str | os.PathLike[str],
+    policy: Any,
     env_id: str,
     out: str | os.PathLike[str],
     *,
+    home: Stated = None,
     integrators: Sequence[str] = (),
     dts: Sequence[float] = (),
     episodes: int = 50,
     environment: Mapping[str, Any] | None = None,
     obs_stats: str | os.PathLike[str] | None = None,
     own_code: bool = False,
+    workers: int | None = None,
     progress: bool = True,
+    on_home: Callable[[str], None] = lambda line: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
     command: str = "integ_gym.evaluate",
 ) -> Panel:
     """Judge a policy that exists already over many discretizations: a panel without training.
 
     Args:
-        policy: the zip that stable-baselines3 wrote, and beside it the side-car if there is one.
+        policy: a policy's file, and beside it the side-car if there is one; a function from one
+            observation to one action; anything with ``predict``, such as a model of
+            stable-baselines3; or ``"module:function"``.
         env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
         out: directory; one that holds another policy's evaluation is refused.
+        home: what it was trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
+            mapping or a `Discretization`, or ``"stock"`` for Gymnasium's own environment. By
+            default what the side-car says; without one it is unknown, and null in evidence.
         integrators: to judge on; by default all.
         dts: integration steps, s; by default the coarsest, half and a quarter of it.
         episodes: paired starts.
         environment: constructor arguments, without the discretization.
-        obs_stats: JSON file of VecNormalize's statistics.
+        obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
+        workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar on stderr.
+        on_home: told what is taken as home and why, before anything is run.
         on_doubt: told each sentence that casts doubt on the result.
         command: how to run this again, for the page.
 
@@ -104,18 +123,29 @@ def evaluate(
         What ``panel.json`` holds; ``warnings`` lists the doubts.
 
     Raises:
-        PolicyFileError, ValueError: for a policy that cannot be read or does not fit, or a cell
-            that cannot be made.
+        PolicyFileError, TypeError, ValueError: for a policy that cannot be read or does not fit, a
+            home that cannot be, or a cell that cannot be made.
         RunDirectoryError: for a directory that holds something else.
+        SpawnError: where worker processes cannot be started, before anything is created.
         PanelError: if an evaluation fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("train", "report", "evidence")
-    statistics = None if obs_stats is None else Path(obs_stats)
-    existing = read_existing(Path(policy), env_id, environment or {}, statistics, own_code)
+    given, statistics = environment or {}, None if obs_stats is None else Path(obs_stats)
+    if is_reference(policy) or not isinstance(policy, str | os.PathLike):
+        existing = given_policy(policy, env_id, given, home)
+    else:
+        existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
+    on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
     panel = evaluate_existing(
-        existing, spec, Path(out), command, progress=progress, on_doubt=on_doubt
+        existing,
+        spec,
+        Path(out),
+        command,
+        workers=workers,
+        progress=progress,
+        on_doubt=on_doubt,
     )
     seal(Path(out))
     return panel

@@ -1,4 +1,4 @@
-"""Intervals and tests over training seeds.
+"""Intervals and tests over training seeds, and over the episodes of one given policy.
 
 Knows arrays of rates and returns, not what they are rates of.
 """
@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .bounds import PROVEN, SHOWN, p_equivalent, share, worst_case_means
+    from .episodes import draws_for, paired_return, paired_success
     from .family import holm
     from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, one_dimensional
     from .posterior import DRAWS, joint_means, paired_posterior, rate_posterior, unpaired_posterior

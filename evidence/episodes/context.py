@@ -28,7 +28,9 @@ class EpisodeContext:
         policy_id: name of the policy.
         policy_hash: hash of everything that decides its actions.
         training_discretization: what the policy was trained on, or a list for a mixture; None for
-            a policy that was not trained.
+            a policy that was not trained, or of which this is not known.
+        home_known: whether that tells all; False for a policy of which nobody says where it was
+            trained, so that no failure is put down to its discretization or to anything else.
         training_seed: seed of its training.
         perturbation: plant parameters changed in this cell.
         first_episode: index of the first episode where episodes are counted.
@@ -49,6 +51,7 @@ class EpisodeContext:
     policy_id: str = ""
     policy_hash: str = ""
     training_discretization: Stated | Sequence[Stated] | None = None
+    home_known: bool = True
     training_seed: int | None = None
     perturbation: Mapping[str, Any] | None = None
     first_episode: int = 0
@@ -88,7 +91,7 @@ class EpisodeContext:
         known = episode["engine"] is not None
         if self.phase == "training" or (known and any(agrees(h, episode) for h in self.homes)):
             return "is home"
-        return None if self.homes else "no home"
+        return None if self.homes or not self.home_known else "no home"
 
     def has_trace(self, episode_index: int) -> bool:
         """Whether the episode's trace is kept."""

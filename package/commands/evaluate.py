@@ -17,14 +17,18 @@ examples:
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine \\
       --integrator rk4 --integrator explicit_euler --dt 0.05 --dt 0.01
-  integ-gym evaluate policy.zip --env IntegCartPole-v0 --obs-stats stats.json --out runs/mine
-  integ-gym evaluate policy.zip --env Hopper-v5 --out runs/hopper \\
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine \\
+      --home integrator=explicit_euler,dt=0.05,control_period=0.05
+  integ-gym evaluate policy.zip --env IntegCartPole-v0 --home stock \\
+      --obs-stats vecnormalize.pkl --out runs/mine
+  integ-gym evaluate policy.zip --env Hopper-v5 --home stock --out runs/hopper \\
       --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
+  integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
-The policy's home is the discretization in its side-car POLICY.json, or else that of Gymnasium's own
-environment. A MuJoCo task of Gymnasium's has no reference; its integrators are MuJoCo's, and the
-home is the stock task. FILE.json of --obs-stats holds VecNormalize's numbers:
-  {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}
+The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
+without either: nothing is then compared with home. `--home stock` is Gymnasium's own environment,
+which of a MuJoCo task is the task as it is. A policy is judged at its home's control period;
+`--home control_period=S` states that alone. A function takes one observation and gives one action.
 """
 
 
@@ -32,12 +36,16 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
         prog="integ-gym evaluate",
-        description="Evaluate a stable-baselines3 PPO policy on every integrator at several steps "
-        "and on the reference. No pickled code of the file is executed.",
+        description="Evaluate a policy on every integrator at several steps and on the reference. "
+        "No pickled code of a file is executed.",
         epilog=EXAMPLES,
     )
     add = made.add_argument
-    add("policy", type=Path, metavar="POLICY.zip", help="file that PPO.save() wrote")
+    add("file", type=Path, nargs="?", metavar="POLICY.zip", help="file that model.save() wrote")
+    add(
+        "--policy", metavar="MODULE:FUNCTION",
+        help="a function of your own, from one observation to one action, in place of a file",
+    )  # fmt: skip
     add(
         "--env", required=True, metavar="ID",
         help=f"{', '.join(ENVIRONMENTS)}, or any MuJoCo task of Gymnasium's, such as Hopper-v5",
@@ -61,12 +69,22 @@ def parser() -> argparse.ArgumentParser:
         help="of a MuJoCo task: an episode succeeds if its return reaches R (default: if it is "
         "not terminated within the time limit)",
     )  # fmt: skip
-    add("--obs-stats", type=Path, metavar="FILE.json", help="VecNormalize's statistics")
+    add(
+        "--home", metavar="HOME",
+        help="what it was trained on: integrator=…,dt=…,control_period=…, or stock for Gymnasium's "
+        "own environment (default: what the side-car says, else unknown)",
+    )  # fmt: skip
+    add(
+        "--obs-stats", type=Path, metavar="FILE",
+        help="VecNormalize's statistics: vecnormalize.pkl, of which nothing is executed, or JSON: "
+        '{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}',
+    )  # fmt: skip
     add(
         "--own-code", action="store_true",
         help="load the classes that the side-car names as module:Class",
     )  # fmt: skip
     add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
+    add("--workers", type=whole_number, metavar="N", help="processes; 1: this one")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
 
@@ -74,6 +92,10 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    if (given.file is None) == (given.policy is None):
+        raise ValueError("give either a policy's file or --policy MODULE:FUNCTION")
+    if given.policy is not None and ":" not in given.policy:
+        raise ValueError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
     if given.success_return is not None and given.env in ENVIRONMENTS:
@@ -85,7 +107,7 @@ def main(argv: Sequence[str]) -> int:
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
     panel = evaluate(
-        given.policy,
+        given.policy or given.file,
         given.env,
         given.out,
         integrators=given.integrator,
@@ -93,8 +115,11 @@ def main(argv: Sequence[str]) -> int:
         episodes=given.episodes,
         environment=arguments,
         obs_stats=given.obs_stats,
+        home=given.home,
         own_code=given.own_code,
+        workers=given.workers,
         progress=not given.no_progress,
+        on_home=lambda line: say(line, sys.stdout),
         on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
         command=shlex.join(["integ-gym", "evaluate", *argv]),
     )

@@ -10,8 +10,9 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .actions import BoxActions, DiscreteActions
     from .arrays import ActionArray, FloatArray
+    from .called_policy import CalledPolicy, behaviour_hash
     from .interface import Policy
-    from .mlp_policy import MlpPolicy
+    from .mlp_policy import MOST, MlpPolicy
     from .network import ACTIVATIONS, Layer
     from .observation_statistics import ObservationStatistics
     from .stack import PolicyStack

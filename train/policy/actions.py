@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +21,17 @@ class BoxActions:
         high: float32, shape (action_dim,), upper bounds, finite.
         squash: False clips the outputs to the bounds; True passes them through tanh and stretches
             (−1, 1) to the bounds, as SB3 does with `squash_output=True`.
+        limit: size that outputs are limited to before tanh, as SAC's with gSDE are.
 
     Raises:
-        ValueError: on shapes that differ, bounds that are not finite, or `low` above `high`.
+        ValueError: on shapes that differ, bounds that are not finite, or `low` above `high`; or
+            for a limit that is not above 0, or without tanh.
     """
 
     low: FloatArray
     high: FloatArray
     squash: bool = False
+    limit: float = math.inf
 
     def __post_init__(self) -> None:
         """Copy the bounds and check them."""
@@ -37,6 +41,11 @@ class BoxActions:
             raise ValueError(
                 "the bounds 'low' and 'high' must be one-dimensional and of one shape, got "
                 f"{self.low.shape} and {self.high.shape}"
+            )
+        if not self.limit > 0 or (self.limit < math.inf and not self.squash):
+            raise ValueError(
+                f"a limit of outputs must be above 0 and comes before tanh, got {self.limit} with "
+                f"squash={self.squash}"
             )
         finite = np.isfinite(self.low) & np.isfinite(self.high)
         if not (finite & (self.low <= self.high)).all():
@@ -59,6 +68,8 @@ class BoxActions:
         """Actions, float32 of shape (n, action_dim), for network outputs of the same shape."""
         if not self.squash:
             return np.clip(outputs, self.low, self.high)
+        if self.limit < math.inf:
+            outputs = np.clip(outputs, -self.limit, self.limit)
         return self.low + (0.5 * (np.tanh(outputs) + 1.0) * (self.high - self.low))
 
     def __str__(self) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +17,9 @@ from .actions import BoxActions, DiscreteActions
 from .arrays import ActionArray, FloatArray, frozen
 from .network import ACTIVATIONS, Layer, network_outputs
 from .observation_statistics import ObservationStatistics
+
+MOST = float(np.finfo(np.float32).max)
+"""Bound of actions that have none."""
 
 _HASH_FORMAT = "integ-gym MlpPolicy 1"
 
@@ -107,6 +111,8 @@ class MlpPolicy:
         arrays: list[NDArray[Any]] = [array for layer in self.layers for array in layer]
         if isinstance(self.actions, BoxActions):
             header["squash"] = bool(self.actions.squash)
+            if self.actions.limit < math.inf:
+                header["limit"] = float(self.actions.limit).hex()
             arrays += [self.actions.low, self.actions.high]
         if self.statistics is not None:
             limits = (self.statistics.epsilon, self.statistics.clip_obs)
@@ -159,6 +165,13 @@ class MlpPolicy:
             ValueError: on another shape, or where a discrete choice is impossible.
         """
         return self.actions.decode(self.outputs(observations))
+
+    def choosing(self) -> MlpPolicy | None:
+        """The same network choosing the action of its largest output; None where it has bounds."""
+        actions = self.actions
+        if isinstance(actions, DiscreteActions) or np.abs([actions.low, actions.high]).min() < MOST:
+            return None
+        return replace(self, actions=DiscreteActions(actions.size))
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]

@@ -66,7 +66,7 @@ def _form(policy: Policy) -> Hashable:
     shapes = tuple(weight.shape for weight, _ in policy.layers)
     actions = policy.actions
     if isinstance(actions, BoxActions):
-        bounds = (actions.low.tobytes(), actions.high.tobytes(), actions.squash)
+        bounds = (actions.low.tobytes(), actions.high.tobytes(), actions.squash, actions.limit)
         return shapes, policy.activation, bounds
     return shapes, policy.activation, actions
 

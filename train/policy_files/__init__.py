@@ -9,7 +9,10 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
-    from .sb3_zip import read_observation_statistics, read_sb3_zip
+    from .error import PolicyFileError
+    from .onnx_file import onnx_card
+    from .reading import read_weights
+    from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip
     from .sidecar import (
         POLICY_FILE,
         SIDECAR_FILE,
@@ -19,5 +22,7 @@ if TYPE_CHECKING:
         read_trained,
         write_policy,
     )
+    from .stated_home import HOW_TO_STATE, STOCK, Stated, stated_arguments
+    from .writing import save_policy, write_sidecar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

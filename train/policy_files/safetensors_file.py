@@ -2,7 +2,10 @@
 
 Tensors ``actor.N.weight`` (out, in) and ``actor.N.bias`` (out,), float32, input first; for a `Box`
 action space ``actions.low`` and ``actions.high``. The file's metadata holds ``format``,
-``activation`` and, for a `Discrete` action space, ``actions``: the number of actions.
+``activation`` and, for a `Discrete` action space, ``actions``: the number of actions. Where actions
+are squashed, ``limit`` is what outputs are limited to before; observation statistics are float64
+tensors ``observations.mean`` and ``observations.var`` with ``epsilon`` and ``clip_obs``. These
+numbers are hexadecimal.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from numpy.typing import NDArray
 
 from integ_gym.support import missing
 
-from ..policy import BoxActions, DiscreteActions, MlpPolicy
+from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from .error import PolicyFileError
 
 try:
@@ -28,21 +31,12 @@ except ModuleNotFoundError as error:
     raise missing(str(error.name), "train") from error
 
 FORMAT = "integ-gym MlpPolicy 1"
+FULL_FORMAT = "integ-gym MlpPolicy 2"
+""":data:`FORMAT` with what readers of that one do not know: squashed actions, statistics."""
 
 
 def safetensors_bytes(policy: MlpPolicy) -> bytes:
-    """The file's content.
-
-    Raises:
-        ValueError: for a policy with observation statistics or squashed actions, which the format
-            does not hold.
-    """
-    squashed = isinstance(policy.actions, BoxActions) and policy.actions.squash
-    if policy.statistics is not None or squashed:
-        raise ValueError(
-            f"policy {policy.policy_id!r} scales observations or squashes actions, which "
-            f"{FORMAT!r} files do not hold; keep its stable-baselines3 zip"
-        )
+    """The file's content."""
     tensors: dict[str, NDArray[Any]] = {}
     for number, (weight, bias) in enumerate(policy.layers):
         tensors[f"actor.{number}.weight"], tensors[f"actor.{number}.bias"] = weight, bias
@@ -51,6 +45,13 @@ def safetensors_bytes(policy: MlpPolicy) -> bytes:
         metadata["actions"] = str(policy.actions.n)
     else:
         tensors["actions.low"], tensors["actions.high"] = policy.actions.low, policy.actions.high
+        if policy.actions.squash:
+            metadata |= {"format": FULL_FORMAT, "limit": policy.actions.limit.hex()}
+    if policy.statistics is not None:
+        own = policy.statistics
+        tensors["observations.mean"], tensors["observations.var"] = own.mean, own.var
+        numbers = {"epsilon": float(own.epsilon).hex(), "clip_obs": float(own.clip_obs).hex()}
+        metadata |= {"format": FULL_FORMAT, **numbers}
     return _ordered(save(tensors, metadata))
 
 
@@ -80,7 +81,7 @@ def read_safetensors(path: str | os.PathLike[str]) -> MlpPolicy:
             f"{path}: is not a readable safetensors file ({error}); give the file that the "
             "trainer wrote"
         ) from error
-    if metadata.get("format") != FORMAT:
+    if metadata.get("format") not in (FORMAT, FULL_FORMAT):
         raise PolicyFileError(
             f"{path}: has format {metadata.get('format')!r} where {FORMAT!r} was expected; give "
             "the file that the trainer wrote"
@@ -101,9 +102,32 @@ def _policy(
         (tensors[f"actor.{number}.weight"], tensors[f"actor.{number}.bias"])
         for number in range(count)
     )
-    actions = (
-        DiscreteActions(int(metadata["actions"]))
-        if "actions" in metadata
-        else BoxActions(tensors["actions.low"], tensors["actions.high"])
+    return MlpPolicy(
+        layers,
+        metadata["activation"],
+        _actions(metadata, tensors),
+        _statistics(metadata, tensors),
+        name,
     )
-    return MlpPolicy(layers, metadata["activation"], actions, policy_id=name)
+
+
+def _actions(
+    metadata: Mapping[str, str], tensors: Mapping[str, NDArray[Any]]
+) -> BoxActions | DiscreteActions:
+    if "actions" in metadata:
+        return DiscreteActions(int(metadata["actions"]))
+    bounds = tensors["actions.low"], tensors["actions.high"]
+    if "limit" not in metadata:
+        return BoxActions(*bounds)
+    return BoxActions(*bounds, squash=True, limit=float.fromhex(metadata["limit"]))
+
+
+def _statistics(
+    metadata: Mapping[str, str], tensors: Mapping[str, NDArray[Any]]
+) -> ObservationStatistics | None:
+    if "observations.mean" not in tensors:
+        return None
+    numbers = (float.fromhex(metadata[name]) for name in ("epsilon", "clip_obs"))
+    return ObservationStatistics(
+        tensors["observations.mean"], tensors["observations.var"], *numbers
+    )

@@ -21,8 +21,10 @@ from integ_gym.support import replace_file
 
 from ..policy import MlpPolicy
 from .error import PolicyFileError
-from .safetensors_file import read_safetensors, safetensors_bytes
-from .sb3_zip import read_archive, read_sb3_zip
+from .onnx_file import OnnxPolicy
+from .reading import read_weights
+from .safetensors_file import safetensors_bytes
+from .sb3_zip import read_archive
 
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
@@ -126,7 +128,7 @@ def has_sidecar(policy: str | os.PathLike[str]) -> bool:
 
 
 def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
-    """The side-car of a policy zip: the JSON file of the same name.
+    """The side-car of a policy: the JSON file of the same name.
 
     Raises:
         PolicyFileError: in one sentence, if it is missing, damaged or of another format.
@@ -150,11 +152,13 @@ def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
     return dict(card)
 
 
-def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, Any]]:
-    """A trained policy, named as its side-car says, and the side-car.
+def read_trained(
+    policy: str | os.PathLike[str],
+) -> tuple[MlpPolicy | OnnxPolicy, dict[str, Any]]:
+    """A policy with a side-car, named as that says, and the side-car.
 
     Args:
-        policy: path of the zip, or of the safetensors file.
+        policy: path of its file.
 
     Raises:
         PolicyFileError: in one sentence, if a file cannot be read or the two do not belong
@@ -167,10 +171,7 @@ def read_trained(policy: str | os.PathLike[str]) -> tuple[MlpPolicy, dict[str, A
             f"{Path(policy).with_suffix('.json')}: `action_bounds` must be null or two lists of "
             "numbers; restore the file that the trainer wrote"
         )
-    if Path(policy).suffix == ".safetensors":
-        read = read_safetensors(policy)
-    else:
-        read = read_sb3_zip(policy, action_bounds=bounds)
+    read = read_weights(Path(policy), card)
     if read.content_hash != card.get("content_hash"):
         raise PolicyFileError(
             f"{policy}: is not the policy that {Path(policy).with_suffix('.json').name} describes; "

@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .evaluate import evaluate_existing
+    from .given import given_policy, is_reference
     from .planning import plan
     from .policy import read_existing
 else:

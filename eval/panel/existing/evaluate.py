@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from integ_gym.evidence import EvidenceStore
-from integ_gym.support import cores, replace_file
-from integ_gym.train import POLICY_FILE, Policy
+from integ_gym.support import check_spawning, cores, replace_file
+from integ_gym.train import HOW_TO_STATE, Policy
 
 from ..model import Panel
 from ..model import Policy as PanelPolicy
-from ..results import Matrix, Row, cost_of, reduced, write_outputs
+from ..results import Matrix, Row, cost_of, paired_episodes, paired_remark, reduced, write_outputs
 from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds
 from ..specification import Cell, PanelSpec
 from .planning import main_home
@@ -28,6 +28,7 @@ def evaluate_existing(
     out: Path,
     command: str,
     *,
+    workers: int | None = None,
     progress: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> Panel:
@@ -38,6 +39,7 @@ def evaluate_existing(
         spec: what :func:`~integ_gym.eval.panel.existing.planning.plan` made.
         out: directory; one that holds another policy's evaluation is refused.
         command: how to run this again, for the page.
+        workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar.
         on_doubt: called at the end, with each sentence that casts doubt on the result.
 
@@ -46,22 +48,27 @@ def evaluate_existing(
 
     Raises:
         RunDirectoryError: for a directory that holds something else.
+        SpawnError: where worker processes cannot be started, before anything is created.
         PanelError: if an evaluation fails; what was finished stays.
     """
     row, home = existing.policy.policy_id, existing.home
-    content = {**spec.to_json(), "policy": existing.policy.content_hash}
+    content = {**spec.to_json(), "policy": existing.policy.content_hash, "home": existing.told}
     directory = RunDirectory(out, content, spec.engine_versions())
     subjects = [
-        Subject(existing.policy, spec.cells_of(home), home),
+        Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
     ]
-    workers = 0 if evaluation_seconds(spec, subjects) < SHORT else cores()
+    processes = _processes(workers, evaluation_seconds(spec, subjects))
+    if processes:
+        check_spawning(existing.policy)
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
-        evaluate_all(spec, directory, subjects, "evaluate", workers, progress)
+        evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
         baselines = (Row(name, "baseline", (name,)) for name in spec.baselines)
         layout, matrix = reduced(spec, directory, (Row(row, "given", (row,), home), *baselines))
+        paired = paired_episodes(layout, matrix)
+        returns = "" if spec.reference else _returns(existing, spec, matrix)
         panel = write_outputs(
             spec,
             directory,
@@ -69,11 +76,12 @@ def evaluate_existing(
             matrix,
             [_told(existing, subject.policy) for subject in subjects],
             command=command,
-            cost=cost_of(directory, (), max(1, workers)),
-            spec={**spec.to_json(), "home": existing.origin},
-            remark="" if spec.reference else _returns(existing, spec, matrix),
+            cost=cost_of(directory, (), max(1, processes)),
+            spec={**spec.to_json(), "home": existing.told},
+            remark=f"{returns} {paired_remark(paired, spec.reference is not None)}".strip(),
             warnings=(
-                *_no_better(existing, matrix),
+                *_homeless(existing),
+                *_no_better(existing, spec, matrix),
                 *_cannot_fail(spec, EvidenceStore(directory.evidence)),
             ),
         )
@@ -82,17 +90,28 @@ def evaluate_existing(
     return panel
 
 
+def _processes(workers: int | None, seconds: float) -> int:
+    """Worker processes; 0: this one works."""
+    if workers is None:
+        return 0 if seconds < SHORT else cores()
+    if workers < 1:
+        raise ValueError(f"`workers` must be 1 or above, got {workers}")
+    return 0 if workers == 1 else workers
+
+
 def _told(existing: Existing, policy: Policy) -> PanelPolicy:
     """What the panel says of a policy; of a baseline no more than its name."""
     name = policy.policy_id
     if policy is not existing.policy:
         return PanelPolicy(id=name, seed=None, hash=None, file=None)
-    file = f"policies/{name}/{POLICY_FILE}"
+    kept = next(iter(existing.files), None)
+    file = kept and f"policies/{name}/{kept}"
     return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)
 
 
-def _home_cell(existing: Existing) -> str:
-    return Cell(main_home(existing.home), "grid").name
+def _home_cell(existing: Existing) -> str | None:
+    home = main_home(existing.home)
+    return None if home is None else Cell(home, "grid").name
 
 
 def _returns(existing: Existing, spec: PanelSpec, matrix: Matrix) -> str:
@@ -102,33 +121,62 @@ def _returns(existing: Existing, spec: PanelSpec, matrix: Matrix) -> str:
     means = {name: float(matrix.values(row, name, "return").mean()) for name in cells}
     low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
     if means[low] == means[high]:
-        return f"Its mean return is {means[home]:.1f} on each of them."
+        return f"Its mean return is {means[low]:.1f} on each of them."
+    at_home = "" if home is None else f"{means[home]:.1f} at home, and "
     return (
-        f"Its mean return is {means[home]:.1f} at home, and between {means[low]:.1f} ({low}) and "
-        f"{means[high]:.1f} ({high})."
+        f"Its mean return is {at_home}between {means[low]:.1f} ({low}) and {means[high]:.1f} "
+        f"({high})."
     )
 
 
-def _no_better(existing: Existing, matrix: Matrix) -> list[str]:
-    """Doubt where the policy is no better than random on its own discretization."""
+def _homeless(existing: Existing) -> list[str]:
+    """What is not known where the home is not."""
+    if existing.home is not None:
+        return []
+    return [
+        f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it and "
+        f"no failure is put down to the discretization; {HOW_TO_STATE}"
+    ]
+
+
+def _no_better(existing: Existing, spec: PanelSpec, matrix: Matrix) -> list[str]:
+    """Doubt where the policy is no better than random at home, or anywhere without a home."""
     home = _home_cell(existing)
-    own, chance = (
-        matrix.values(row, home, "return")[0] for row in (existing.policy.policy_id, "random")
-    )
+    row = existing.policy.policy_id
+    cells = [cell.name for cell in spec.columns()] if home is None else [home]
+    leads = {cell: _lead(matrix, row, cell) for cell in cells}
+    if any(lead > 2.0 * error for lead, error in leads.values()):
+        return []
+    best = max(cells, key=lambda cell: leads[cell][0])
+    own, chance = (matrix.values(name, best, "return")[0] for name in (row, "random"))
+    compared = f"{own.mean():.1f} over {len(own)} episodes"
+    if home is None:
+        return [
+            f"on no discretization is the policy shown to be better than random: it comes nearest "
+            f"on {best}, with a return of {compared} where random's is {chance.mean():.1f}; "
+            f"{_remedy(existing)}"
+        ]
+    better = "no better than" if leads[best][0] <= 0 else "not shown to be better than"
+    return [
+        f"on its home discretization ({home}) the policy's return {compared} is {better} "
+        f"random's {chance.mean():.1f}; {_remedy(existing)}"
+    ]
+
+
+def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
+    """By how much the policy's mean return exceeds random's, and the standard error of that."""
+    own, chance = (matrix.values(name, cell, "return")[0] for name in (row, "random"))
     difference = own - chance
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
-    if difference.mean() > 2.0 * error:
-        return []
-    better = "no better than" if difference.mean() <= 0 else "not shown to be better than"
-    remedy = (
-        "trained with VecNormalize? pass --obs-stats FILE.json"
-        if existing.seed is None
-        else "was it trained for long enough?"
-    )
-    return [
-        f"on its home discretization ({home}) the policy's return {own.mean():.1f} over "
-        f"{len(own)} episodes is {better} random's {chance.mean():.1f}; {remedy}"
-    ]
+    return float(difference.mean()), error
+
+
+def _remedy(existing: Existing) -> str:
+    if existing.seed is not None:
+        return "was it trained for long enough?"
+    if not existing.files:
+        return "does it take this environment's observations, and give its actions?"
+    return "trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
 
 
 def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:

@@ -1,4 +1,4 @@
-"""An evaluation planned: a panel without training around one policy's home."""
+"""An evaluation planned: a panel without training around one policy."""
 
 from __future__ import annotations
 
@@ -34,22 +34,25 @@ def plan(
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
-    testbed = testbed_of(env_id, existing.environment)
-    home, name = main_home(existing.home), existing.policy.policy_id
-    engine = home.engine if integrators else testbed.home.engine
+    environment = existing.provenance.environment
+    testbed = testbed_of(env_id, environment)
+    period, name = existing.provenance.control_period, existing.policy.policy_id
+    own = () if existing.home is None else tuple(existing.home.shares)
+    around = main_home(existing.home) or replace(testbed.home, control_period=period)
+    engine = around.engine if integrators else testbed.home.engine
     columns = [
-        Discretization(integrator, dt, home.control_period, engine)
+        Discretization(integrator, dt, period, engine)
         for integrator in integrators or testbed.integrators(engine)
-        for dt in dts or testbed.steps(home)
+        for dt in dts or testbed.steps(around)
     ]
     spec = PanelSpec(
         name=f"evaluate {name}",
         env_id=env_id,
-        control_period=home.control_period,
+        control_period=period,
         train=(),
-        grid=tuple(dict.fromkeys([*columns, *existing.home.shares])),
+        grid=tuple(dict.fromkeys([*columns, *own])),
         seeds=(),
-        environment=existing.environment,
+        environment=environment,
         ladder=False,
         episodes=episodes,
         question=f"Does {name} survive another integrator or timestep?",
@@ -63,6 +66,7 @@ def plan(
     )
 
 
-def main_home(home: Home) -> Discretization:
-    """The discretization that most of the training ran on, the first of equals."""
-    return max(home.shares, key=lambda member: home.shares[member])
+def main_home(home: Home | None) -> Discretization | None:
+    """The discretization that most of the training ran on, the first of equals; None: unknown."""
+    shares = {} if home is None else home.shares
+    return max(shares, key=lambda member: shares[member], default=None)

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, Discretization, Mixture, make_training_environments
+from gymnasium import spaces
+
 from integ_gym.train import (
     BASELINES,
-    POLICY_FILE,
-    SIDECAR_FILE,
     MlpPolicy,
+    Policy,
+    Stated,
     has_sidecar,
-    read_observation_statistics,
-    read_sb3_zip,
+    onnx_card,
     read_trained,
+    read_weights,
 )
 
-from ..specification import DiscretizationMixture, Home
-
-STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
-    "IntegPendulum-v0": {"max_speed": 8.0},
-    "IntegCartPole-v0": {},
-}
-"""What makes an environment Gymnasium's own at its default discretization."""
-
-STATISTICS_FILE = "obs_stats.json"
+from ..specification import Home
+from .home import Provenance, provenance
 
 
 @dataclass(frozen=True)
@@ -37,19 +31,26 @@ class Existing:
 
     Attributes:
         policy: what acts.
-        home: discretization or mixture that it was trained on.
-        environment: constructor arguments of its training environment, without the discretization.
-        origin: where the two come from, in words.
+        provenance: where it comes from.
         files: what it was read from, by the name to keep it under.
         seed: of its training, where it is known.
     """
 
-    policy: MlpPolicy
-    home: Home
-    environment: Mapping[str, Any]
-    origin: str
+    policy: Policy
+    provenance: Provenance
     files: Mapping[str, Path]
     seed: int | None
+
+    @property
+    def home(self) -> Home | None:
+        """Discretization or mixture that it was trained on; None: unknown."""
+        return self.provenance.home
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What a panel's specification says of its home; null where that is unknown."""
+        members = None if self.home is None else [one.arguments() for one in self.home.shares]
+        return {"discretizations": members, "origin": self.provenance.origin}
 
 
 def read_existing(
@@ -58,103 +59,57 @@ def read_existing(
     given: Mapping[str, Any],
     obs_stats: Path | None = None,
     own_code: bool = False,
+    home: Stated = None,
 ) -> Existing:
     """A policy from its file, with what its side-car, the JSON file of the same name, says of it.
 
-    Without a side-car, the stock environment is what it was trained on.
+    Without a side-car, its home is what is stated, or unknown.
 
     Args:
-        path: the zip that SB3 wrote.
+        path: of its file.
         env_id: environment to evaluate in.
         given: environment arguments that override those of its training; not the discretization,
             which is what the evaluation varies.
-        obs_stats: JSON file of VecNormalize's statistics.
+        obs_stats: VecNormalize's statistics, as its pickle or as JSON.
         own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
+        home: what it was trained on.
 
     Raises:
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
-        ValueError: if the side-car is damaged or of another environment, or names code that may
-            not be run; or if ``given`` holds what the evaluation varies.
+        TypeError, ValueError: see :func:`~integ_gym.eval.panel.existing.home.provenance`.
     """
-    files, card = {POLICY_FILE: path}, None
-    if obs_stats is not None:
-        files[STATISTICS_FILE] = obs_stats
-    if has_sidecar(path):
-        files[SIDECAR_FILE] = path.with_suffix(".json")
-        policy, card = read_trained(path)
-        if obs_stats is not None:
-            policy = replace(policy, statistics=read_observation_statistics(obs_stats))
-    else:
-        policy = read_sb3_zip(path, obs_stats=obs_stats)
-    varied = (*DISCRETIZATION, "mixture")
-    for name in varied:
-        if name in given:
-            raise ValueError(
-                f"`{name}` is what the evaluation varies, and the policy's home comes from its "
-                "side-car; leave it out of --env-arg and choose cells with --integrator and --dt"
-            )
-    if card is None:
-        name, seed, arguments = path.stem, None, dict(STOCK_ARGUMENTS.get(env_id, {}))
-        origin = "no side-car: Gymnasium's own environment is taken as its home"
-    else:
-        name, seed = str(card.get("policy_id", path.stem)), card.get("seed")
-        arguments = _trained_on(card, env_id, own_code)
-        origin = "the side-car beside the policy"
-    arguments.update(given)
-    environments = make_training_environments(env_id, arguments, 1)
-    environments.close()
+    read, card, files = _read(path, obs_stats)
+    known, environments = provenance(env_id, card, home, given, own_code)
+    policy = _fitted(read, environments.single_action_space)
     policy.check_spaces(environments.single_observation_space, environments.single_action_space)
-    return Existing(
-        policy=replace(policy, policy_id=row_name(name)),
-        home=_home(environments.mixture),
-        environment={name: value for name, value in arguments.items() if name not in varied},
-        origin=origin,
-        files=files,
-        seed=seed,
-    )
+    name, seed = (path.stem, None)
+    if card is not None:
+        name, seed = str(card.get("policy_id", name)), card.get("seed")
+    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed)
 
 
-def _trained_on(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
-    """Environment arguments of the training."""
-    config = card.get("config")
-    given = config.get("env_arguments") if isinstance(config, Mapping) else None
-    if not isinstance(config, Mapping) or not isinstance(given, Mapping):
-        raise ValueError(
-            "the policy's side-car does not say what it was trained on; restore the file that the "
-            "trainer wrote, or move it away to take Gymnasium's own environment as the home"
-        )
-    if config.get("env_id") != env_id:
-        raise ValueError(
-            f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
-            f"{config.get('env_id')}"
-        )
-    arguments = dict(given)
-    foreign = [text for text in _texts(arguments) if ":" in text]
-    if foreign and not own_code:
-        raise ValueError(
-            f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
-            "pass --own-code"
-        )
-    return arguments
+def _read(path: Path, obs_stats: Path | None) -> tuple[Any, Any, dict[str, Path]]:
+    """The policy, what its side-car or metadata says, and the files by the name to keep them."""
+    files = {f"policy{path.suffix}": path}
+    card: dict[str, Any] | None = None
+    if obs_stats is not None:
+        files[f"obs_stats{obs_stats.suffix}"] = obs_stats
+    if has_sidecar(path):
+        files["policy.json"] = path.with_suffix(".json")
+        policy, card = read_trained(path)
+        return (policy if obs_stats is None else read_weights(path, card, obs_stats)), card, files
+    if path.suffix == ".onnx":
+        card = onnx_card(path)
+    return read_weights(path, None, obs_stats), card, files
 
 
-def _texts(value: Any) -> list[str]:
-    """All texts in plain data, keys left out."""
-    if isinstance(value, str):
-        return [value]
-    inner = value.values() if isinstance(value, Mapping) else value
-    return [t for x in inner for t in _texts(x)] if isinstance(inner, Iterable) else []
-
-
-def _home(mixture: Mixture) -> Home:
-    """What a training environment's episodes run on, a discretization named twice counted once."""
-    weights: dict[Discretization, float] = {}
-    for setup, share in zip(mixture.setups, mixture.shares, strict=True):
-        member = Discretization.of(setup)
-        weights[member] = weights.get(member, 0.0) + float(share)
-    if len(weights) == 1:
-        return next(iter(weights))
-    return DiscretizationMixture("its mixture", tuple(weights.items()))
+def _fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
+    """A graph's outputs are values of actions where the environment's actions are discrete."""
+    if not isinstance(action_space, spaces.Discrete):
+        return policy
+    if not isinstance(policy, MlpPolicy):
+        return replace(policy, discrete=True)
+    return policy.choosing() or policy
 
 
 def row_name(name: str) -> str:

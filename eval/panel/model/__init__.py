@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         EngineAgreement,
         Failure,
         Median,
+        PairedEpisodes,
         PolicyComparison,
         RankingAgreement,
         Remedy,

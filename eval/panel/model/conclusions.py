@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from ...verdict import CellRole, CellStatus, Outcome
 from ...verdict import Verdict as Judged
 from .part import Estimate, Part
@@ -43,6 +45,40 @@ class Verdict(Part, frozen=True, kw_only=True):
     p_equivalent_adjusted: float | None
     reason: str
     seeds_wanted: int | None = None
+
+
+class PairedEpisodes(Part, frozen=True, kw_only=True):
+    """One given policy in one cell, held against what it does from the same starts elsewhere.
+
+    Intervals and tests are over its episodes: they are about this policy and starts like these,
+    and say nothing about other training seeds.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        against: what it is held against: `home`, or `truth` where its home is unknown.
+        scope: what the numbers are about.
+        episodes: how many paired starts.
+        success: success there minus success here; positive is worse.
+        p_success: two-sided p-value for "success differs", exact.
+        p_success_adjusted: the same after Holm's procedure over the row's cells.
+        returns: mean return there minus that here; positive is worse; null where a return is not
+            finite.
+        p_return: two-sided p-value for "the mean return differs"; null as the difference.
+        p_return_adjusted: the same after Holm's procedure over the row's cells.
+    """
+
+    row: str
+    cell: str
+    against: Literal["home", "truth"]
+    scope: Literal["this policy, these starts"] = "this policy, these starts"
+    episodes: int
+    success: Estimate
+    p_success: float
+    p_success_adjusted: float
+    returns: Estimate | None
+    p_return: float | None
+    p_return_adjusted: float | None
 
 
 class CellFinding(Part, frozen=True, kw_only=True):

@@ -11,6 +11,7 @@ from ...verdict import require_unique
 from .conclusions import (
     EngineAgreement,
     Failure,
+    PairedEpisodes,
     PolicyComparison,
     RankingAgreement,
     Remedy,
@@ -73,6 +74,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         rows: policies, by what they were trained on.
         cells: discretizations in which policies were evaluated.
         matrix: what each row did in each cell that it was evaluated in.
+        paired: what given policies do in each cell, beside what they do at home or on the truth
+            from the same starts.
         verdicts: verdicts on the declared family of transfers.
         looks: numbers of seeds at which verdicts have been seen, the last is this one's; empty
             before the first.
@@ -107,6 +110,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     rows: tuple[Row, ...]
     cells: tuple[Cell, ...]
     matrix: tuple[Entry, ...]
+    paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     looks: tuple[int, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()

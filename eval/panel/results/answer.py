@@ -101,8 +101,11 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
         )
     anchor, where = layout.reference, "the reference"
     if anchor is None:
-        anchor, where = next(iter(layout.rows[0].shares)), "its home"
-    return (
-        f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; over {len(rates)} "
-        f"discretizations between {rates[low]:.0%} ({low}) and {rates[high]:.0%} ({high})."
+        anchor, where = next(iter(layout.rows[0].shares), None), "its home"
+    between = (
+        f"over {len(rates)} discretizations between {rates[low]:.0%} ({low}) and "
+        f"{rates[high]:.0%} ({high})."
     )
+    if anchor is None:
+        return f"{row}, whose home is unknown, succeeds {between}"
+    return f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; {between}"

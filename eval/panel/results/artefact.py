@@ -13,7 +13,7 @@ from typing import Any
 from integ_gym.envs import Discretization
 from integ_gym.support import instruction_sets
 
-from ...statistics import rate_interval
+from ...statistics import draws_for, rate_interval
 from ...verdict import (
     WITHOUT_VERDICT,
     Judgement,
@@ -39,6 +39,7 @@ from ..specification import Cell
 from .answer import answer_of
 from .layout import PanelLayout
 from .matrix import Matrix, Row
+from .paired import paired_episodes
 from .ranking import rankings
 from .remedy import remedies
 
@@ -106,6 +107,7 @@ def build_artefact(
             )
             for row, cell in places
         ),
+        paired=paired_episodes(layout, matrix),
         verdicts=tuple(
             _verdict(
                 judgement, *pair, None if undecided else _wanted(layout, matrix, judgements, k)
@@ -184,7 +186,9 @@ def _row(
         control_period=row.trained_on.control_period if row.trained_on else None,
         seeds=len(row.policies),
         policies=tuple(policies[policy] for policy in row.policies),
-        home_success=None if rates is None else Estimate.of(rate_interval(rates)),
+        home_success=None
+        if rates is None
+        else Estimate.of(rate_interval(rates, draws=draws_for(len(rates)))),
         learned=matrix.learned(row.name),
         training_steps=training_steps if row.kind == "trained" else None,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ...statistics import (
     Interval,
+    draws_for,
     iqm,
     iqm_interval,
     mean_interval,
@@ -63,6 +64,9 @@ class Row:
 class Matrix:
     """Outcomes by row and cell.
 
+    The unit of replication is the training seed; of a policy that was given, and of what it is
+    held against, the episode: numbers are about this policy and these starts.
+
     Args:
         rows: the panel's rows.
         records: one mapping per evaluation record, with at least :data:`COLUMNS`.
@@ -83,6 +87,7 @@ class Matrix:
         self.rows = {row.name: row for row in rows}
         self.episodes = episodes
         self.trace_every = trace_every
+        self._by_episode = any(row.kind == "given" for row in rows)
         self._records: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
         for record in records:
             key = (record["policy_id"], record["cell"])
@@ -105,19 +110,24 @@ class Matrix:
         table = [[record[name] for record in group] for group in self.records(row, cell)]
         return np.array(table, dtype=np.float64)
 
+    def units(self, row: str, cell: str, name: str) -> Array:
+        """One column by unit of replication, shape (units, episodes of each)."""
+        values = self.values(row, cell, name)
+        return values.reshape(-1, 1) if self._by_episode else values
+
     def rates(self, row: str, cell: str) -> Array:
-        """Success rate of every seed, shape (seeds,)."""
-        means: Array = self.values(row, cell, "success").mean(axis=1)
+        """Success rate of every unit, shape (units,)."""
+        means: Array = self.units(row, cell, "success").mean(axis=1)
         return means
 
     def recovered_rates(self, row: str, cell: str) -> Array:
-        """Success rate of every seed within one horizon or two, shape (seeds,)."""
-        later = np.nan_to_num(self.values(row, cell, "replay_second_horizon"))
-        means: Array = np.maximum(self.values(row, cell, "success"), later).mean(axis=1)
+        """Success rate of every unit within one horizon or two, shape (units,)."""
+        later = np.nan_to_num(self.units(row, cell, "replay_second_horizon"))
+        means: Array = np.maximum(self.units(row, cell, "success"), later).mean(axis=1)
         return means
 
     def home_rates(self, row: str) -> Array | None:
-        """Success rate of every seed at home, shape (seeds,), or None without a home.
+        """Success rate of every unit at home, shape (units,), or None without a home.
 
         Of a mixture: the mean over its members by their shares, which is the rate in the
         distribution that it was trained on.
@@ -162,9 +172,9 @@ class Matrix:
             row=row,
             cell=cell,
             episodes=len(records),
-            success=Estimate.of(rate_interval(rates)),
-            success_by_seed=tuple(rates.tolist()),
-            recovered=Estimate.of(rate_interval(self.recovered_rates(row, cell))),
+            success=_rate(rates),
+            success_by_seed=tuple(self.values(row, cell, "success").mean(axis=1).tolist()),
+            recovered=_rate(self.recovered_rates(row, cell)),
             returns=self._return(row, cell),
             time_to_success=self._mean(row, cell, "time_to_success"),
             time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
@@ -207,7 +217,7 @@ class Matrix:
         return episode_index % self.trace_every == 0
 
     def _return(self, row: str, cell: str) -> Estimate | None:
-        values = self.values(row, cell, "return")
+        values = self.units(row, cell, "return")
         if not np.isfinite(values).all():
             return None
         return _estimate(iqm_interval(values), iqm(values))
@@ -215,17 +225,17 @@ class Matrix:
     def _numerics_share(self, row: str, cell: str) -> Estimate | None:
         """Of the energy gained until the goal is first reached, what numerical error put in."""
         success, energy, residual = (
-            self.values(row, cell, name)
+            self.units(row, cell, name)
             for name in ("success", "arrival_energy", "arrival_residual")
         )
         gained = (success > 0.0) & (energy > 0.0)
         share = np.divide(residual, energy, out=np.full_like(energy, np.nan), where=gained)
-        return _seed_mean(share)
+        return _unit_mean(share)
 
     def _tail(self, row: str, cell: str) -> dict[str, Any]:
         """How many seeds lose most of their success, and which loses most."""
         home = self.home_rates(row)
-        if home is None or cell == self.rows[row].home:
+        if home is None or cell == self.rows[row].home or self._by_episode:
             return {}
         lost = home - self.rates(row, cell)
         worst = int(np.argmax(lost))
@@ -236,8 +246,8 @@ class Matrix:
         }
 
     def _mean(self, row: str, cell: str, name: str) -> Estimate | None:
-        """Mean over seeds of each seed's mean over its episodes that have a value."""
-        return _seed_mean(self.values(row, cell, name))
+        """Mean over units of each unit's mean over its episodes that have a value."""
+        return _unit_mean(self.units(row, cell, name))
 
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
@@ -251,13 +261,18 @@ class Matrix:
         return reference_class(self.rates(row, cell).mean(), self.rates(row, str(reference)).mean())
 
 
-def _seed_mean(values: Array) -> Estimate | None:
-    """Mean over seeds of each seed's mean over its finite values; None without any."""
+def _unit_mean(values: Array) -> Estimate | None:
+    """Mean over units of each unit's mean over its finite values; None without any."""
     present = np.isfinite(values)
     means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
     return _estimate(mean_interval(means), means[0]) if means else None
 
 
+def _rate(rates: Array) -> Estimate:
+    """A mean success rate over units of replication."""
+    return Estimate.of(rate_interval(rates, draws=draws_for(len(rates))))
+
+
 def _estimate(interval: Interval | None, alone: float) -> Estimate:
-    """An estimate; one seed alone, which says nothing about others, has no interval."""
+    """An estimate; one unit alone, which says nothing about others, has no interval."""
     return Estimate(float(alone)) if interval is None else Estimate.of(interval)

@@ -37,6 +37,7 @@ class Subject:
         home: discretization or mixture that it was trained on, or None.
         seed: training seed, or None.
         starts: training seed whose starts it acts from.
+        home_known: whether ``home`` tells all; False for what was trained nobody says where.
     """
 
     policy: Policy
@@ -44,6 +45,7 @@ class Subject:
     home: Home | None = None
     seed: int | None = None
     starts: int = 0
+    home_known: bool = True
 
 
 class _Played(NamedTuple):
@@ -97,6 +99,7 @@ def evaluate(
         episodes.start,
         statuses,
         whole=spec.testbed.batched,
+        homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
@@ -265,6 +268,7 @@ def context_of(
         policy_hash=subject.policy.content_hash,
         training_discretization=subject.home.arguments() if subject.home else None,
         training_seed=subject.seed,
+        home_known=subject.home_known,
         perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
         trace_every=spec.trace_every,
         inference_latency_mean=latency[0],

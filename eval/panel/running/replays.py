@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,6 +37,7 @@ class Successes:
             :data:`integ_gym.evidence.schema.fields.CELL_STATUSES`.
         whole: whether every policy's episodes at home are all here, so that its success there is
             known.
+        homeless: policies that were trained nobody says where.
     """
 
     def __init__(
@@ -47,12 +48,14 @@ class Successes:
         first: int = 0,
         statuses: Mapping[str, str] | None = None,
         whole: bool = True,
+        homeless: Collection[int] = (),
     ) -> None:
         self._homes = homes
         self._environment = environment
         self._first = first
         self._statuses = statuses or {}
         self._whole = whole
+        self._homeless = homeless
         self._awaited = [{_key(cell) for cell in own} for own in cells]
         self._known: dict[tuple[int, Key], Flags] = {}
         self._recovered: dict[tuple[int, Key], Flags | None] = {}
@@ -107,7 +110,7 @@ class Successes:
         """Whether each episode succeeded in one of the training discretizations, all being run."""
         home = self._homes[place]
         if home is None:
-            return "no home"
+            return None if place in self._homeless else "no home"
         if cell.discretization in home.shares:
             return "is home"
         runs = [self._known.get((place, (d, _disturbance(cell)))) for d in home.shares]

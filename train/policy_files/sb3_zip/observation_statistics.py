@@ -1,4 +1,4 @@
-"""Observation statistics of a `VecNormalize`, read from JSON."""
+"""Observation statistics of a `VecNormalize`, from its own file or from JSON."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pathlib import Path
 
 from ...policy import ObservationStatistics
 from ..error import PolicyFileError
+from ..vec_normalize import looks_pickled, read_vec_normalize
 from . import limits
 from .data import Json, parse_json
 
 
-def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStatistics:
-    """Read observation statistics from JSON.
+def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStatistics | None:
+    """Read observation statistics; None where observations are not normalized.
 
-    The file holds exactly the keys of
+    The file is the `vecnormalize.pkl` that `VecNormalize.save(path)` wrote, of which nothing is
+    executed; or JSON with exactly the keys of
     `{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}`, which are `obs_rms.mean`,
     `obs_rms.var`, `epsilon` and `clip_obs` of a `VecNormalize`.
 
@@ -24,11 +26,14 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
     """
     file = Path(path)
     remedy = (
-        'write {"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0} '
-        "with the numbers of the VecNormalize used in training"
+        'give the file of VecNormalize.save(path), or write {"mean": [...], "var": [...], '
+        '"epsilon": 1e-8, "clip_obs": 10.0} with the numbers of the VecNormalize used in training'
     )
     try:
-        return _statistics(parse_json(_read_small_file(file), "the file {}"))
+        content = _read_small_file(file)
+        if looks_pickled(content):
+            return read_vec_normalize(content)
+        return _statistics(parse_json(content, "the file {}"))
     except ValueError as error:
         raise PolicyFileError(f"{file}: {error}; {remedy}") from error
 

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import io
+import math
 import os
 import zipfile
+from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from ...policy import MlpPolicy, ObservationStatistics
+from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from ..error import DAMAGED, PolicyFileError
 from . import limits
-from .architecture import activation_name, check_policy_class, hidden_sizes, policy_kwargs, squashed
+from .algorithms import SHARED, Actor
+from .architecture import (
+    activation_name,
+    actor_class,
+    hidden_sizes,
+    mean_limit,
+    policy_kwargs,
+    quantile_count,
+    squashed,
+)
 from .data import parse_json, section
 from .observation_statistics import read_observation_statistics
 from .spaces import decoding, vector_size
-from .weights import layers_of, load_tensors
+from .weights import averaged, layers_of, load_tensors
 
 
 def read_sb3_zip(
@@ -25,7 +38,10 @@ def read_sb3_zip(
     *,
     action_bounds: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> MlpPolicy:
-    """Read the actor of a PPO or A2C model with `MlpPolicy`, as `model.save(path)` wrote it.
+    """Read the deterministic actor of a model with `MlpPolicy`, as `model.save(path)` wrote it.
+
+    Of PPO, A2C, SAC, TD3, DDPG and DQN of stable-baselines3 and TQC, TRPO and QR-DQN of
+    sb3-contrib, of all versions since 1.0.
 
     The file does not say whether the model was trained inside `VecNormalize`; if it was, pass
     `obs_stats`, or the policy acts on observations of the wrong scale.
@@ -51,6 +67,35 @@ def read_sb3_zip(
         raise PolicyFileError(f"{file}: {error}") from error
 
 
+def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
+    """The actor of a model in memory, as :func:`read_sb3_zip` would read its file.
+
+    Statistics of a `VecNormalize` that the model's environment has are taken with it.
+
+    Args:
+        model: of stable-baselines3 or sb3-contrib.
+        policy_id: its name.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    content = io.BytesIO()
+    model.save(content)
+    normalize = model.get_vec_normalize_env()
+    try:
+        statistics = None
+        if normalize is not None and normalize.norm_obs:
+            own, limits_of = normalize.obs_rms, (normalize.epsilon, normalize.clip_obs)
+            statistics = ObservationStatistics(own.mean, own.var, *limits_of)
+        return read_archive(content, policy_id, statistics, _bounds(model.action_space))
+    except (AttributeError, ValueError) as error:
+        raise PolicyFileError(f"the model {policy_id}: {error}") from error
+
+
+def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
+    return (space.low, space.high) if isinstance(space, spaces.Box) else None
+
+
 def read_archive(
     archive: Path | BinaryIO,
     policy_id: str,
@@ -64,13 +109,27 @@ def read_archive(
     """
     data_text, weights = _read_members(archive)
     data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
-    check_policy_class(data)
-    kwargs = policy_kwargs(data)
+    actor, kwargs = actor_class(data), policy_kwargs(data)
     inputs = vector_size(section(data, "observation_space"), "observation space")
-    activation, hidden = activation_name(kwargs), hidden_sizes(kwargs)
-    actions = decoding(section(data, "action_space"), squashed(data, kwargs), action_bounds)
-    layers = layers_of(load_tensors(weights), (inputs, *hidden, actions.size))
-    return MlpPolicy(layers, activation, actions, statistics, policy_id)
+    activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
+    limit = mean_limit(data, kwargs, actor)
+    actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
+    _check_kind(actions, actor)
+    tensors = load_tensors(weights)
+    shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
+    names = actor.names(len(shared), len(own), limit < math.inf)
+    quantiles = quantile_count(kwargs, actor)
+    sizes = (inputs, *shared, *own, quantiles * actions.size)
+    layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
+    return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
+
+
+def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:
+    if actor.discrete is None or actor.discrete == isinstance(actions, DiscreteActions):
+        return
+    raise PolicyFileError(
+        f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
+    )
 
 
 def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -23,8 +24,11 @@ def _space_kind(space: Json) -> str:
 
 
 def vector_size(space: Json, what: str) -> int:
-    """Length of a one-dimensional `Box`, of ``what`` a message calls it."""
-    kind, shape = _space_kind(space), space.get("_shape")
+    """Length of a one-dimensional `Box`, of ``what`` a message calls it.
+
+    Files that were written under gym store ``shape``, later ones ``_shape``.
+    """
+    kind, shape = _space_kind(space), space.get("_shape", space.get("shape"))
     sizes = shape if isinstance(shape, list) else []
     if kind != "Box" or len(sizes) != 1 or type(sizes[0]) is not int or sizes[0] < 1:
         raise PolicyFileError(
@@ -36,7 +40,10 @@ def vector_size(space: Json, what: str) -> int:
 
 
 def decoding(
-    space: Json, squash: bool, action_bounds: tuple[ArrayLike, ArrayLike] | None
+    space: Json,
+    squash: bool,
+    action_bounds: tuple[ArrayLike, ArrayLike] | None,
+    limit: float = math.inf,
 ) -> BoxActions | DiscreteActions:
     """How outputs become actions of this space."""
     if _space_kind(space) == "Discrete":
@@ -51,7 +58,7 @@ def decoding(
         low, high = (_printed_bound(space, name, size) for name in ("low", "high"))
     else:
         low, high = (np.asarray(bound, dtype=np.float32) for bound in action_bounds)
-    actions = BoxActions(low, high, squash)
+    actions = BoxActions(low, high, squash, limit)
     if actions.size != size:
         raise PolicyFileError(
             f"action_bounds have length {actions.size} and the action space {size}; "

@@ -1,0 +1,166 @@
+"""The home of a policy: what it was trained on, stated or unknown, never assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from integ_gym.envs import (
+    DISCRETIZATION,
+    Discretization,
+    DiscretizedVectorEnv,
+    Mixture,
+    make_training_environments,
+)
+from integ_gym.train import HOW_TO_STATE, STOCK, Stated, stated_arguments
+
+from ..specification import DiscretizationMixture, Home
+
+VARIED = (*DISCRETIZATION, "mixture")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What is known of a policy's training.
+
+    Attributes:
+        home: discretization or mixture that it was trained on; None: unknown.
+        control_period: time between two of its decisions, s.
+        environment: constructor arguments of its training environment, without the discretization.
+        origin: where this comes from, in words.
+    """
+
+    home: Home | None
+    control_period: float
+    environment: Mapping[str, Any]
+    origin: str
+
+    def __str__(self) -> str:
+        """In one line."""
+        period = f"control period {self.control_period:g} s"
+        if self.home is None:
+            return f"home: unknown ({self.origin}); judged at {period}"
+        members = " and ".join(member.name for member in self.home.shares)
+        return f"home: {members}, {period} ({self.origin})"
+
+
+def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
+    """Environment arguments of the training, as a side-car tells them.
+
+    Raises:
+        ValueError: if it does not, or is of another environment, or names code that may not be
+            run.
+    """
+    config = card.get("config")
+    given = config.get("env_arguments") if isinstance(config, Mapping) else None
+    if not isinstance(config, Mapping) or not isinstance(given, Mapping):
+        raise ValueError(
+            "the policy's side-car does not say what it was trained on; restore the file that the "
+            "trainer wrote, or move it away and state the home with --home"
+        )
+    if config.get("env_id") != env_id:
+        raise ValueError(
+            f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
+            f"{config.get('env_id')}"
+        )
+    arguments = dict(given)
+    foreign = [text for text in _texts(arguments) if ":" in text]
+    if foreign and not own_code:
+        raise ValueError(
+            f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
+            "pass --own-code"
+        )
+    return arguments
+
+
+def _texts(value: Any) -> list[str]:
+    """All texts in plain data, keys left out."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value
+    return [t for x in inner for t in _texts(x)] if isinstance(inner, Iterable) else []
+
+
+def provenance(
+    env_id: str,
+    card: Mapping[str, Any] | None,
+    stated: Stated,
+    given: Mapping[str, Any],
+    own_code: bool = False,
+) -> tuple[Provenance, DiscretizedVectorEnv]:
+    """What is known of a policy's training, and one lane of its training environment, closed.
+
+    Args:
+        env_id: environment to evaluate in.
+        card: content of its side-car, or None.
+        stated: its home.
+        given: environment arguments that override those of its training; not the discretization,
+            which is what the evaluation varies.
+        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
+
+    Raises:
+        ValueError: if side-car and statement contradict each other, see also
+            :func:`stated_arguments` and :func:`card_arguments`; or if ``given`` holds what the
+            evaluation varies.
+        TypeError, ValueError: for a home that the environment cannot have.
+    """
+    for name in VARIED:
+        if name in given:
+            raise ValueError(
+                f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
+                "policy's home with --home and choose cells with --integrator and --dt"
+            )
+    told = stated_arguments(stated, env_id)
+    arguments, origin = told, _origin(stated, told)
+    known = "integrator" in told
+    if card is not None:
+        arguments = card_arguments(card, env_id, own_code)
+        if card.get("home", "said by `config`") is None:
+            arguments |= told
+        else:
+            origin, known = "the side-car beside the policy", True
+    environments = _closed(env_id, {**_stepped(arguments), **given})
+    home = _home(environments.mixture) if known else None
+    if card is not None and "integrator" in told:
+        other = _home(_closed(env_id, {**told, **given}).mixture)
+        if other != home:
+            raise ValueError(
+                f"--home says {other.name} and the policy's side-car {home and home.name}; leave "
+                "out --home, or move the side-car away"
+            )
+    period = environments.setups[0].timing.control_period
+    environment = {name: x for name, x in {**arguments, **given}.items() if name not in VARIED}
+    return Provenance(home, period, environment, origin), environments
+
+
+def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
+    if stated == STOCK:
+        return "stated: Gymnasium's own environment"
+    if "integrator" in told:
+        return "stated"
+    return f"no side-car says it, and none was stated; {HOW_TO_STATE}"
+
+
+def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """A control period alone is that of one step per decision."""
+    if set(arguments) == {"control_period"}:
+        return {"dt": arguments["control_period"], **arguments}
+    return dict(arguments)
+
+
+def _closed(env_id: str, arguments: Mapping[str, Any]) -> DiscretizedVectorEnv:
+    environments = make_training_environments(env_id, arguments, 1)
+    environments.close()
+    return environments
+
+
+def _home(mixture: Mixture) -> Home:
+    """What a training environment's episodes run on, a discretization named twice counted once."""
+    weights: dict[Discretization, float] = {}
+    for setup, share in zip(mixture.setups, mixture.shares, strict=True):
+        member = Discretization.of(setup)
+        weights[member] = weights.get(member, 0.0) + float(share)
+    if len(weights) == 1:
+        return next(iter(weights))
+    return DiscretizationMixture("its mixture", tuple(weights.items()))

@@ -1,0 +1,95 @@
+"""A policy and its metadata out of an ONNX file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...policy import MlpPolicy
+from ..error import PolicyFileError
+from .chain import NotAChain, steps_of
+from .network import policy_of
+from .packages import FORMAT, METADATA, onnx
+from .runtime_policy import OnnxPolicy
+
+MAX_BYTES = 512 * 2**20
+"""Largest file that is read."""
+
+_PROBES, _TOLERANCE = 16, 1e-4
+
+
+def read_onnx(path: Path) -> MlpPolicy | OnnxPolicy:
+    """The policy of a file: our own where its graph is a feed-forward network.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+    """
+    content, model = _loaded(path)
+    run = OnnxPolicy(content, policy_id=path.stem)
+    try:
+        policy = policy_of(steps_of(model.graph), path.stem)
+    except NotAChain:
+        return run
+    return policy if _same(policy, run) else run
+
+
+def _same(policy: MlpPolicy, run: OnnxPolicy) -> bool:
+    """Whether our own reading of a graph does what onnxruntime does."""
+    observations = np.random.default_rng(0).normal(size=(_PROBES, *policy.observation_shape))
+    try:
+        own, given = policy.act(observations), run.outputs(observations)
+    except PolicyFileError:
+        raise
+    except Exception:  # a graph of fixed shape or another type; what is read here has none
+        return False
+    return bool(np.allclose(own.reshape(given.shape), given, _TOLERANCE, _TOLERANCE))
+
+
+def onnx_card(path: Path) -> dict[str, Any] | None:
+    """What a file's metadata says, as a side-car does; None without any of ours.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    _, model = _loaded(path)
+    for prop in model.metadata_props:
+        if prop.key == METADATA:
+            try:
+                card = json.loads(prop.value)
+            except ValueError:
+                card = None
+            if not isinstance(card, dict) or card.get("format") != FORMAT:
+                raise PolicyFileError(
+                    f"{path}: its metadata `{METADATA}` is not of format {FORMAT!r}; write the "
+                    "file again with integ_gym.save_policy"
+                )
+            return card
+    return None
+
+
+def _loaded(path: Path) -> tuple[bytes, Any]:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise PolicyFileError(
+                f"{path}: is larger than {MAX_BYTES} bytes; give a smaller network"
+            )
+        content = path.read_bytes()
+    except OSError as error:
+        raise PolicyFileError(
+            f"{path}: cannot be opened ({error.strerror}); check the path"
+        ) from error
+    try:
+        model = onnx().load_model_from_string(content)
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:  # a damaged file can fail in any way inside protobuf
+        raise PolicyFileError(f"{path}: is not a readable ONNX file; export it again") from error
+    if any(one.external_data for one in model.graph.initializer):
+        raise PolicyFileError(
+            f"{path}: keeps its weights in other files, which are not read; export it as one file"
+        )
+    return content, model

@@ -1,0 +1,89 @@
+"""A policy's file read by what kind of file it is; never a pickle, never a program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..policy import MlpPolicy, ObservationStatistics
+from .error import PolicyFileError
+from .onnx_file import OnnxPolicy, read_onnx
+from .safetensors_file import read_safetensors
+from .sb3_zip import read_observation_statistics, read_sb3_zip
+from .state_dict import SUFFIXES, read_state_dict
+
+_PICKLES = (".pkl", ".pickle", ".joblib", ".cloudpickle", ".dill")
+_WAY = (
+    "export the actor with torch.onnx.export, save it with integ_gym.save_policy, or judge it from "
+    "Python: integ_gym.evaluate(policy, env_id, out)"
+)
+
+
+def read_weights(
+    path: Path, card: Mapping[str, Any] | None = None, obs_stats: Path | None = None
+) -> MlpPolicy | OnnxPolicy:
+    """The policy of a file, without what a side-car says of its training.
+
+    Args:
+        path: a zip of stable-baselines3 or sb3-contrib, ``.safetensors``, ``.onnx``, or a state
+            dict: ``.pt``, ``.pth`` or ``.cleanrl_model``.
+        card: content of its side-car.
+        obs_stats: VecNormalize's statistics; by default those that the side-car holds.
+
+    Raises:
+        PolicyFileError: in one sentence, for a file that cannot be read without executing
+            something, with the way that works.
+    """
+    told = card or {}
+    network = told.get("network") or {}
+    policy = _read(path, network, told.get("action_bounds"))
+    statistics = (
+        _statistics(network) if obs_stats is None else read_observation_statistics(obs_stats)
+    )
+    if statistics is None:
+        return policy
+    if isinstance(policy, OnnxPolicy):
+        raise PolicyFileError(
+            f"{path}: is run by onnxruntime as it is; put the normalization into its graph"
+        )
+    return _with(policy, statistics, path)
+
+
+def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | OnnxPolicy:
+    suffix = path.suffix.lower()
+    if suffix == ".safetensors":
+        return read_safetensors(path)
+    if suffix == ".onnx":
+        return read_onnx(path)
+    if suffix in _PICKLES:
+        raise PolicyFileError(
+            f"{path}: is a pickle, which runs what it holds when it is read; {_WAY}"
+        )
+    if suffix in SUFFIXES:
+        if not network.get("activation"):
+            raise PolicyFileError(
+                f"{path}: holds weights alone; write its side-car with integ_gym.write_sidecar"
+                "(path, env_id, activation=..., action_bounds=... or actions=...), or export the "
+                "actor with torch.onnx.export"
+            )
+        return read_state_dict(path, {"action_bounds": bounds, **network})
+    return read_sb3_zip(path, action_bounds=bounds)
+
+
+def _statistics(network: Mapping[str, Any]) -> ObservationStatistics | None:
+    given = network.get("observation_statistics")
+    try:
+        return None if given is None else ObservationStatistics(**given)
+    except (TypeError, ValueError) as error:
+        raise PolicyFileError(
+            f"the side-car's observation statistics cannot be read ({error}); write it again"
+        ) from error
+
+
+def _with(policy: MlpPolicy, statistics: ObservationStatistics, path: Path) -> MlpPolicy:
+    try:
+        return replace(policy, statistics=statistics)
+    except ValueError as error:
+        raise PolicyFileError(f"{path}: {error}") from error

@@ -1,0 +1,79 @@
+"""Observation statistics out of a pickled `VecNormalize`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...policy import ObservationStatistics
+from ..error import PolicyFileError
+from .inert_pickle import Name, Note, entries, parse_pickle
+
+_CLASS = Name("stable_baselines3.common.vec_env.vec_normalize", "VecNormalize")
+_ARRAYS = ("numpy.core.multiarray", "numpy._core.multiarray")
+_BUFFERS = ("numpy.core.numeric", "numpy._core.numeric")
+_NUMBERS = ("f4", "f8", "i4", "i8")
+
+
+def read_vec_normalize(content: bytes) -> ObservationStatistics | None:
+    """What a `VecNormalize` does to observations; None where it leaves them as they are.
+
+    Args:
+        content: of the file that ``VecNormalize.save(path)`` wrote.
+
+    Raises:
+        PolicyFileError: for another file, or values that cannot be.
+    """
+    saved = parse_pickle(content)
+    if not isinstance(saved, Note) or saved.maker != _CLASS:
+        raise PolicyFileError("holds no VecNormalize of stable-baselines3")
+    held = entries(saved)
+    if held.get("norm_obs", True) is False:
+        return None
+    statistics = entries(held.get("obs_rms"))
+    if "mean" not in statistics:
+        raise PolicyFileError(
+            "holds no statistics of one vector of observations; those of a dictionary are not read"
+        )
+    return ObservationStatistics(
+        _array(statistics["mean"]),
+        _array(statistics["var"]),
+        _number(held.get("epsilon")),
+        _number(held.get("clip_obs")),
+    )
+
+
+def _number(given: Any) -> float:
+    value = float(_array(given).item()) if isinstance(given, Note) else given
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise PolicyFileError("holds no `epsilon` or `clip_obs` that is a number")
+    return float(value)
+
+
+def _array(note: Any) -> NDArray[np.float64]:
+    """An array or scalar of numbers, from what its pickle notes."""
+    if isinstance(note, Note) and isinstance(note.maker, Name):
+        maker, given = note.maker, note.arguments
+        if maker.module in _ARRAYS and maker.name == "_reconstruct" and len(note.state) == 1:
+            _, shape, dtype, fortran, content = note.state[0]
+            return _numbers(content, dtype, shape, "F" if fortran else "C")
+        if maker.module in _ARRAYS and maker.name == "scalar":
+            return _numbers(given[1], given[0], (), "C")
+        if maker.module in _BUFFERS and maker.name == "_frombuffer":
+            content, dtype, shape, order = given
+            return _numbers(content, dtype, shape, order)
+    raise PolicyFileError("holds statistics that are no arrays of numbers")
+
+
+def _numbers(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[np.float64]:
+    kind = dtype.arguments[0] if isinstance(dtype, Note) else None
+    byte_order = dtype.state[0][1] if isinstance(dtype, Note) and dtype.state else "<"
+    if kind not in _NUMBERS or byte_order not in ("<", ">", "=") or order not in ("C", "F"):
+        raise PolicyFileError("holds statistics that are no arrays of numbers")
+    if not isinstance(content, bytes | bytearray):
+        raise PolicyFileError("holds statistics whose numbers are not stored as bytes")
+    flat = np.frombuffer(bytes(content), dtype=f"{byte_order}{kind}")
+    return flat.reshape(shape, order=order).astype(np.float64)
