@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         state_names,
         state_units,
     )
+    from .rendering import Moment, Pane, Panes, load_pygame
     from .tasks import (
         FLOAT32_ROUNDING,
         NEAR_PLUMB,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         numerics,
         rediscretize,
     )
-    from integ_gym.eval import evaluate, read_panel, run_panel
+    from integ_gym.eval import evaluate, read_panel, run_panel, side_by_side
     from integ_gym.evidence import (
         EpisodeContext,
         EvidenceStore,
@@ -75,6 +75,7 @@ __all__ = [
     "read_panel",
     "rediscretize",
     "run_panel",
+    "side_by_side",
     "train_fleet",
     "train_ppo",
 ]
