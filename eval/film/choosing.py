@@ -55,7 +55,7 @@ def _parts(name: str) -> dict[str, Any]:
             raise ValueError(f"dt must be a number of seconds, got {last!r} in {name!r}") from None
     else:
         words.append(last)
-    if not words or len(words) > 2:
+    if not all(words) or len(words) not in (1, 2):
         return {}
     engine = {"engine": words[0]} if len(words) == 2 else {}
     return {**engine, "integrator": words[-1], **dt}
