@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         Setup,
         Timing,
         agrees,
+        check_divides,
         dividing_step,
         quiet_status,
         reset_info,

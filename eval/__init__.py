@@ -16,8 +16,10 @@ if TYPE_CHECKING:
         FILE_NAME,
         MANIFEST,
         TRAINERS,
+        Estimate,
         Panel,
         PanelSpec,
+        Verdict,
         evaluate,
         family_power,
         grown,
@@ -25,6 +27,6 @@ if TYPE_CHECKING:
         run_panel,
         specified,
     )
-    from .report import write_figures, write_report
+    from .report import ordered_verdicts, write_figures, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

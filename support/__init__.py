@@ -74,8 +74,12 @@ if TYPE_CHECKING:
         unknown_name,
     )
     from .terminal import (
+        DIM,
         FITS,
+        GREEN,
         NONE,
+        RED,
+        YELLOW,
         CommandParser,
         beside,
         compact,
