@@ -20,6 +20,7 @@ from ..panel.running import package_versions
 from . import sections
 from .bench import Bench, Subject, check_integrator, subjects
 from .figures import write_diagnosis_figures
+from .page import write_page
 from .section import Diagnosis
 
 SCHEMA_VERSION = 1
@@ -126,8 +127,8 @@ def diagnose(
 
     Args:
         request: what to diagnose.
-        directory: where ``diagnose.json``, ``figures`` and ``evidence`` go, in place of those of
-            an earlier diagnosis; of one that fails nothing is kept.
+        directory: where ``diagnose.json``, its page, ``figures`` and ``evidence`` go, in place of
+            those of an earlier diagnosis; of one that fails nothing is kept.
         command: what was typed, for the record.
         workers: processes.
         progress: whether to show a progress bar.
@@ -170,6 +171,7 @@ def diagnose(
     text = json.dumps(result, indent=1, allow_nan=False)
     replace_file(directory / RESULT, text.encode())
     write_diagnosis_figures(result, directory / "figures")
+    write_page(result, directory)
     return result
 
 

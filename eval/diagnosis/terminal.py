@@ -119,13 +119,18 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
         for wanted, own in _by_expectation(topic):
             say(f"expected {wanted}", file, indent="  ")
             for line in own:
-                print(beside(f"    {line['integrator']:<{_NAME}} ", line["shown"], width_of(file)), file=file)
+                print(
+                    beside(f"    {line['integrator']:<{_NAME}} ", line["shown"], width_of(file)),
+                    file=file,
+                )
 
 
 def _by_expectation(topic: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
     """Lines of whom the same is expected together, with what that is."""
     together: dict[str, list[Line]] = {}
     for line in topic:
-        wanted = line["expected"] + (f"; {line['tolerance']}" if line["tolerance"] != NOTHING else "")
+        wanted = line["expected"] + (
+            f"; {line['tolerance']}" if line["tolerance"] != NOTHING else ""
+        )
         together.setdefault(wanted, []).append(line)
     return together.items()

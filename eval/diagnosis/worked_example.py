@@ -62,7 +62,9 @@ def drift_example(directory: Path, dt: float | None = None) -> tuple[Drift, Drif
     step = dt or DT
     changes = {}
     for name in INTEGRATORS.names():
-        energy = numerics.energies(name, plant, (math.pi - RELEASE, 0.0), step, round(DURATION / step))
+        energy = numerics.energies(
+            name, plant, (math.pi - RELEASE, 0.0), step, round(DURATION / step)
+        )
         changes[name] = energy / energy[0] - 1.0
     picture = draw_drift(changes, step)
     path, *_ = write_figure(picture, directory / "drift")

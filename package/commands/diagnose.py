@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs import ENVIRONMENTS
-from integ_gym.eval import Request, diagnose, drift_example, print_diagnosis
+from integ_gym.eval import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
 from integ_gym.support import (
     FITS,
     CommandParser,
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--all", action="store_true",
-        help="print every line: what was measured, what is expected, the tolerance, whether it holds",
+        help="print every line: measured, expected, tolerance, and whether it holds",
     )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
@@ -98,7 +98,7 @@ def main(argv: Sequence[str]) -> int:
     print_diagnosis(result, sys.stdout, every_line=given.all)
     if not given.all:
         print("\nEvery line: --all, or the page")
-    print(f"Page: {(given.out / PAGE).resolve()}")
+    print(f"Page: {(given.out / DIAGNOSIS_PAGE).resolve()}")
     return 0
 
 

@@ -95,7 +95,7 @@ def main(argv: Sequence[str]) -> int:
         obs_stats=given.obs_stats,
         own_code=given.own_code,
         progress=not given.no_progress,
-        on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
+        on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),
         command=shlex.join(["integ-gym", "evaluate", *argv]),
     )
     say(panel.question, sys.stdout)

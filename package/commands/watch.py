@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.eval import Film, check_writable, show_film, side_by_side, watch
-from integ_gym.support import CommandParser, whole_number
+from integ_gym.support import CommandParser, say, whole_number
 from integ_gym.train import POLICY_FILE
 
 EXAMPLES = """\
@@ -86,4 +86,4 @@ def _film(given: argparse.Namespace) -> Film:
 
 
 def _warn(doubt: str) -> None:
-    print(f"warning: {doubt}", file=sys.stderr)
+    say(f"warning: {doubt}", sys.stderr)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TextIO
 
 from .command_line import sentence
+from .text_table import say
 
 INTERRUPTED = 130
 
@@ -63,14 +64,14 @@ def report_errors(
     try:
         return run()
     except KeyboardInterrupt:
-        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
+        say(f"{program}: interrupted; {interrupted}", sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         raise
     except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
         if not _is_meant_for_users(error):
             raise
-        print(f"{program}: {mark}{sentence(error)}", file=sys.stderr)
+        say(f"{program}: {mark}{sentence(error)}", sys.stderr)
         return 2
 
 

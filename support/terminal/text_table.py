@@ -45,19 +45,24 @@ def unbroken(text: str) -> str:
 
 
 def say(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> None:
-    """Print a sentence.
+    """Print a sentence; see :func:`fitted`."""
+    print(fitted(text, file, indent, hanging), file=file)
+
+
+def fitted(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:
+    """A sentence in lines that fit.
 
     Args:
         text: the sentence.
-        file: where to.
+        file: what is to show it.
         indent: before its first line.
         hanging: before the others, beside ``indent``.
     """
     width = width_of(file)
     room = None if width is None else width - len(indent) - len(hanging)
     first, *rest = wrapped(text, room)
-    for line in (indent + first, *(indent + hanging + line for line in rest)):
-        print(line.replace(_NO_BREAK, " "), file=file)
+    lines = indent + first, *(indent + hanging + line for line in rest)
+    return "\n".join(lines).replace(_NO_BREAK, " ")
 
 
 def wrapped(text: str, width: int | None) -> list[str]:
