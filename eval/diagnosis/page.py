@@ -45,11 +45,11 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         result=result,
         answer=_answer(result, asked, failed),
         tiles=[
-            (len(result["plants"]), "plants"),
-            (len(result["integrators"]), "integrators"),
-            (len(asked), "expectations"),
-            (len(failed), "do not hold"),
-            (result["records"], "rollouts recorded"),
+            _tile(len(result["plants"]), "plant"),
+            _tile(len(result["integrators"]), "integrator"),
+            _tile(len(asked), "expectation"),
+            (f"{len(failed):,}", "do not hold" if len(failed) != 1 else "does not hold"),
+            _tile(result["records"], "recorded rollout"),
         ],
         identity=IDENTITY,
         identities=[identity_cells(told) for told in result["identities"]],
@@ -68,6 +68,11 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
 def _template() -> Any:
     folder = resources.files(__package__)
     return page_environment().from_string(folder.joinpath("diagnose.html.j2").read_text("utf-8"))
+
+
+def _tile(count: int, noun: str) -> tuple[str, str]:
+    number, _, words = plural(count, noun).partition(" ")
+    return number, words
 
 
 def _answer(result: Mapping[str, Any], asked: Sequence[Line], failed: Sequence[Line]) -> str:
