@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         Setup,
         Timing,
         agrees,
+        check_divides,
         dividing_step,
         quiet_status,
         reset_info,
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
         state_names,
         state_units,
     )
+    from .rendering import Moment, Pane, Panes, load_pygame
     from .tasks import (
         FLOAT32_ROUNDING,
         NEAR_PLUMB,

@@ -9,14 +9,17 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .census import PUBLISHED, render_census, row, take_census
-    from .diagnosis import Request, diagnose, drift_example, print_diagnosis
+    from .diagnosis import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
+    from .film import Film, check_writable, show_film, side_by_side, watch
     from .panel import (
         BUILT_IN,
         FILE_NAME,
         MANIFEST,
         TRAINERS,
+        Estimate,
         Panel,
         PanelSpec,
+        Verdict,
         against_plan,
         check_finished,
         evaluate,
@@ -26,6 +29,6 @@ if TYPE_CHECKING:
         run_panel,
         specified,
     )
-    from .report import write_figures, write_report
+    from .report import ordered_verdicts, write_figures, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         numerics,
         rediscretize,
     )
-    from integ_gym.eval import evaluate, read_panel, run_panel
+    from integ_gym.eval import evaluate, read_panel, run_panel, side_by_side
     from integ_gym.evidence import (
         EpisodeContext,
         EvidenceStore,
@@ -84,6 +84,7 @@ __all__ = [
     "rediscretize",
     "run_panel",
     "save_policy",
+    "side_by_side",
     "train_fleet",
     "train_ppo",
     "write_sidecar",

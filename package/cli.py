@@ -18,6 +18,7 @@ COMMANDS = {
     "engines": "tell what every engine really does",
     "census": "tell what every pendulum and cart-pole of the name really does",
     "report": "write a panel's page and figures again",
+    "watch": "show a policy in several discretizations, side by side",
     "evidence": "show, query, verify and export records",
 }
 """Command, which the module of its name in ``commands`` runs, to what it is for."""
@@ -30,6 +31,7 @@ examples:
   integ-gym diagnose --out runs/diagnose
   integ-gym engines
   integ-gym census --out runs/census
+  integ-gym watch runs/panel RECORD --out film.gif
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
 """

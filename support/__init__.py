@@ -79,8 +79,12 @@ if TYPE_CHECKING:
     from .reading import Kinds, read_bounded, read_object
     from .spawning import SpawnError, check_spawning
     from .terminal import (
+        DIM,
         FITS,
+        GREEN,
         NONE,
+        RED,
+        YELLOW,
         CommandParser,
         beside,
         compact,

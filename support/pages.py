@@ -48,12 +48,19 @@ SCRIPT: Final = """
 def page_environment() -> Any:
     """A jinja2 environment that escapes everything, with the filters of numbers.
 
+    Its templates may extend ``page.html.j2``, the frame of a page.
+
     Raises:
         ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
     """
     jinja2 = load("jinja2", "report")
+    frame = resources.files(__package__).joinpath("page.html.j2").read_text("utf-8")
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.DictLoader({"page.html.j2": frame}),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters.update(soft=_soft, fixed=fixed, compact=compact, seconds=seconds, step=step)
     return environment

@@ -32,10 +32,14 @@ class Progress:
 
     Args:
         bar: see :func:`work_bar`; None for a pool alone.
+        starting: what the bar says until some work is done.
     """
 
-    def __init__(self, bar: Any = None) -> None:
+    def __init__(self, bar: Any = None, starting: str = "") -> None:
         self._bar = bar
+        self._starting = starting
+        if starting:
+            bar.set_postfix_str(starting)
         self._context = multiprocessing.get_context("spawn")
         self._done = self._context.Value("d", 0.0)
         self._stopped = self._context.Event()
@@ -54,6 +58,9 @@ class Progress:
             yield from ended
 
     def _show(self) -> None:
+        if self._starting and self._done.value:
+            self._starting = ""
+            self._bar.set_postfix_str("", refresh=False)
         self._bar.update(min(self._bar.total, self._done.value) - self._bar.n)
 
     def pool(
@@ -119,6 +126,7 @@ def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
         desc=label,
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
+        miniters=0,  # the clock moves also while no work is reported
         smoothing=0.05,
         **look,
     )

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .canvas import load_pygame
+    from .panes import Moment, Pane, Panes
     from .renderer import Renderer
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import io
 import math
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from integ_gym.support import load
 
@@ -20,8 +26,6 @@ BLUE: Colour = (0, 114, 178)
 GREEN: Colour = (0, 158, 115)
 VERMILLION: Colour = (213, 94, 0)
 
-_SCALE = 4
-"""Everything is drawn this many times too large and averaged down, exactly for a power of two."""
 _ARC_STEP = math.radians(1.5)
 
 
@@ -36,6 +40,16 @@ def polar(centre: Point, radius: float, angle: float) -> Point:
     return centre[0] - radius * math.sin(angle), centre[1] - radius * math.cos(angle)
 
 
+def load_pygame() -> Any:
+    """pygame, without the greeting that it prints on standard output.
+
+    Raises:
+        ModuleNotFoundError: if it is not installed, with the command that installs it.
+    """
+    with redirect_stdout(io.StringIO()):
+        return load("pygame", "render")
+
+
 class Canvas:
     """An off-screen picture; points are (x right, y down) in pixels of the finished frame.
 
@@ -43,22 +57,44 @@ class Canvas:
 
     Args:
         size: (width, height) of the finished frame.
+        oversize: everything is drawn this many times too large and averaged down, exactly for a
+            power of two.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    def __init__(self, size: tuple[int, int], oversize: int = 4) -> None:
         self.size = size
-        self._pygame = load("pygame", "render")
+        self._scale = float(oversize)
+        self._pygame = load_pygame()
         # The depth is given because without it the surface copies that of an open window.
-        self._surface = self._pygame.Surface((size[0] * _SCALE, size[1] * _SCALE), depth=32)
+        self._surface = self._pygame.Surface((size[0] * oversize, size[1] * oversize), depth=32)
         self._frame = self._pygame.Surface(size, depth=32)
 
     def clear(self) -> None:
         """Make everything white."""
         self._surface.fill(WHITE)
 
+    def part(self, corner: Point, size: tuple[int, int], scale: float) -> Canvas:
+        """A canvas within this one; what is drawn on it shows here, cut at its edges.
+
+        Args:
+            corner: its upper left corner here.
+            size: (width, height) in its own pixels.
+            scale: pixels here to one of its own.
+        """
+        made = copy.copy(self)
+        made.size, made._scale = size, self._scale * scale
+        area = [*(c * self._scale for c in corner), *(n * made._scale for n in size)]
+        made._surface = self._surface.subsurface([round(x) for x in area])
+        return made
+
     def frame(self) -> Any:
         """The finished ``pygame.Surface``, overwritten by the next call."""
         return self._pygame.transform.smoothscale(self._surface, self.size, self._frame)
+
+    def pixels(self) -> npt.NDArray[np.uint8]:
+        """The finished picture as an array of its own, shape (height, width, 3)."""
+        content = self._pygame.image.tobytes(self.frame(), "RGB")
+        return np.frombuffer(content, dtype=np.uint8).reshape(*self.size[::-1], 3).copy()
 
     def polygon(self, points: Sequence[Point], colour: Colour) -> None:
         """A filled polygon."""
@@ -67,8 +103,8 @@ class Canvas:
     def disc(self, centre: Point, radius: float, colour: Colour) -> None:
         """A filled circle."""
         x, y = self._inside(centre)
-        where = round(x * _SCALE), round(y * _SCALE)
-        self._pygame.draw.circle(self._surface, colour, where, round(radius * _SCALE))
+        where = round(x * self._scale), round(y * self._scale)
+        self._pygame.draw.circle(self._surface, colour, where, round(radius * self._scale))
 
     def line(
         self, start: Point, end: Point, width: float, colour: Colour, *, rounded: bool = True
@@ -88,8 +124,8 @@ class Canvas:
     def box(self, centre: Point, size: Point, radius: float, colour: Colour) -> None:
         """A filled rectangle with rounded corners."""
         x, y = self._pixel((centre[0] - size[0] / 2, centre[1] - size[1] / 2))
-        area = (x, y, round(size[0] * _SCALE), round(size[1] * _SCALE))
-        corner = round(radius * _SCALE)
+        area = (x, y, round(size[0] * self._scale), round(size[1] * self._scale))
+        corner = round(radius * self._scale)
         self._pygame.draw.rect(self._surface, colour, area, border_radius=corner)
 
     def arc(
@@ -148,11 +184,11 @@ class Canvas:
         It is made smaller where it would be wider than the picture.
         """
         image = self._font(size).render(text, True, colour)
-        widest = self._surface.get_width() - 2 * 16 * _SCALE
+        widest = self._surface.get_width() - 2 * 16 * self._scale
         if image.get_width() > widest:
             image = self._font(size * widest / image.get_width()).render(text, True, colour)
-        x = where[0] * _SCALE - align * image.get_width()
-        y = where[1] * _SCALE - image.get_height() / 2
+        x = where[0] * self._scale - align * image.get_width()
+        y = where[1] * self._scale - image.get_height() / 2
         self._surface.blit(image, (round(x), round(y)))
 
     def _font(self, size: float) -> Any:
@@ -161,7 +197,7 @@ class Canvas:
         It is made anew each time: whoever calls ``pygame.quit()`` breaks the fonts made before.
         """
         self._pygame.font.init()
-        return self._pygame.font.Font(None, round(size * _SCALE))
+        return self._pygame.font.Font(None, round(size * self._scale))
 
     def _inside(self, point: Point) -> Point:
         """A point far outside the picture brought near enough for whole numbers."""
@@ -170,4 +206,4 @@ class Canvas:
 
     def _pixel(self, point: Point) -> tuple[int, int]:
         x, y = self._inside(point)
-        return round(x * _SCALE - 0.5), round(y * _SCALE - 0.5)
+        return round(x * self._scale - 0.5), round(y * self._scale - 0.5)

@@ -10,10 +10,8 @@ from weakref import WeakValueDictionary
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import load
-
 from ..episode import Setup
-from .canvas import INK, MUTED, WHITE, Canvas
+from .canvas import INK, MUTED, WHITE, Canvas, load_pygame
 from .plants import drawing, signed
 
 _MAX_FPS = 60
@@ -51,11 +49,12 @@ class Renderer:
             The picture, shape (height, width, 3), or None where it goes to a window.
         """
         if self._pane is None:
-            return _pixels(self._picture(state, control, time))
+            self._draw(state, control, time)
+            return self._canvas.pixels()
         if self._pace.due(time):
-            picture = self._picture(state, control, time)
+            self._draw(state, control, time)
             self._pace.wait(time)
-            self._pane.show(picture)
+            self._pane.show(self._canvas.frame())
             self._pace.shown(time)
         return None
 
@@ -64,7 +63,7 @@ class Renderer:
         if self._pane is not None:
             self._pane.close()
 
-    def _picture(self, state: npt.NDArray[np.float64], control: float, time: float) -> Any:
+    def _draw(self, state: npt.NDArray[np.float64], control: float, time: float) -> None:
         canvas, setup = self._canvas, self._setup
         canvas.clear()
         self._drawing.draw(canvas, setup, [float(x) for x in state], float(control))
@@ -74,7 +73,6 @@ class Renderer:
         canvas.text(f"t = {time:.{digits}f} s", (16.0, height - 22.0), 24, MUTED)
         label = control_label(setup, float(control))
         canvas.text(label, (width - 16.0, height - 22.0), 24, MUTED, align=1.0)
-        return canvas.frame()
 
 
 def discretization_label(setup: Setup) -> str:
@@ -92,13 +90,6 @@ def control_label(setup: Setup, control: float) -> str:
     limit = float(np.max(setup.task.control_limit))
     digits = max(2, 1 - math.floor(math.log10(limit)))
     return f"{setup.plant.control_name} {signed(control, digits)} {setup.plant.control_unit}"
-
-
-def _pixels(surface: Any) -> npt.NDArray[np.uint8]:
-    """A surface as an array of its own, shape (height, width, 3)."""
-    width, height = surface.get_size()
-    content = load("pygame", "render").image.tobytes(surface, "RGB")
-    return np.frombuffer(content, dtype=np.uint8).reshape(height, width, 3).copy()
 
 
 class _Pace:
@@ -136,7 +127,7 @@ class _Pane:
     shown: ClassVar[WeakValueDictionary[int, _Pane]] = WeakValueDictionary()
 
     def __init__(self, size: tuple[int, int]) -> None:
-        self._pygame = load("pygame", "render")
+        self._pygame = load_pygame()
         self.size = size
         self.picture: Any = None
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .page import DIAGNOSIS_PAGE
     from .run import Request, diagnose
     from .terminal import print_diagnosis
     from .worked_example import drift_example

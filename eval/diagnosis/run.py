@@ -20,6 +20,7 @@ from ..panel.running import package_versions
 from . import sections
 from .bench import Bench, Subject, check_integrator, subjects
 from .figures import write_diagnosis_figures
+from .page import write_page
 from .section import Diagnosis
 
 SCHEMA_VERSION = 1
@@ -126,8 +127,8 @@ def diagnose(
 
     Args:
         request: what to diagnose.
-        directory: where ``diagnose.json``, ``figures`` and ``evidence`` go; of a diagnosis that
-            fails nothing is kept.
+        directory: where ``diagnose.json``, its page, ``figures`` and ``evidence`` go, in place of
+            those of an earlier diagnosis; of one that fails nothing is kept.
         command: what was typed, for the record.
         workers: processes.
         progress: whether to show a progress bar.
@@ -136,14 +137,14 @@ def diagnose(
         The content of ``diagnose.json``.
 
     Raises:
-        ValueError: for what cannot be diagnosed, or a directory that holds a diagnosis already or
+        ValueError: for what cannot be diagnosed, or a directory that holds other evidence or
             cannot be written to.
     """
     if directory.is_file():
         raise ValueError(f"{directory} is a file; --out needs a directory")
-    if (directory / "evidence").exists() or (directory / RESULT).exists():
+    if (directory / "evidence").exists() and not (directory / RESULT).exists():
         raise ValueError(
-            f"{directory} already holds a diagnosis; give another --out, or remove the directory"
+            f"{directory} holds evidence of something else than a diagnosis; give another --out"
         )
     plants, names = request.chosen()
     unfinished = make_folder(directory) / "evidence.unfinished"
@@ -156,6 +157,8 @@ def diagnose(
     try:
         with tqdm(total=len(jobs), unit=" sections", desc="diagnose", disable=not progress) as bar:
             parts = _all(jobs, workers, bar.update)
+        for earlier in ("evidence", "figures"):
+            shutil.rmtree(directory / earlier, ignore_errors=True)
         unfinished.rename(directory / "evidence")
     except OSError as error:
         raise cannot_write(directory, error) from error
@@ -168,6 +171,7 @@ def diagnose(
     text = json.dumps(result, indent=1, allow_nan=False)
     replace_file(directory / RESULT, text.encode())
     write_diagnosis_figures(result, directory / "figures")
+    write_page(result, directory)
     return result
 
 

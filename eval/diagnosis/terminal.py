@@ -1,27 +1,40 @@
-"""A diagnosis as text: every line, what everybody is, and what does not hold."""
+"""A diagnosis as text: what everybody is, what does not hold, and every line on request."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
-from integ_gym.support import print_aligned, say
+from integ_gym.support import beside, print_aligned, say, width_of
 
-from .lines import ANY, VERDICTS
+from .lines import ANY, NOTHING, VERDICTS
+
+_NAME = 17
+"""Characters of the longest name of a built-in integrator."""
 
 Line = Mapping[str, Any]
 """A finding as ``diagnose.json`` has it."""
 
 
-def print_diagnosis(result: Mapping[str, Any], file: TextIO) -> None:
+def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool = False) -> None:
     """Print the content of ``diagnose.json``.
 
     Args:
         result: the content.
         file: where to.
+        every_line: whether to print every line as well, and how many hold by section.
     """
     lines = result["findings"]
-    for title, topic in _topics(lines):
+    _print_identities(result["identities"], file)
+    _print_failures(lines, file)
+    if every_line:
+        _print_lines(lines, file)
+        _print_counts(lines, file)
+
+
+def _print_lines(lines: Sequence[Line], file: TextIO) -> None:
+    """One table for every quantity."""
+    for title, topic in topics(lines):
         print(file=file)
         say(title, file)
         rows = [
@@ -30,12 +43,9 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO) -> None:
             for line in topic
         ]  # fmt: skip
         print_aligned(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
-    _print_identities(result["identities"], file)
-    _print_counts(lines, file)
-    _print_failures(lines, file)
 
 
-def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
+def topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
     """Lines on one quantity together, with a title."""
     together: dict[tuple[str, ...], list[Line]] = {}
     for line in lines:
@@ -49,17 +59,23 @@ def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
 
 def _print_identities(identities: Sequence[Mapping[str, Any]], file: TextIO) -> None:
     """What every integrator was measured to be."""
-    print("\nWhat they are", file=file)
+    print("What they are", file=file)
+    print_aligned(IDENTITY, [identity_cells(told) for told in identities], file)
+
+
+IDENTITY = (
+    "plant", "integrator", "order", "symplectic", "reversible", "oscillations stable up to"
+)  # fmt: skip
+"""Names of what is told of an integrator on a plant."""
+
+
+def identity_cells(told: Mapping[str, Any]) -> tuple[str, ...]:
+    """What is told of an integrator on a plant, in words."""
     answers = {True: "yes", False: "no"}
-    rows = [
-        (
-            told["plant"], told["integrator"], _order(told["order"]),
-            answers[told["symplectic"]], answers[told["reversible"]], told["stable"],
-        )
-        for told in identities
-    ]  # fmt: skip
-    told = ("order", "symplectic", "reversible", "oscillations stable up to")
-    print_aligned(("plant", "integrator", *told), rows, file)
+    return (
+        told["plant"], told["integrator"], _order(told["order"]),
+        answers[told["symplectic"]], answers[told["reversible"]], told["stable"],
+    )  # fmt: skip
 
 
 def _order(order: float | str | None) -> str:
@@ -97,8 +113,24 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
     if not failed:
         return
     say("These do not; a NO speaks of an integrator at this step on this plant:", file)
-    for title, topic in _topics(failed):
-        say(title, file, indent="  ")
-        for line in topic:
-            expected = f"expected {line['expected']}, tolerance {line['tolerance']}"
-            say(f"{line['integrator']}: {line['shown']}; {expected}", file, indent="    ")
+    for title, topic in topics(failed):
+        print(file=file)
+        say(title, file)
+        for wanted, own in _by_expectation(topic):
+            say(f"expected {wanted}", file, indent="  ")
+            for line in own:
+                print(
+                    beside(f"    {line['integrator']:<{_NAME}} ", line["shown"], width_of(file)),
+                    file=file,
+                )
+
+
+def _by_expectation(topic: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
+    """Lines of whom the same is expected together, with what that is."""
+    together: dict[str, list[Line]] = {}
+    for line in topic:
+        wanted = line["expected"] + (
+            f"; {line['tolerance']}" if line["tolerance"] != NOTHING else ""
+        )
+        together.setdefault(wanted, []).append(line)
+    return together.items()

@@ -1,20 +1,21 @@
-"""The worked example: what 200 s of a released pendulum do to its energy."""
+"""The worked example: what 200 s of motion do to the energy of a released pendulum."""
 
 from __future__ import annotations
 
-from math import pi
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS, CartPole, Pendulum, numerics
+from integ_gym.envs import INTEGRATORS, CartPole, Pendulum, check_divides, numerics
 from integ_gym.support import compact, write_figure
 
-from .figures import draw_drift
+from .figures import WINDOW, draw_drift
 
-DT, STEPS = 0.05, 4000
-"""Of the pendulum: 200 s."""
+DT, DURATION = 0.05, 200.0
+"""Of the pendulum: step and time, s."""
 
 RELEASE = 0.5
 """Angle from hanging at the start, rad."""
@@ -27,47 +28,83 @@ CART_POLE_INTEGRATORS = ("symplectic_euler", "stormer_verlet", "implicit_midpoin
 """Those whose energy lasts long enough to be worth following."""
 
 
-def drift_example(directory: Path) -> tuple[list[dict[str, str]], list[dict[str, str]], Path]:
+@dataclass(frozen=True)
+class Drift:
+    """What happened to the energy of one plant.
+
+    Attributes:
+        setting: plant, start and step in one sentence.
+        rows: one for each integrator, by the names of the columns.
+    """
+
+    setting: str
+    rows: list[dict[str, str]]
+
+
+def drift_example(directory: Path, dt: float | None = None) -> tuple[Drift, Drift, Path]:
     """Measure the drift of every integrator and draw it.
 
     Args:
         directory: where ``drift.png``, ``drift.svg`` and ``drift.pdf`` go.
+        dt: step, s, of both plants; by default each has its own.
 
     Returns:
-        Rows of two tables, the pendulum's and the cart-pole's, and the picture's path.
+        The pendulum's drift, the cart-pole's, and the picture's path.
+
+    Raises:
+        ValueError: for a step that does not divide an oscillation.
     """
+    if dt is not None:
+        if not 0.0 < dt < math.inf:
+            raise ValueError(f"--dt must be a finite number above 0, got {dt}")
+        check_divides("--dt", dt, "one oscillation", WINDOW)
     plant = Pendulum(gravity=9.81, mass_distribution="point")
-    start = (pi - RELEASE, 0.0)
+    step = dt or DT
     changes = {}
     for name in INTEGRATORS.names():
-        energy = numerics.energies(name, plant, start, DT, STEPS)
+        energy = numerics.energies(
+            name, plant, (math.pi - RELEASE, 0.0), step, round(DURATION / step)
+        )
         changes[name] = energy / energy[0] - 1.0
-    picture = draw_drift(changes, DT)
+    picture = draw_drift(changes, step)
     path, *_ = write_figure(picture, directory / "drift")
-    return [_row(name, change) for name, change in changes.items()], _cart_pole(), path
+    rows = [_row(name, change) for name, change in changes.items()]
+    setting = (
+        f"Pendulum, a point mass of {plant.mass:g} kg on a massless rod of {plant.length:g} m at "
+        f"{plant.gravity:g} m/s^2: {_released(step)}"
+    )
+    return Drift(setting, rows), _cart_pole(dt or CART_POLE_DT), path
 
 
 def _row(name: str, change: Any) -> dict[str, str]:
     return {
         "integrator": name,
-        "energy change at 200 s": f"{_signed(100.0 * change[-1])} %",
+        f"energy change at {DURATION:g} s": f"{_signed(100.0 * change[-1])} %",
         "largest change": f"{compact(100.0 * float(np.abs(change).max()), 4)} %",
     }
 
 
-def _cart_pole() -> list[dict[str, str]]:
+def _cart_pole(dt: float) -> Drift:
     plant = CartPole()
-    start = (0.0, 0.0, pi - RELEASE, 0.0)
-    steps = [round(time / CART_POLE_DT) for time in CART_POLE_TIMES]
+    start = (0.0, 0.0, math.pi - RELEASE, 0.0)
+    steps = [round(time / dt) for time in CART_POLE_TIMES]
     rows = []
     for name in CART_POLE_INTEGRATORS:
-        energy = numerics.energies(name, plant, start, CART_POLE_DT, steps[-1])
+        energy = numerics.energies(name, plant, start, dt, steps[-1])
         change = {
-            f"cart-pole, at {time:g} s": f"{_signed(100.0 * (energy[k] / energy[0] - 1.0))} %"
+            f"energy change at {time:g} s": f"{_signed(100.0 * (energy[k] / energy[0] - 1.0))} %"
             for time, k in zip(CART_POLE_TIMES, steps, strict=True)
         }
         rows.append({"integrator": name, **change})
-    return rows
+    setting = (
+        f"Cart-pole, a cart of {plant.cart_mass:g} kg and a pole of {plant.mass:g} kg and "
+        f"{2.0 * plant.length:g} m at {plant.gravity:g} m/s^2: {_released(dt)}"
+    )
+    return Drift(setting, rows)
+
+
+def _released(dt: float) -> str:
+    return f"released at rest {RELEASE:g} rad from hanging, no control, dt {dt:g} s"
 
 
 def _signed(value: float) -> str:

@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .calls import evaluate, run_panel, specified
-    from .model import FILE_NAME, Panel, read_panel
+    from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
     from .plan_check import against_plan, check_finished
     from .power import family_power
     from .running import MANIFEST

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .data import ordered_verdicts
     from .figures import write_figures
     from .page import write_report
 else:

@@ -117,6 +117,39 @@ def parts(file: Path) -> Iterator[Any]:
         raise _unreadable(file, error) from None
 
 
+def record_ids(file: Path) -> list[str]:
+    """Ids of the records of one file, in order.
+
+    Raises:
+        EvidenceError: see :func:`read`.
+    """
+    check_schema(file)
+    try:
+        ids: list[str] = _opened(file).read(columns=["record_id"]).column(0).to_pylist()
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+    return ids
+
+
+def read_row(file: Path, row: int) -> Any:
+    """One record of a file with its trace, as an Arrow table; no other row group is read.
+
+    Raises:
+        EvidenceError: see :func:`read`.
+    """
+    check_schema(file)
+    try:
+        opened = _opened(file)
+        for group in range(opened.num_row_groups):
+            rows = opened.metadata.row_group(group).num_rows
+            if row < rows:
+                return opened.read_row_group(group).slice(row, 1)
+            row -= rows
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+    raise IndexError(f"{file} has no such row")
+
+
 def check_schema(file: Path) -> Any:
     """The Arrow schema of a file that has all fields of its schema version.
 
@@ -149,6 +182,10 @@ def row_count(file: Path) -> int:
         EvidenceError: for a file that cannot be read.
     """
     return int(_metadata(file).num_rows)
+
+
+def _opened(file: Path) -> Any:
+    return parquet().ParquetFile(file)
 
 
 def _metadata(file: Path) -> Any:

@@ -22,9 +22,12 @@ _WIDTH = 40
 _NAME = 28
 _NOTHING = "-"
 
+_LEADING = ("outcome", "ledger")
+"""Groups that are shown before the others."""
+
 
 def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> str:
-    """The record by groups, each value with its unit, and its trace column by column.
+    """What came of the episode, then the record by groups, and its trace column by column.
 
     Args:
         record: the record.
@@ -32,14 +35,15 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
         width: characters in a line; None: as many as it takes.
     """
     fields = record.fields
-    title = f"{fields['env_id']}, episode {fields['episode_index']}: {fields['failure_label']}"
+    outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
+    title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
     parts = (_groups(record, width), _arguments(record, width), _trace(record, bars, width))
-    return "\n".join([title, *(line for part in parts for line in part)])
+    return "\n".join([beside("", title, width), *(line for part in parts for line in part)])
 
 
 def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     group = ""
-    for field in SUMMARY_FIELDS:
+    for field in sorted(SUMMARY_FIELDS, key=lambda field: field.group not in _LEADING):
         if field.name == "arguments":
             continue
         if field.group != group:

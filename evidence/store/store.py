@@ -12,7 +12,7 @@ from integ_gym.support import remove_leftovers, visible, write_once
 
 from ..episodes import EvidenceRecord, records_of
 from ..schema import BatchExistsError, EvidenceError, content_hashes
-from .parquet_file import check_schema, parts, read, row_count, write
+from .parquet_file import check_schema, parts, read, read_row, record_ids, row_count, write
 from .querying import query
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
@@ -130,12 +130,12 @@ class EvidenceStore:
             EvidenceError: if there is none, or more than one.
         """
         found = [
-            (file, full_id)
+            (file, row, full_id)
             for file in self.files()
-            for full_id in read(file, columns=["record_id"]).column("record_id").to_pylist()
+            for row, full_id in enumerate(record_ids(file))
             if full_id.startswith(record_id)
         ]
-        exact = [match for match in found if match[1] == record_id]
+        exact = [match for match in found if match[2] == record_id]
         found = exact or found
         if not found:
             raise EvidenceError(
@@ -143,13 +143,13 @@ class EvidenceStore:
                 '`integ-gym evidence query RUN "SELECT record_id FROM records"`'
             )
         if len(found) > 1:
-            some = ", ".join(full_id for _, full_id in found[:4])
+            some = ", ".join(full_id for *_, full_id in found[:4])
             raise EvidenceError(
                 f"{len(found)} records of {self.directory} begin with {record_id!r}: {some}"
                 f"{', ...' if len(found) > 4 else ''}; give more digits"
             )
-        file, full_id = found[0]
-        return records_of(read(file, filters=[("record_id", "=", full_id)]))[0]
+        file, row, _ = found[0]
+        return records_of(read_row(file, row))[0]
 
     def query(self, sql: str) -> Any:
         """Run SQL over the view ``records``, which holds all files with their columns united.

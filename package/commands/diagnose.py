@@ -9,8 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs import ENVIRONMENTS
-from integ_gym.eval import Request, diagnose, drift_example, print_diagnosis
-from integ_gym.support import FITS, CommandParser, cores, print_aligned, require, whole_number
+from integ_gym.eval import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
+from integ_gym.support import (
+    FITS,
+    CommandParser,
+    cores,
+    print_aligned,
+    require,
+    say,
+    whole_number,
+)
 
 EXAMPLES = """\
 examples:
@@ -22,6 +30,7 @@ examples:
   integ-gym diagnose --plant my_module:Slider --out runs/slider
   integ-gym diagnose --example drift --out runs/drift
                                   energy drift over 200 s, see docs/drift.md
+  integ-gym diagnose --example drift --dt 0.01 --out runs/drift-fine
 """
 
 
@@ -31,9 +40,9 @@ def parser() -> argparse.ArgumentParser:
         prog="integ-gym diagnose",
         description="Measure what integrators do to plants: the plant's own consistency, order, "
         "symplecticity, reversibility, free motion, stiffness, damping, friction, contact, "
-        "actuation, timestep refinement and latency. Every line says what was measured, what is "
-        "expected, the tolerance and whether it holds; DIR gets diagnose.json, figures and one "
-        f"evidence record per rollout. docs/diagnose.md explains every section. {FITS}",
+        "actuation, timestep refinement and latency. Prints what every integrator is and what "
+        "does not hold; DIR gets diagnose.html, diagnose.json, figures and one evidence record per "
+        f"rollout. docs/diagnose.md explains every section. {FITS}",
         epilog=EXAMPLES,
     )
     add = made.add_argument
@@ -48,12 +57,17 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--dt", nargs="+", action="extend", default=[], type=float, metavar="S",
-        help="integration steps, s; one is halved twice; the largest is the control period",
+        help="integration steps, s; one is halved twice; the largest is the control period; with "
+        "--example one step for both of its plants",
     )  # fmt: skip
     add("--example", choices=("drift",), help="a worked example instead")
     add(
         "--out", type=Path, metavar="DIR",
         help="where results go; for --example by default runs/NAME",
+    )  # fmt: skip
+    add(
+        "--all", action="store_true",
+        help="print every line: measured, expected, tolerance, and whether it holds",
     )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
@@ -81,22 +95,24 @@ def main(argv: Sequence[str]) -> int:
         given.workers or cores(),
         progress=not given.no_progress,
     )
-    print_diagnosis(result, sys.stdout)
-    print(f"Results: {given.out.resolve()}")
+    print_diagnosis(result, sys.stdout, every_line=given.all)
+    if not given.all:
+        print("\nEvery line: --all, or the page")
+    print(f"Page: {(given.out / DIAGNOSIS_PAGE).resolve()}")
     return 0
 
 
 def _example(given: argparse.Namespace) -> int:
-    for name in ("env", "plant", "integrator", "dt"):
+    for name in ("env", "plant", "integrator"):
         if getattr(given, name):
-            raise ValueError(f"--example drift has its own settings; leave --{name} out")
-    pendulum, cart_pole, picture = drift_example(given.out)
-    _table(pendulum)
-    print()
-    _table(cart_pole)
+            raise ValueError(f"--example drift has its own plants; leave --{name} out")
+    if len(given.dt) > 1:
+        raise ValueError("--example drift takes one step; give --dt one number of seconds")
+    pendulum, cart_pole, picture = drift_example(given.out, *given.dt)
+    for drift in (pendulum, cart_pole):
+        say(drift.setting, sys.stdout)
+        rows = [list(row.values()) for row in drift.rows]
+        print_aligned(list(drift.rows[0]), rows, sys.stdout, keys=1)
+        print()
     print(f"Figure: {picture.resolve()}")
     return 0
-
-
-def _table(rows: list[dict[str, str]]) -> None:
-    print_aligned(list(rows[0]), [list(row.values()) for row in rows], sys.stdout)

@@ -120,7 +120,7 @@ def main(argv: Sequence[str]) -> int:
         workers=given.workers,
         progress=not given.no_progress,
         on_home=lambda line: say(line, sys.stdout),
-        on_doubt=lambda doubt: print(f"warning: {doubt}", file=sys.stderr),
+        on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),
         command=shlex.join(["integ-gym", "evaluate", *argv]),
     )
     say(panel.question, sys.stdout)

@@ -10,11 +10,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval import BUILT_IN, TRAINERS, PanelSpec, grown, run_panel, specified
+from integ_gym.eval import (
+    BUILT_IN,
+    TRAINERS,
+    PanelSpec,
+    grown,
+    ordered_verdicts,
+    run_panel,
+    specified,
+)
 from integ_gym.evidence import read_seal
 from integ_gym.support import CommandParser, beside, say, whole_number, width_of
 
 from .panel_power import print_power
+from .verdict_table import print_verdicts
 
 EXAMPLES = """\
 examples:
@@ -76,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
+    add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
     return made
 
 
@@ -114,10 +124,14 @@ def main(argv: Sequence[str]) -> int:
         command=shlex.join([*words, "--out", str(arguments.out)]),
     )
     say(panel.question, sys.stdout)
-    say(panel.answer, sys.stdout)
-    for verdict in panel.verdicts:
-        name = f"  {verdict.verdict:<13}"
-        print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
+    if panel.verdicts:
+        print_verdicts(panel, sys.stdout)
+    if arguments.verbose or not panel.verdicts:
+        say(panel.answer, sys.stdout)
+    if arguments.verbose:
+        for verdict in ordered_verdicts(panel):
+            name = f"  {verdict.verdict:<13}"
+            print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     sealed = read_seal(arguments.out)
     assert sealed is not None

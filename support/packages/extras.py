@@ -11,7 +11,7 @@ from typing import Any
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
-    "render": ("pygame",),
+    "render": ("pygame", "PIL", "imageio_ffmpeg"),
     "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
     "train": (
         "stable_baselines3",

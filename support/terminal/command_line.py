@@ -6,10 +6,11 @@ import argparse
 import json
 import math
 import shutil
+import sys
 import textwrap
 from typing import Any, NoReturn
 
-from .text_table import NARROWEST
+from .text_table import NARROWEST, fitted
 
 
 def sentence(error: Exception) -> str:
@@ -69,5 +70,6 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(description=description, **arguments)
 
     def error(self, message: str) -> NoReturn:
-        """Exit with code 2 and one line on standard error."""
-        self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
+        """Exit with code 2 and one sentence on standard error."""
+        said = fitted(f"{self.prog}: error: {message}; see {self.prog} --help", sys.stderr)
+        self.exit(2, f"{said}\n")

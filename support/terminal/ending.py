@@ -13,6 +13,7 @@ from types import FrameType
 from typing import TextIO
 
 from .command_line import sentence
+from .text_table import say
 
 INTERRUPTED = 130
 
@@ -71,14 +72,14 @@ def report_errors(
                 raise KeyboardInterrupt
             return code
     except KeyboardInterrupt:
-        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
+        say(f"{program}: interrupted; {interrupted}", sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         raise
     except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
         if not _is_meant_for_users(error):
             raise
-        print(f"{program}: {mark}{sentence(error)}", file=sys.stderr)
+        say(f"{program}: {mark}{sentence(error)}", sys.stderr)
         return 2
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TextIO
+
+from .colour import painted, shows_colours
 
 FITS = (
     "On a terminal, tables and sentences fit its width; into a file or another program they are "
@@ -55,19 +57,24 @@ def unbroken(text: str) -> str:
 
 
 def say(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> None:
-    """Print a sentence.
+    """Print a sentence; see :func:`fitted`."""
+    print(fitted(text, file, indent, hanging), file=file)
+
+
+def fitted(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:
+    """A sentence in lines that fit.
 
     Args:
         text: the sentence.
-        file: where to.
+        file: what is to show it.
         indent: before its first line.
         hanging: before the others, beside ``indent``.
     """
     width = width_of(file)
     room = None if width is None else width - len(indent) - len(hanging)
     first, *rest = wrapped(text, room)
-    for line in (indent + first, *(indent + hanging + line for line in rest)):
-        print(line.replace(_NO_BREAK, " "), file=file)
+    lines = indent + first, *(indent + hanging + line for line in rest)
+    return "\n".join(lines).replace(_NO_BREAK, " ")
 
 
 def wrapped(text: str, width: int | None) -> list[str]:
@@ -104,6 +111,7 @@ def print_aligned(
     file: TextIO,
     right: Sequence[bool] | None = None,
     keys: int = 0,
+    colours: Mapping[str, str] | None = None,
 ) -> None:
     """Print cells in columns under their names.
 
@@ -116,6 +124,7 @@ def print_aligned(
         file: where to.
         right: which columns are flush right; None: none.
         keys: how many columns at the left tell which row it is: each of several tables has them.
+        colours: text of a whole cell to its colour, where the terminal has colours.
     """
     for place, columns in enumerate(_parts(names, rows, width_of(file), keys)):
         if place:
@@ -125,6 +134,7 @@ def print_aligned(
             [("", [[row[i] for i in columns] for row in rows])],
             file,
             None if right is None else [right[i] for i in columns],
+            colours,
         )
 
 
@@ -133,6 +143,7 @@ def print_groups(
     groups: Sequence[tuple[str, Rows]],
     file: TextIO,
     right: Sequence[bool] | None = None,
+    colours: Mapping[str, str] | None = None,
 ) -> None:
     """Print groups of rows, each below its title, in columns under one line of names.
 
@@ -141,7 +152,9 @@ def print_groups(
         groups: each a title, "" for none, and rows of cells.
         file: where to.
         right: which columns are flush right; None: none.
+        colours: text of a whole cell to its colour, where the terminal has colours.
     """
+    shown = colours if colours and shows_colours(file) else {}
     rows = [row for _, own in groups for row in own]
     widths = _fitted(names, rows, width_of(file))
     flush = right or [False] * len(names)
@@ -156,7 +169,7 @@ def print_groups(
             _print_lists(names, own, file)
             continue
         for row in own:
-            _print_row(row, widths, flush, file)
+            _print_row(row, widths, flush, file, shown)
 
 
 def fits(names: Sequence[str], rows: Rows, file: TextIO) -> bool:
@@ -222,7 +235,11 @@ def _least(cell: str) -> int:
 
 
 def _print_row(
-    cells: Sequence[str], widths: Sequence[int], flush: Sequence[bool], file: TextIO
+    cells: Sequence[str],
+    widths: Sequence[int],
+    flush: Sequence[bool],
+    file: TextIO,
+    colours: Mapping[str, str] | None = None,
 ) -> None:
     broken = [wrapped(cell, width) for cell, width in zip(cells, widths, strict=True)]
     for k in range(max(map(len, broken))):
@@ -231,7 +248,11 @@ def _print_row(
             text.rjust(width) if right else text.ljust(width)
             for text, width, right in zip(line, widths, flush, strict=True)
         )
-        print((" " * _GAP).join(padded).rstrip(), file=file)
+        shown = [
+            painted(text, colours[cell]) if colours and cell in colours else text
+            for text, cell in zip(padded, cells, strict=True)
+        ]
+        print((" " * _GAP).join(shown).rstrip(), file=file)
 
 
 def _print_lists(names: Sequence[str], rows: Rows, file: TextIO) -> None:

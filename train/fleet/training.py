@@ -107,6 +107,7 @@ def train_fleet(
         on_trained,
         write=lambda place, outcome: write_outcome(configs[place], outcome, runs[place][1]),
         prepare=partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device),
+        starting="compiling",
     )
 
 

@@ -95,6 +95,7 @@ def train_in_processes(
     *,
     write: Callable[[int, Any], TrainedPolicy] = lambda place, trained: trained,
     prepare: Callable[[int], None] | None = None,
+    starting: str = "",
 ) -> list[TrainedPolicy]:
     """Do jobs in worker processes, and take in each as it ends.
 
@@ -106,12 +107,13 @@ def train_in_processes(
         on_trained: told of each policy.
         write: called here for each place with what ``train`` returned for it.
         prepare: called once in each process, with its number from 0.
+        starting: what the bar says until some work is done.
 
     Raises:
         TrainingError: if a job fails or is killed; finished policies stay.
     """
     trained: dict[int, TrainedPolicy] = {}
-    progress, policies = Progress(bar), sum(map(len, jobs))
+    progress, policies = Progress(bar, starting), sum(map(len, jobs))
     with bar, progress.pool(max(1, min(processes, len(jobs))), prepare) as pool:
         running = {pool.submit(train, *given): places for places, given in jobs.items()}
         for future in progress.ended(running):

@@ -15,7 +15,8 @@ from .drawing import draw_grid, named, windows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WINDOW: Final = 2.0  # seconds, about one oscillation of the worked example
+WINDOW: Final = 2.0
+"""What the largest change is taken over, s: about one oscillation of the worked example."""
 
 
 def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure:
@@ -29,13 +30,13 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
     heading = (
         "Energy drift of a released pendulum",
         f"point mass, 0.5 rad from hanging, dt = {step(dt)} s; largest change within each "
-        f"{_WINDOW:g} s; at the right, the change at the end",
+        f"{WINDOW:g} s; at the right, the change at the end",
     )
     figure, ((axes,),) = draw_grid(heading, (), (1, 1), (5.8, 3.9), right=2.4, legible=0.25)
-    window = round(_WINDOW / dt)
+    window = round(WINDOW / dt)
     for name, change in changes.items():
         envelope = 100.0 * windows(np.abs(change), window).max(axis=1)
-        time = (np.arange(len(envelope)) + 0.5) * _WINDOW
+        time = (np.arange(len(envelope)) + 0.5) * WINDOW
         style = styles[name]
         axes.semilogy(time, envelope, **line_style(style, 1.3))
         label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"

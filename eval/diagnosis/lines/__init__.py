@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .expectation import Expectation, above, below, near, said, undeclared
+    from .expectation import NOTHING, Expectation, above, below, near, said, undeclared
     from .finding import ANY, VERDICTS, Finding
     from .ledger import booked_line, ledger_line
     from .order import EXACT, order_line

@@ -1,0 +1,79 @@
+"""Discretizations that a film is asked to show, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+from integ_gym.envs import DISCRETIZATION, ENVIRONMENTS, Discretization, testbed_of
+
+from ..panel.specification import Cell
+
+Asked: TypeAlias = Discretization | Mapping[str, Any] | str
+"""A discretization; some of its parts; or its name, as panels write it."""
+
+TRUE_NAMES = ("truth", "reference")
+
+
+def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
+    """The discretization that is asked for.
+
+    Args:
+        asked: such as ``"explicit_euler"``, ``"explicit_euler dt=0.0125"``, ``"mujoco RK4"`` or
+            ``"truth"``.
+        like: has the step, the control period and the engine of what does not say its own.
+        env_id: one of integ-gym's environments.
+
+    Raises:
+        ValueError: for what is no name of a discretization.
+    """
+    if isinstance(asked, Discretization):
+        return asked
+    parts = _parts(asked) if isinstance(asked, str) else dict(asked)
+    unknown = sorted(set(parts) - set(DISCRETIZATION))
+    if unknown or "integrator" not in parts:
+        raise ValueError(
+            f"a discretization is an integrator, and if need be its engine before it and dt=S "
+            f"after it, such as 'explicit_euler dt=0.0125'; got {asked!r}"
+        )
+    if parts["integrator"] in TRUE_NAMES:
+        truth = testbed_of(env_id, {}).truth(parts.get("control_period", like.control_period))
+        assert truth is not None  # of our environments
+        return truth
+    return replace(like, **parts)
+
+
+def _parts(name: str) -> dict[str, Any]:
+    """Parts of a discretization's name."""
+    *words, last = name.split() or [""]
+    dt: dict[str, Any] = {}
+    if last.startswith("dt="):
+        try:
+            dt = {"dt": float(last.removeprefix("dt="))}
+        except ValueError:
+            raise ValueError(f"dt must be a number of seconds, got {last!r} in {name!r}") from None
+    else:
+        words.append(last)
+    if not all(words) or len(words) not in (1, 2):
+        return {}
+    engine = {"engine": words[0]} if len(words) == 2 else {}
+    return {**engine, "integrator": words[-1], **dt}
+
+
+def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Constructor arguments of an environment on another discretization."""
+    return Cell(cell, "grid").arguments(arguments)
+
+
+def check_filmed(env_id: str) -> None:
+    """Refuse an environment that there are no pictures of.
+
+    Raises:
+        ValueError: for any but integ-gym's own.
+    """
+    if env_id not in ENVIRONMENTS:
+        raise ValueError(
+            f"films show {', '.join(ENVIRONMENTS)}; {env_id} has pictures of its own, see "
+            'render_mode="rgb_array" of gymnasium.make'
+        )

@@ -1,0 +1,125 @@
+"""A film of a recorded episode, beside the same policy's from the same start elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from integ_gym.envs import DISCRETIZATION, TRUTH, Discretization
+from integ_gym.evidence import EvidenceRecord, EvidenceStore, open_run
+from integ_gym.support import require
+
+from .choosing import Asked, arguments_on, check_filmed, chosen
+from .episode import Episode, played, recorded
+from .film import Film
+from .of_policy import told
+from .run_policies import policy_of
+
+
+def watch(
+    run: str | os.PathLike[str],
+    record_id: str,
+    on: Sequence[Asked] = (),
+    *,
+    on_doubt: Callable[[str], None] = lambda doubt: None,
+) -> Film:
+    """A recorded episode as a film.
+
+    Episodes that have traces are shown as they were recorded, others are played again.
+
+    Args:
+        run: directory of the run.
+        record_id: id of the record, or how it begins.
+        on: discretizations from left to right, see
+            :func:`~integ_gym.eval.film.of_policy.side_by_side`; by default what the policy was
+            trained on, the record's own, and the truth.
+        on_doubt: told where an episode, played again, ends otherwise than its record says.
+
+    Raises:
+        EvidenceError: for a run or a record that is not there.
+        PolicyFileError, ValueError: if the policy is needed and not there any more.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("render", "evidence")
+    store = open_run(Path(run))
+    record = store.find(record_id)
+    check_filmed(record["env_id"])
+    own = Discretization(**{name: record[name] for name in DISCRETIZATION})
+    homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
+    asked = on or (*homes, own, *([TRUTH] if record["policy_hash"] else []))
+    cells = dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked)
+    twins = _twins(record, own, store)
+    episodes = [_episode(cell, record, twins.get(cell), store, on_doubt) for cell in cells]
+    return Film(episodes, homes, _note(record, homes, episodes[0]))
+
+
+_SAME = ("env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
+"""Fields that records of one policy from one start have in common."""
+
+
+def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
+    stated = json.loads(record["training_discretization"] or "[]")
+    return [stated] if isinstance(stated, dict) else stated
+
+
+def _twins(
+    record: EvidenceRecord, own: Discretization, store: EvidenceStore
+) -> dict[Discretization, EvidenceRecord | bool]:
+    """Discretization to the same policy's record from the same start; its success if untraced."""
+    if not record["policy_hash"]:
+        return {own: record}
+    same = " AND ".join(f"{name} IS NOT DISTINCT FROM {_literal(record[name])}" for name in _SAME)
+    found = store.query(
+        f"SELECT record_id, success, energy IS NOT NULL AS traced, {', '.join(DISCRETIZATION)} "
+        f"FROM records WHERE {same}"
+    ).to_pylist()
+    return {
+        Discretization(**{name: row[name] for name in DISCRETIZATION}): (
+            store.find(row["record_id"]) if row["traced"] else row["success"]
+        )
+        for row in found
+    }
+
+
+def _literal(value: Any) -> str:
+    if value is None:
+        return "NULL"
+    return str(value) if isinstance(value, int) else "'" + str(value).replace("'", "''") + "'"
+
+
+def _episode(
+    cell: Discretization,
+    record: EvidenceRecord,
+    twin: EvidenceRecord | bool | None,
+    store: EvidenceStore,
+    on_doubt: Callable[[str], None],
+) -> Episode:
+    if isinstance(twin, EvidenceRecord):
+        return recorded(twin)
+    arguments = arguments_on(cell, record.arguments())
+    policy, start = policy_of(record, store), record["initial_state"]
+    episode = played(policy, record["env_id"], arguments, record["seed"], start)
+    if twin is not None and twin != episode.success:
+        on_doubt(
+            f"on {cell.name} the episode {_ends(twin)} in its record and {_ends(episode.success)} "
+            "when it is played again: it hangs on the last bits of the policy's actions"
+        )
+    return episode
+
+
+def _ends(success: bool) -> str:
+    return "succeeds" if success else "fails"
+
+
+def _note(record: EvidenceRecord, homes: Sequence[Discretization], episode: Episode) -> str:
+    changed = json.loads(record["perturbation"] or "{}")
+    start = ", ".join(
+        [
+            f"start {record['episode_index']}",
+            *(f"{name} {value}" for name, value in changed.items()),
+        ]
+    )
+    return told(record["policy_id"], homes, record["training_seed"], episode, start)

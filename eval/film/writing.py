@@ -1,0 +1,95 @@
+"""Frames written as a GIF or as MP4."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.support import load, require
+
+Frame = npt.NDArray[np.uint8]
+
+FORMATS = (".gif", ".mp4")
+HOLD = 2.5
+"""How long the last frame stays, s."""
+_COLOURS = 64
+_SAMPLES = 5
+"""Frames that the palette of a GIF is made from."""
+
+
+def check_writable(path: Path) -> None:
+    """Refuse what a film cannot be written to, before anything is run.
+
+    Raises:
+        ValueError: for another ending than a film's.
+        OSError: if its folder is not there.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
+    require("render")
+    if not path.resolve().parent.is_dir():
+        raise FileNotFoundError(
+            f"there is no folder {path.parent}; make it, or give another path for the film"
+        )
+
+
+def write_film(frames: Sequence[Frame], fps: int, path: Path) -> Path:
+    """Write frames, the last of which stays for a while; the file is replaced in one step.
+
+    Args:
+        frames: each of shape (height, width, 3).
+        fps: frames per second.
+        path: ends in ``.gif`` or ``.mp4``.
+
+    Raises:
+        ValueError, OSError, ModuleNotFoundError: see :func:`check_writable`.
+    """
+    check_writable(path)
+    part = path.with_name(f".{path.stem}.part{path.suffix.lower()}")
+    try:
+        {".gif": _write_gif, ".mp4": _write_mp4}[part.suffix](frames, fps, part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _write_gif(frames: Sequence[Frame], fps: int, path: Path) -> None:
+    """With one palette for all frames, so that what stands still costs nothing."""
+    images = load("PIL.Image", "render")
+    places = np.linspace(0, len(frames) - 1, min(_SAMPLES, len(frames))).round().astype(int)
+    sample = images.fromarray(np.concatenate([frames[int(k)] for k in places]))
+    palette = sample.quantize(_COLOURS, dither=images.Dither.NONE)
+    drawn: Iterator[Any] = (
+        images.fromarray(frame).quantize(palette=palette, dither=images.Dither.NONE)
+        for frame in frames
+    )
+    times = [round(1000 / fps)] * (len(frames) - 1) + [round(1000 * HOLD)]
+    next(drawn).save(path, save_all=True, append_images=drawn, duration=times, loop=0)
+
+
+def _write_mp4(frames: Sequence[Frame], fps: int, path: Path) -> None:
+    """H.264 with pixels that every player shows, which takes even sizes."""
+    ffmpeg = load("imageio_ffmpeg", "render")
+    height, width = (n - n % 2 for n in frames[0].shape[:2])
+    writer = ffmpeg.write_frames(
+        str(path), (width, height), fps=fps, quality=8, macro_block_size=2, ffmpeg_log_level="error"
+    )
+    writer.send(None)
+    for frame in _held(frames, round(HOLD * fps)):
+        writer.send(np.ascontiguousarray(frame[:height, :width]))
+    writer.close()
+
+
+def _held(frames: Iterable[Frame], count: int) -> Iterator[Frame]:
+    """Frames, the last of them repeated."""
+    for frame in frames:
+        yield frame
+    for _ in range(count):
+        yield frame

@@ -1,0 +1,48 @@
+"""The verdicts of a panel as one table."""
+
+from __future__ import annotations
+
+from typing import Final, TextIO
+
+from integ_gym.eval import Estimate, Panel, Verdict, ordered_verdicts
+from integ_gym.support import DIM, GREEN, NONE, RED, YELLOW, fixed, print_aligned
+
+TONES: Final = {
+    "fails": RED,
+    "transfers": GREEN,
+    "inconclusive": YELLOW,
+    "not_learned": DIM,
+    "unachievable": DIM,
+    "too_slow": DIM,
+    "undecided": DIM,
+}
+"""Verdict to its colour."""
+
+_NAMES: Final = (
+    "verdict", "trained on → judged on", "success", "loss", "of it overfitting", "interval"
+)  # fmt: skip
+
+
+def print_verdicts(panel: Panel, file: TextIO) -> None:
+    """Print the declared family, failing transfers first, in colour where the terminal has it."""
+    rows = [_row(panel, judged) for judged in ordered_verdicts(panel)]
+    right = (False, False, True, True, True, True)
+    print_aligned(_NAMES, rows, file, right, keys=2, colours=TONES)
+
+
+def _row(panel: Panel, judged: Verdict) -> tuple[str, ...]:
+    there, home = panel.entry(judged.row, judged.cell), panel.row(judged.row).home_success
+    success = f"{_rate(home)} → {_rate(there.success if there else None)}"
+    low, high = judged.overfitting.low, judged.overfitting.high
+    return (
+        judged.verdict,
+        f"{judged.row} → {judged.cell}",
+        success,
+        fixed(judged.total.estimate),
+        fixed(judged.overfitting.estimate),
+        f"{fixed(low)} to {fixed(high)}" if judged.overfitting.bounded else NONE,
+    )
+
+
+def _rate(estimate: Estimate | None) -> str:
+    return fixed(None if estimate is None else estimate.estimate)

@@ -1,0 +1,89 @@
+"""``integ-gym watch``: one policy in several discretizations, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from integ_gym.eval import Film, check_writable, show_film, side_by_side, watch
+from integ_gym.support import CommandParser, say, whole_number
+from integ_gym.train import POLICY_FILE
+
+EXAMPLES = """\
+examples:
+  integ-gym watch runs/panel 3f9a --out film.gif
+                                  where the policy was trained, where it was recorded, the truth
+  integ-gym watch runs/panel 3f9a --on explicit_euler "rk4 dt=0.0125" truth --out film.mp4
+  integ-gym watch runs/panel 3f9a
+                                  in a window
+  integ-gym watch runs/rk4 --seed 12 --on rk4 explicit_euler truth --out film.gif
+                                  a policy that `integ-gym train` wrote, from the start of a seed
+
+A discretization is written as in a panel: INTEGRATOR, if need be with an engine before it and
+dt=S after it; what it does not say is the record's, or the policy's home's.
+`integ-gym evidence query RUN "SELECT record_id, cell, failure_label FROM records"` lists records.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym watch",
+        description="Show one policy from one start in several discretizations side by side, with "
+        "what the motor gave, what the numerics gave and the energy there is: in a window, or as "
+        "a GIF or MP4.",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add("run", type=Path, metavar="RUN", help="directory of a run, or of a trained policy")
+    add(
+        "record", nargs="?", metavar="RECORD",
+        help="id of a record, or how it begins; none for a trained policy",
+    )  # fmt: skip
+    add(
+        "--on", nargs="+", action="extend", default=[], metavar="NAME",
+        help="discretizations from left to right; default: what the policy was trained on, the "
+        "record's own, and the truth",
+    )  # fmt: skip
+    add("--seed", type=whole_number, metavar="N", help="of the start of a trained policy")
+    add("--out", type=Path, metavar="FILE", help="film.gif or film.mp4; default: a window")
+    add(
+        "--own-code", action="store_true",
+        help="load the classes that a policy's side-car names as module:Class",
+    )  # fmt: skip
+    return made
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    if given.out is not None:
+        check_writable(given.out)
+    film = _film(given)
+    for name, success in film.success.items():
+        print(f"{'succeeds' if success else 'fails   '}  {name}")
+    if given.out is None:
+        show_film(film)
+        return 0
+    print(f"Film: {film.write(given.out).resolve()}")
+    return 0
+
+
+def _film(given: argparse.Namespace) -> Film:
+    if given.record is not None:
+        if given.seed is not None or given.own_code:
+            raise ValueError("--seed and --own-code are for a trained policy; leave RECORD out")
+        return watch(given.run, given.record, given.on, on_doubt=_warn)
+    if given.run.is_dir() and not (given.run / POLICY_FILE).exists():
+        raise ValueError(
+            f"{given.run} is no trained policy; give the id of one of its records after it"
+        )
+    if not given.run.exists():
+        raise ValueError(f"there is no {given.run}; give the directory of a run or of a policy")
+    return side_by_side(given.run, given.on, given.seed or 0, own_code=given.own_code)
+
+
+def _warn(doubt: str) -> None:
+    say(f"warning: {doubt}", sys.stderr)

@@ -1,0 +1,131 @@
+"""Films: the episodes are those of the environments, the ledger closes, the picture tells it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from PIL import Image
+
+import integ_gym
+from integ_gym.envs import ENVIRONMENTS, Discretization, environment_setup
+from integ_gym.envs.rendering.canvas import GREEN, VERMILLION
+from integ_gym.eval.film.choosing import chosen
+from integ_gym.eval.film.film import Film
+from integ_gym.train import make_baseline
+
+PENDULUM = "IntegPendulum-v0"
+HOME = Discretization("rk4", 0.05, 0.05)
+SHORT = {"duration": 0.5}
+ROOT = Path(__file__).parents[3]
+
+
+def zero(env_id: str):
+    return make_baseline("zero", environment_setup(env_id, {}))
+
+
+def film_of(*names: str, env_id: str = PENDULUM, **environment) -> Film:
+    return integ_gym.side_by_side(
+        zero(env_id), names, 3, env_id=env_id, environment={**SHORT, **environment}
+    )
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_the_ledger_of_every_environment_closes(env_id):
+    film = film_of("explicit_euler", "truth", env_id=env_id, damping=0.1)
+    for episode in film.episodes:
+        *parts, energy = episode.ledger().values()
+        np.testing.assert_allclose(sum(parts), energy, atol=1e-9)
+        assert np.abs(episode.losses).max() > 0.0
+    frame = film[len(film) - 1]
+    assert frame.dtype == np.uint8
+    assert frame.shape[2] == 3
+
+
+def test_all_episodes_start_alike_and_are_those_of_the_environment():
+    film = film_of("explicit_euler", "rk4 dt=0.025", "mujoco RK4", control_period=0.05)
+    first = film.episodes[0].states[0]
+    for episode in film.episodes:
+        np.testing.assert_array_equal(episode.states[0], first)
+        cell = episode.discretization
+        env = gym.make(PENDULUM, **SHORT, **cell.arguments())
+        env.reset(seed=3)
+        for place in range(1, len(episode.times)):
+            *_, info = env.step([0.0])
+            assert info["energy"] == pytest.approx(episode.energy[place], abs=1e-12)
+        np.testing.assert_array_equal(env.unwrapped.state, episode.states[-1])
+        assert episode.success == info["success"] == film.success[cell.name]
+
+
+def test_a_film_lasts_as_long_as_its_longest_episode():
+    film = film_of("rk4", env_id="IntegCartPole-v0", duration=10.0)
+    assert film.seconds == film.episodes[0].times[-1] < 10.0  # it falls
+    assert len(film) == len(list(film)) == int(film.seconds * film.fps + 1e-6) + 1
+    np.testing.assert_array_equal(film[-1], film[len(film) - 1])
+    assert len(film[:3]) == 3
+    with pytest.raises(IndexError, match="there is no frame"):
+        film[len(film)]
+
+
+def test_frames_move_and_repeat_exactly():
+    film = film_of("rk4", "truth")
+    first, last = film[0], film[-1]
+    assert (first != last).any()
+    np.testing.assert_array_equal(film[0], first)
+
+
+def test_the_verdict_is_in_the_picture():
+    """Balance for a tenth of a second succeeds; a swing-up without control fails."""
+    succeeding = film_of("rk4", env_id="IntegCartPole-v0", duration=0.1, dt=0.02)[0][74:130]
+    failing = film_of("rk4", start="hanging")[0][74:130]
+    for frame, present, absent in ((succeeding, GREEN, VERMILLION), (failing, VERMILLION, GREEN)):
+        assert (np.abs(frame.astype(int) - present).max(axis=2) < 6).sum() > 20
+        assert not (np.abs(frame.astype(int) - absent).max(axis=2) < 6).any()
+
+
+def test_panes_wrap_into_rows():
+    narrow, wide = film_of("rk4", "truth")[0], film_of(*["rk4"] * 5)[0]
+    assert wide.shape[0] > 1.7 * narrow.shape[0]
+    assert wide.shape[1] > narrow.shape[1]
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [
+        ("explicit_euler", Discretization("explicit_euler", 0.05, 0.05)),
+        ("rk4 dt=0.0125", Discretization("rk4", 0.0125, 0.05)),
+        ("mujoco RK4 dt=0.01", Discretization("RK4", 0.01, 0.05, "mujoco")),
+        ("truth", Discretization("reference", 0.05, 0.05)),
+        ("reference dt=0.01", Discretization("reference", 0.05, 0.05)),
+        ({"integrator": "rk4", "dt": 0.01}, Discretization("rk4", 0.01, 0.05)),
+        (HOME, HOME),
+    ],
+)
+def test_discretizations_are_named_as_in_panels(asked, expected):
+    assert chosen(asked, HOME, PENDULUM) == expected
+    assert chosen(expected.name, HOME, PENDULUM) == expected
+
+
+@pytest.mark.parametrize("asked", ["", "dt=0.1", "a b c", "rk4 dt=fast", {"dt": 0.1}, {"step": 1}])
+def test_what_is_no_discretization_is_refused(asked):
+    with pytest.raises(ValueError, match=r"discretization is|must be a number"):
+        chosen(asked, HOME, PENDULUM)
+
+
+def test_what_cannot_be_filmed_is_refused():
+    with pytest.raises(ValueError, match="give env_id as well"):
+        integ_gym.side_by_side(zero(PENDULUM), ["rk4"], 0)
+    with pytest.raises(ValueError, match="films show IntegCartPole-v0"):
+        integ_gym.side_by_side(zero(PENDULUM), ["rk4"], 0, env_id="Hopper-v5")
+    with pytest.raises(ValueError, match="unknown integrator"):
+        film_of("no_such")
+
+
+def test_the_film_of_the_readme_is_light_and_moves():
+    path = ROOT / "docs" / "watch-it-fail.gif"
+    assert path.stat().st_size < 2_000_000
+    with Image.open(path) as film:
+        assert film.n_frames > 200
+    assert "docs/watch-it-fail.gif" in (ROOT / "README.md").read_text()[:1500]
