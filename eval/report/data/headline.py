@@ -43,7 +43,7 @@ def _largest(panel: Panel, worst: Verdict) -> str:
 
 
 def _rest(panel: Panel, judged: Sequence[Verdict]) -> str:
-    counts = Counter(one.verdict for one in judged)
+    counts = Counter(str(one.verdict) for one in judged)
     holding = [f"{one.row} on {one.cell}" for one in judged if one.verdict == "transfers"]
     parts = [
         f"{counts[verdict]} {words}"

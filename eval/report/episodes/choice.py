@@ -103,7 +103,7 @@ def _leads(
     success = own.label == "none"
     at_home = np.ones_like(success) if home is None else home.label == "none"
     pump = np.nan_to_num(np.abs(own.ledger[1]))
-    seed = int(np.argmax((at_home.mean(axis=1) - success.mean(axis=1))))
+    seed = int(np.argmax(at_home.mean(axis=1) - success.mean(axis=1)))
     worst = _worst(~success[seed], at_home[seed], own.traced[seed], pump[seed])
     taken = set()
     if worst is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -51,19 +52,23 @@ def outcomes_of(panel: Panel, store: EvidenceStore) -> dict[tuple[str, str], Out
                table.column_names}  # fmt: skip
     order = np.lexsort((columns["episode_index"], columns["policy_id"], columns["cell"]))
     columns = {name: values[order] for name, values in columns.items()}
-    keys = np.stack((columns["cell"].astype(str), columns["policy_id"].astype(str)), axis=1)
-    changes = np.flatnonzero((keys[1:] != keys[:-1]).any(axis=1)) + 1 if len(keys) else []
-    bounds = [0, *changes, len(keys)]
-    groups = {
-        (str(keys[start, 1]), str(keys[start, 0])): slice(start, end)
-        for start, end in zip(bounds[:-1], bounds[1:], strict=True)
-        if end > start
-    }
+    groups = _groups(columns["policy_id"], columns["cell"])
     found = {}
     for entry in panel.matrix:
         own = _stacked(panel, entry, groups, columns)
         if own is not None:
             found[entry.row, entry.cell] = own
+    return found
+
+
+def _groups(policies: Array, cells: Array) -> dict[tuple[str, str], slice]:
+    """Where the episodes of each policy and cell stand, neighbours as they are."""
+    found: dict[tuple[str, str], slice] = {}
+    start = 0
+    for (policy, cell), own in itertools.groupby(zip(policies, cells, strict=True)):
+        end = start + sum(1 for _ in own)
+        found[str(policy), str(cell)] = slice(start, end)
+        start = end
     return found
 
 

@@ -45,9 +45,8 @@ def _setup(panel: Panel) -> Setup | None:
     env_id, given = panel.spec.get("env_id"), panel.spec.get("environment", {})
     if env_id not in ENVIRONMENTS:
         return None
-    native = (cell for cell in panel.cells if cell.engine == "native" and cell.plain)
-    place = next(native, None)
-    chosen = {"dt": place.dt, "control_period": place.control_period} if place else {}
+    periods = [cell.control_period for cell in panel.columns]
+    chosen = {"dt": periods[0], "control_period": periods[0]} if periods else {}
     return environment_setup(env_id, {**given, **chosen})
 
 

@@ -111,7 +111,8 @@ def _numbers(values: Any, count: int) -> Array:
     found = np.array([np.nan if x is None else x for x in (values or ())][:count], float)
     found = np.concatenate((found, np.full(count - len(found), np.nan)))
     known = np.where(np.isfinite(found), np.arange(count), 0)
-    return np.nan_to_num(found[np.maximum.accumulate(known)], posinf=0.0, neginf=0.0)
+    numbers: Array = np.nan_to_num(found[np.maximum.accumulate(known)], posinf=0.0, neginf=0.0)
+    return numbers
 
 
 def _held(values: Any, length: int) -> Array:

@@ -58,7 +58,15 @@ def carried_by(
             {
                 "shown": called(panel, row.name),
                 "homes": [cells[name] for name in row.shares if name in cells],
-                "policies": [{"id": p.id, "seed": p.seed} for p in row.policies],
+                "policies": [
+                    {
+                        "id": policy.id,
+                        "seed": policy.seed,
+                        "hash": policy.hash and policy.hash[:16],
+                        "file": policy.file and href(policy.file),
+                    }
+                    for policy in row.policies
+                ],
             }
             for row in panel.rows
         ],

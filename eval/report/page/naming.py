@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 from integ_gym.support import load
 
 from ...panel.model import Panel
+
+Filter: TypeAlias = Callable[[Any, Any], Any]
+"""Of a template: from its context and a value."""
 
 
 def called(panel: Panel, name: str) -> str:
@@ -22,23 +25,23 @@ def said(panel: Panel, text: str) -> str:
     return text.replace("the reference", "the truth")
 
 
-def naming_filters() -> dict[str, Callable[..., Any]]:
+def naming_filters() -> dict[str, Filter]:
     """Filters of templates that are told of a ``panel``: names and sentences, breakable."""
-    jinja2 = load("jinja2", "report")
+    told: Callable[[Filter], Filter] = load("jinja2", "report").pass_context
     markup = load("markupsafe", "report")
 
     def breakable(text: str) -> Any:
         return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))
 
-    @jinja2.pass_context
+    @told
     def shown_name(context: Any, name: Any) -> Any:
         return breakable(called(context["panel"], str(name)))
 
-    @jinja2.pass_context
+    @told
     def shown_text(context: Any, text: Any) -> Any:
         return breakable(said(context["panel"], str(text)))
 
-    @jinja2.pass_context
+    @told
     def plain_text(context: Any, text: Any) -> str:
         return said(context["panel"], str(text))
 

@@ -15,6 +15,8 @@ async function begin() {
       watched.scrollIntoView();
     } else if (drawer.dialog.open) drawer.dialog.close();
   };
+  const policies = document.getElementById("policies");
+  policies.addEventListener("toggle", () => listPolicies(carried, policies), { once: true });
   if (watch) watch.open(0);
   went();
   if (watch && placeOf(location.hash).kind !== "watch") watch.startWhenSeen();
