@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from typing import Any, Final
@@ -27,28 +28,40 @@ SCRIPT: Final = """
   }
   addEventListener("hashchange", reveal);
   reveal();
-  if (!navigator.clipboard) { return; }
-  document.querySelectorAll("pre.command").forEach(function (block) {
-    var button = document.createElement("button");
-    button.type = "button";
-    button.textContent = "copy";
-    button.addEventListener("click", function () {
-      navigator.clipboard.writeText(block.textContent).then(function () {
-        button.textContent = "copied";
-        setTimeout(function () { button.textContent = "copy"; }, 1500);
-      }, function () { getSelection().selectAllChildren(block); });
-    });
-    block.parentElement.appendChild(button);
+  var opened = [];
+  addEventListener("beforeprint", function () {
+    opened = Array.from(document.querySelectorAll("details:not([open])"));
+    opened.forEach(function (box) { box.open = true; });
   });
+  addEventListener("afterprint", function () {
+    opened.forEach(function (box) { box.open = false; });
+  });
+  document.querySelectorAll("pre.command").forEach(copyable);
 })();
+function copyable(block) {
+  if (!navigator.clipboard) { return; }
+  var button = document.createElement("button");
+  button.type = "button";
+  button.textContent = "copy";
+  button.addEventListener("click", function () {
+    navigator.clipboard.writeText(block.textContent).then(function () {
+      button.textContent = "copied";
+      setTimeout(function () { button.textContent = "copy"; }, 1500);
+    }, function () { getSelection().selectAllChildren(block); });
+  });
+  block.parentElement.appendChild(button);
+}
 """
-"""Opens what a link leads to, and puts a button for copying beside every command."""
+"""Opens what a link leads to and, for print, all that is closed; a button beside every command."""
 
 
-def page_environment() -> Any:
+def page_environment(templates: Mapping[str, str] | None = None) -> Any:
     """A jinja2 environment that escapes everything, with the filters of numbers.
 
     Its templates may extend ``page.html.j2``, the frame of a page.
+
+    Args:
+        templates: that others may include, by name.
 
     Raises:
         ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
@@ -56,7 +69,7 @@ def page_environment() -> Any:
     jinja2 = load("jinja2", "report")
     frame = resources.files(__package__).joinpath("page.html.j2").read_text("utf-8")
     environment = jinja2.Environment(
-        loader=jinja2.DictLoader({"page.html.j2": frame}),
+        loader=jinja2.DictLoader({"page.html.j2": frame, **(templates or {})}),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -67,14 +80,20 @@ def page_environment() -> Any:
 
 
 @cache
-def page_parts() -> dict[str, Any]:
-    """`style`, `script` and `script_hash`, as templates name them."""
+def page_parts(style: str = "", script: str = "") -> dict[str, Any]:
+    """`style`, `script` and `script_hash`, as templates name them.
+
+    Args:
+        style: rules of one page, after those that all have.
+        script: statements of one page, after those that all have.
+    """
     markup = load("markupsafe", "report").Markup
     sheet = resources.files(__package__).joinpath("page.css").read_text("utf-8")
-    digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
+    whole = SCRIPT + script
+    digest = base64.b64encode(hashlib.sha256(whole.encode()).digest()).decode()
     return {
-        "style": markup(f"{_colours()}\n{sheet}"),
-        "script": markup(SCRIPT),
+        "style": markup(f"{_colours()}\n{sheet}{style}"),
+        "script": markup(whole),
         "script_hash": f"sha256-{digest}",
     }
 

@@ -55,7 +55,7 @@ def test_wheel_holds_every_module(wheel):
     expected = set()
     for package, folder in folders.items():
         for path in (ROOT / folder).rglob("*"):
-            if path.suffix in {".py", ".typed", ".toml", ".j2", ".json", ".css"}:
+            if path.suffix in {".py", ".typed", ".toml", ".j2", ".json", ".css", ".js"}:
                 inside = path.relative_to(ROOT / folder)
                 expected.add(f"{package.replace('.', '/')}/{inside.as_posix()}")
     names = set(zipfile.ZipFile(wheel).namelist())

@@ -10,15 +10,18 @@ if TYPE_CHECKING:
     from .findings import findings_of
     from .forest import Forest, Line, Mark, Tone
     from .gaps import VERDICT_ORDER, gap_forest, ordered_verdicts
+    from .headline import headline_of
     from .ladders import LadderPlot, LadderPlots, Series, ladder_plots
     from .matrices import (
         Matrix,
         MatrixLine,
         Shade,
         energy_matrix,
+        loss_matrix,
         return_matrix,
         solved_words,
         success_matrix,
+        time_matrix,
     )
     from .remedy import costs_of, mixtures_of, remedy_forest
     from .trust import CLASS_WORDS, Trust, trust_of

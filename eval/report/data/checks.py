@@ -50,7 +50,7 @@ def check_forest(panel: Panel) -> Forest | None:
     blocks = [Block(label, [_line(c) for c in found]) for label, found in checks_of(panel).items()]
     if not blocks:
         return None
-    about = "success with its interval over seeds: ring as specified, dot with the change"
+    about = "success with its interval over seeds: ring as specified, dot with the change; the loss"
     return Forest("Perturbations and latency", about, RATE_AXIS, tuple(blocks))
 
 
@@ -61,13 +61,13 @@ def _line(check: Check) -> Line:
     if before is not None:
         was = fixed(before.estimate)
         marks.insert(0, Mark(before, "soft", filled=False, down=-0.35))
-    change = None if before is None else after.estimate - before.estimate
+    loss = None if before is None else before.estimate - after.estimate
     return Line(
         check.after.row,
         check.after.cell if check.before is None else check.before.cell,
         (check.after.row, check.after.cell),
         tuple(marks),
-        fixed(change, sign=True),
+        fixed(loss, sign=True),
         f"{was} → {fixed(after.estimate)}",
         f"{check.after.row}: success {before or 'not known'} before, {after} on {check.after.cell}",
     )

@@ -45,7 +45,7 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
             "There is no truth column here: this page shows where discretizations disagree, not "
             "which of them is right."
             if panel.truth is None
-            else "Nothing was compared with the reference here, so this panel cannot tell false "
+            else "Nothing was compared with the truth here, so this panel cannot tell false "
             "passes from true ones."
         )
         return (Finding("missing", lead),)
@@ -62,7 +62,7 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
     if not wrong:
         return Finding(
             "agreement",
-            f"Every pass and every fail agrees with the reference, in all {len(judged)} "
+            f"Every pass and every fail agrees with the truth, in all {len(judged)} "
             f"pairs of policies and discretizations compared{_none_passes(judged)}.",
         )
     counts = Counter(str(entry.reference_class) for entry in wrong)
@@ -74,7 +74,7 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
     return Finding(
         "agreement",
         f"{len(judged) - len(wrong)} of {plural(len(judged), 'answer')} agree with the "
-        f"reference; {' and '.join(parts)} do not.",
+        f"truth; {' and '.join(parts)} do not.",
     )
 
 
@@ -92,11 +92,11 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | 
     at_home = next((entry for entry in wrong if entry.cell == row.home), None)
     others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
     if at_home is None:
-        text = f"{row.name} reaches {_rate(truth)} on the reference, but passes on {others}."
+        text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
     else:
         text = (
             f"The policies trained on {row.name} reach {_rate(at_home)} at home but "
-            f"{_rate(truth)} on the reference: that win belongs to the simulator, not to "
+            f"{_rate(truth)} on the truth: that win belongs to the simulator, not to "
             "the physics."
         ) + (f" They also pass on {others}." if others else "")
     close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
@@ -111,7 +111,7 @@ def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
     pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]
     rows = _and(pairs, "rows")
     text = (
-        f"{trust.cell.name} fails what passes on the reference: {rows}. Judged there, "
+        f"{trust.cell.name} fails what passes on the truth: {rows}. Judged there, "
         f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
         "thrown away."
     )

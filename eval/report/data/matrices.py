@@ -44,6 +44,7 @@ class Shade:
         words: all of it in words.
         home: whether the row was trained there.
         hatched: why the cell is hatched, a name in :data:`HATCHED`; None where it is not.
+        span: where the interval of a rate begins and ends, in [0, 1]; None without one.
     """
 
     text: str
@@ -53,6 +54,7 @@ class Shade:
     words: str
     home: bool
     hatched: Achievability | None = None
+    span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -100,14 +102,25 @@ class Matrix:
 
 def success_matrix(panel: Panel) -> Matrix | None:
     """Matrix of success rates, None without any column."""
-    classes = ("▲ false pass", "▽ false fail") if panel.truth is not None else ()
+    columns = {cell.name for cell in panel.columns}
+    entries = [entry for entry in panel.matrix if entry.cell in columns]
+    classes = {entry.reference_class for entry in entries}
+    signs = [
+        words
+        for words, there in (
+            ("▲ false pass", "false_pass" in classes),
+            ("▽ false fail", "false_fail" in classes),
+            ("✕n episodes diverged", any(entry.diverged for entry in entries)),
+        )
+        if there
+    ]
     found = {cell.achievability for cell in panel.columns}
     return _matrix(
         panel,
         "Success, trained on × evaluated on",
         "share of episodes that succeed, mean over training seeds",
         ("0", "1"),
-        (*classes, "✕n episodes diverged", "columns: step in seconds, coarse to fine"),
+        (*signs, "columns: step in seconds, coarse to fine"),
         lambda entry, home: _success(entry, home, panel.cell(entry.cell)),
         hatchings=tuple((name, words) for name, words in HATCHED.items() if name in found),
     )
@@ -169,6 +182,65 @@ def energy_matrix(panel: Panel) -> Matrix | None:
         (f"symmetric logarithm, linear below {compact(floor)} J",),
         shade,
         signed=True,
+    )
+
+
+def loss_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of losses of success, None if the panel has none."""
+    columns = {cell.name for cell in panel.columns}
+    found = [e for e in panel.matrix if e.home_drop is not None and e.cell in columns]
+    if not found:
+        return None
+
+    def shade(entry: Entry, home: bool) -> Shade:
+        loss = entry.home_drop
+        if loss is None:
+            words = f"{_where(entry)}: {'at home' if home else 'no loss is known'}"
+            return Shade("home" if home else compact(None), "empty", 0.0, (), words, home)
+        words = f"{_where(entry)}: {loss} of success lost against home"
+        if entry.overfitting is not None:
+            words += f", of it {entry.overfitting} by overfitting"
+        tone: Tone = "warm" if loss.estimate > 0.0 else "cool"
+        share = min(1.0, abs(loss.estimate))
+        return Shade(fixed(loss.estimate, 2, True), tone, share, (), words, home)
+
+    return _matrix(
+        panel,
+        "Loss of success",
+        "success lost against home, mean over training seeds; positive is worse",
+        ("−1", "+1"),
+        (),
+        shade,
+        signed=True,
+    )
+
+
+def time_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of times to success, None if no episode succeeds."""
+    found = [e.time_to_success.estimate for e in panel.matrix if e.time_to_success is not None]
+    if not found:
+        return None
+    low, high = min(found), max(found)
+
+    def shade(entry: Entry, home: bool) -> Shade:
+        if entry.time_to_success is None:
+            words = f"{_where(entry)}: no episode succeeds"
+            return Shade(compact(None), "empty", 0.0, (), words, home)
+        value = entry.time_to_success.estimate
+        share = 1.0 if high == low else (high - value) / (high - low)
+        words = (
+            f"{_where(entry)}: {compact(value, 3)} s, mean of "
+            f"{plural(entry.time_to_success_episodes, 'episode')} that succeed"
+        )
+        return Shade(compact(value, 3), "rate", share, (), words, home)
+
+    return _matrix(
+        panel,
+        "Time to success",
+        "time to success of the episodes that succeed, s",
+        (f"{compact(high, 3)} s", f"{compact(low, 3)} s"),
+        (),
+        shade,
     )
 
 
@@ -234,4 +306,5 @@ def _success(entry: Entry, home: bool, cell: Cell) -> Shade:
     if hatched is not None:
         words.append(f"the cell is {solved_words(cell)}")
     rate = entry.success.estimate
-    return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home, hatched)
+    span = entry.success.ends if entry.success.bounded else None
+    return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home, hatched, span)

@@ -38,5 +38,7 @@ def shading(shade: Shade) -> str:
     """Inline style of a matrix's cell."""
     if shade.tone == "rate":
         background = success_colour(shade.share)
-        return f"background-color:{background};color:{ink_on(background)}"
+        ends = [f"{100.0 * end:.0f}%" for end in shade.span or ()]
+        whisker = f";--l:{ends[0]};--h:{ends[1]}" if ends else ""
+        return f"background-color:{background};color:{ink_on(background)}{whisker}"
     return "" if shade.tone == "empty" else f"--a:{shade.share:.3f}"

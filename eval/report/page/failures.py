@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from typing import Any, Final
 
-from ...panel.model import Panel
+from ...panel.model import Failure, Panel
+from ..episodes import Told
+from .commands import readable
 
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
@@ -24,10 +25,12 @@ LABEL_WORDS: Final = {
 
 
 def failure_table(panel: Panel) -> dict[str, Any] | None:
-    """Failures by row and label, with the share of each label in its row."""
-    by_row: dict[str, Counter[str]] = {row.name: Counter() for row in panel.ordered_rows}
+    """Failures of policies that are no baselines, by row and label, with shares of the row's."""
+    rows = [row.name for row in panel.ordered_rows if not row.baseline]
+    by_row: dict[str, Counter[str]] = {row: Counter() for row in rows}
     for entry in panel.matrix:
-        by_row[entry.row].update(entry.labels)
+        if entry.row in by_row:
+            by_row[entry.row].update(entry.labels)
     for counts in by_row.values():
         counts.pop("none", None)
     failed = {row: counts for row, counts in by_row.items() if counts.total()}
@@ -42,12 +45,28 @@ def failure_table(panel: Panel) -> dict[str, Any] | None:
     return {"labels": names, "lines": lines, "total": sum(c.total() for c in failed.values())}
 
 
-def failures_of(panel: Panel) -> list[dict[str, Any]]:
-    """The sample of failing episodes, by label, each with the command that shows its record."""
+def failures_of(panel: Panel, told: Told | None = None) -> list[dict[str, Any]]:
+    """The sample of failing episodes, by label, each with what shows it.
+
+    That is a place on this page if it carries the episode, or else a command.
+    """
     by_label: dict[str, list[dict[str, Any]]] = {}
     for failure in panel.failures:
         words = ("integ-gym", "evidence", "show", panel.directory, failure.record_id)
-        record = {"failure": failure, "command": shlex.join(words)}
+        record = {
+            "failure": failure,
+            "episode": _episode(panel, failure) if told else None,
+            "command": readable(words),
+        }
         by_label.setdefault(failure.label, []).append(record)
     labels = sorted(by_label, key=lambda name: -len(by_label[name]))
     return [{"label": label, "records": by_label[label]} for label in labels]
+
+
+def _episode(panel: Panel, failure: Failure) -> str | None:
+    """Where the page shows an episode."""
+    anchor = panel.anchor(failure.row, failure.cell)
+    policies = [policy.id for policy in panel.row(failure.row).policies]
+    if anchor is None or failure.policy not in policies:
+        return None
+    return f"{anchor}s{policies.index(failure.policy)}e{failure.episode_index}"

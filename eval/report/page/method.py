@@ -29,7 +29,7 @@ def limits_of(panel: Panel) -> list[str]:
             f"Here the rows have {fewest} or more, so inconclusive is not the same as fails."
         )
     if panel.truth is None:
-        limits.append("There is no reference column, so no class against the truth.")
+        limits.append("There is no truth column, so no class against the truth.")
     unlearned = [row.name for row in rows if row.learned is False]
     if unlearned:
         limits.append(

@@ -1,8 +1,9 @@
-"""The report's page, written from ``panel.json`` alone."""
+"""The report's page, written from ``panel.json`` and the evidence beside it."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import UTC
 from functools import cache
 from importlib import resources
@@ -19,21 +20,22 @@ from ..data import (
     RATE_AXIS,
     check_forest,
     costs_of,
-    energy_matrix,
     findings_of,
     gap_forest,
+    headline_of,
     ladder_plots,
     mixtures_of,
     ordered_verdicts,
-    return_matrix,
     success_matrix,
     trust_of,
 )
+from ..episodes import Lead, Told, task_words, told_by
 from . import drawing
+from .carried import carried_by
 from .failures import LABEL_WORDS, failure_table, failures_of
 from .judged import card_of, comparison_of, tally_of
 from .method import limits_of, settings_of
-from .records import records_of
+from .naming import naming_filters
 from .tiles import tiles_of
 
 FILE_NAME: Final = "report.html"
@@ -62,24 +64,34 @@ def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
     ModuleNotFoundError
         If jinja2 is not installed, with the command that installs it.
     """
-    return replace_file(Path(directory) / FILE_NAME, render(panel).encode())
+    html = render(panel, told_by(panel, directory))
+    return replace_file(Path(directory) / FILE_NAME, html.encode())
 
 
-def render(panel: Panel) -> str:
+def render(panel: Panel, told: Told | None = None) -> str:
     """The report's HTML.
+
+    Parameters
+    ----------
+    panel
+        What ``panel.json`` holds.
+    told
+        What the evidence tells of single episodes, if there is any.
 
     Raises
     ------
     ModuleNotFoundError
         As `write_report`.
     """
-    text: str = _template().render(_context(panel))
+    text: str = _template().render(_context(panel, told))
     return text
 
 
 @cache
 def _template() -> Any:
-    environment = page_environment()
+    own = resources.files(__package__)
+    parts = own.joinpath("parts").iterdir()
+    environment = page_environment({part.name: part.read_text("utf-8") for part in parts})
     environment.filters.update(
         href=_href,
         percent=drawing.percent,
@@ -87,22 +99,41 @@ def _template() -> Any:
         up=drawing.up,
         corners=drawing.corners,
         shading=drawing.shading,
+        **naming_filters(),
     )
-    source = resources.files(__package__).joinpath("report.html.j2").read_text("utf-8")
-    return environment.from_string(source)
+    return environment.get_template("report.html.j2")
 
 
-def _context(panel: Panel) -> dict[str, Any]:
+@cache
+def _own_parts() -> dict[str, Any]:
+    """Style and script of this page; `main.js` comes last."""
+    scripts = _texts("script")
+    main = scripts.pop("main.js")
+    script = "\n".join((*scripts.values(), main))
+    return page_parts("".join(_texts("sheets").values()), f"(() => {{\n{script}}})();\n")
+
+
+def _texts(folder: str) -> dict[str, str]:
+    files = resources.files(__package__).joinpath(folder).iterdir()
+    return {file.name: file.read_text("utf-8") for file in sorted(files, key=lambda f: f.name)}
+
+
+def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
     trusts = trust_of(panel)
+    task = task_words(panel)
+    leads = told.leads if told else ()
     cards = [card_of(judged) for judged in ordered_verdicts(panel)]
     return {
-        **page_parts(),
+        **_own_parts(),
         "panel": panel,
         "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
+        "headline": headline_of(panel),
+        "task": task,
+        "leads": leads,
+        "watch_title": _watch_title(leads),
+        "carried": carried_by(panel, told, task, _href),
         "tiles": tiles_of(panel, trusts),
         "success": success_matrix(panel),
-        "returns": return_matrix(panel),
-        "energy": energy_matrix(panel),
         "cards": cards,
         "tally": tally_of(cards),
         "gaps": gap_forest(panel),
@@ -118,9 +149,8 @@ def _context(panel: Panel) -> dict[str, Any]:
         "trust": trusts,
         "findings": findings_of(panel, trusts),
         "failure_table": failure_table(panel),
-        "failures": failures_of(panel),
+        "failures": failures_of(panel, told),
         "comparisons": [comparison_of(one) for one in panel.policy_comparisons],
-        "records": records_of(panel),
         "limits": limits_of(panel),
         "settings": settings_of(panel),
         "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
@@ -131,6 +161,11 @@ def _context(panel: Panel) -> dict[str, Any]:
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),
         "plural": plural,
     }
+
+
+def _watch_title(leads: Sequence[Lead]) -> str:
+    """Whether there is a failure to watch."""
+    return "Watch it fail" if any(lead.kind == "worst" for lead in leads) else "Watch it"
 
 
 def _href(path: str) -> str:

@@ -29,6 +29,6 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
         (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
     ]
     if trusts:
-        tiles.append((f"{len(wrong)}", "answers the reference contradicts"))
+        tiles.append((f"{len(wrong)}", "answers the truth contradicts"))
     tiles.append((seconds(panel.cost.wall_seconds), "to train and evaluate"))
     return tiles

@@ -22,6 +22,7 @@ from integ_gym.eval.report.data.ladders import ladder_plots
 from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
 from integ_gym.eval.report.data.remedy import remedy_forest
 from integ_gym.eval.report.figures.write import FIGURES
+from integ_gym.eval.report.page.naming import said
 from integ_gym.eval.scheme_style import NATIVE, styles_of
 from integ_gym.support.figures.colours import PALETTE, channels
 from integ_gym.support.figures.series import HUES, MARKERS
@@ -117,40 +118,52 @@ def _drawn(name: str) -> str:
 )
 def test_forests_are_the_same_on_the_page_and_in_the_figure(name, describe) -> None:
     forest, text, page = describe(panel_of("full")), _drawn(name), page_of("full")
-    said = " ".join(page.text.split())
+    shown = " ".join(page.text.split())
     for _, label in forest.axis.ticks:
         assert label in text
-        assert label in said
+        assert label in shown
     for block in forest.blocks:
         for line in block.lines:
-            assert f"{line.number} {line.detail}" in said
+            assert f"{line.number} {line.detail}" in shown
             assert line.words in page.values("aria-label")
             for part in (line.number, line.detail, line.cell):
                 assert part in text
 
 
 @pytest.mark.parametrize(
-    ("name", "describe"), [("success_matrix", success_matrix), ("energy_residual", energy_matrix)]
+    ("name", "describe", "measure"),
+    [("success_matrix", success_matrix, "success"), ("energy_residual", energy_matrix, "energy")],
 )
-def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe) -> None:
-    matrix, text, page = describe(panel_of("full")), _drawn(name), page_of("full")
-    said = " ".join(page.text.split())
+def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe, measure) -> None:
+    panel, page = panel_of("full"), page_of("full")
+    matrix, text = describe(panel), _drawn(name)
+    (told,) = [one for one in page.carried[0]["measures"] if one["name"] == measure]
     shades = [
-        shade
+        (panel.anchor(line.row.name, cell.name), shade)
         for block in matrix.blocks
         for line in block.lines
         for _, cells in line.shades
-        for _, shade in cells
+        for cell, shade in cells
         if shade is not None
     ]
     assert len(shades) > 100
-    for shade in shades:
-        assert shade.words in page.values("aria-label")
+    for anchor, shade in shades:
+        assert told["cells"][anchor][0] == shade.text
+        assert told["cells"][anchor][3] == said(panel, shade.words)
         assert shade.text in text
-        assert shade.text in said
+    assert told["ends"] == list(matrix.ends)
     for words in (*matrix.notes, *matrix.ends, *(words for _, words in matrix.hatchings)):
         assert words in text
-        assert words in said
+
+
+def test_the_matrix_reads_without_a_script() -> None:
+    panel, page = panel_of("full"), page_of("full")
+    matrix, text = success_matrix(panel), " ".join(page.text.split())
+    shown = [s for b in matrix.blocks for x in b.lines for _, cells in x.shades for _, s in cells]
+    for shade in shown:
+        assert said(panel, shade.words) in page.values("aria-label")
+    for words in (*matrix.notes, *matrix.ends, *(words for _, words in matrix.hatchings)):
+        assert words in text
 
 
 def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_figure() -> None:
@@ -172,7 +185,7 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
         assert shade.words.endswith(
             f"the cell is {shade.hatched.replace('_', ' ')}: {cell.achievability_reason}"
         )
-        assert shade.words in page.values("title")
+        assert said(panel, shade.words) in page.values("title")
     classes = [set(own.get("class", "").split()) for tag, own in page.tags if tag == "a"]
     _, draw = FIGURES["success_matrix"]
     patches = [patch.get_hatch() for patch in draw(matrix).findobj(Rectangle)]
@@ -214,7 +227,9 @@ def test_colours_are_written_once(name: str) -> None:
     for colour, (light, dark) in PALETTE.items():
         if colour not in ("warm", "cool"):
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
-    sources = [*(ROOT / "eval" / "report").rglob("*.py"), ROOT / "support" / "page.css"]
+    own = ROOT / "eval" / "report"
+    sources = [path for kind in ("py", "css", "js") for path in own.rglob(f"*.{kind}")]
+    sources.append(ROOT / "support" / "page.css")
     assert len(sources) > 15
     for source in sources:
         found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))

@@ -6,11 +6,11 @@ import base64
 import hashlib
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import pytest
 import report_example as example
@@ -18,15 +18,18 @@ from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_o
 
 from integ_gym.eval.report import figures
 from integ_gym.eval.report import page as report
+from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
+from integ_gym.eval.report.page.naming import called, said
 from integ_gym.evidence.schema.fields import LABELS
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.terminal.formatting import fixed, true_minus
 
 SECTIONS = [
-    "verdicts", "matrix", "conclude", "gaps", "remedy", "energy", "ladder", "checks", "failures",
-    "comparisons", "method", "reproduce", "records",
+    "matrix", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
+    "comparisons", "method", "reproduce",
 ]  # fmt: skip
+AN_ENTRY = re.compile(r"r\d+c\d+(s\d+e\d+)?")
 
 
 @every_panel
@@ -43,9 +46,22 @@ def test_ids_differ_and_every_inner_link_leads_somewhere(name: str) -> None:
     ids = page.values("id")
     assert len(ids) == len(set(ids))
     inner = {link[1:] for link in page.values("href") if link.startswith("#")}
-    assert inner <= set(ids)
-    assert set(SECTIONS) <= inner
-    assert [place for place in ids if place in SECTIONS] == SECTIONS
+    places = {link for link in inner if not AN_ENTRY.fullmatch(link)}
+    assert places <= set(ids)
+    sections = [place for place in ids if place in SECTIONS]
+    assert sections == [place for place in SECTIONS if place in sections]
+    assert set(sections) == places
+    assert {"matrix", "verdicts", "conclude", "method", "reproduce"} <= places
+
+
+@every_panel
+def test_there_are_links_to_what_is_there_alone(name: str) -> None:
+    panel, links = panel_of(name), page_of(name).values("href")
+    assert ("#remedy" in links) == bool(panel.remedies)
+    assert ("#comparisons" in links) == bool(panel.policy_comparisons)
+    assert ("#checks" in links) == any(not cell.plain for cell in panel.cells)
+    assert ("#engines" in links) == bool(panel.engine_agreement)
+    assert {"./panel.json", "./figures/"} <= set(links)
 
 
 @every_panel
@@ -58,7 +74,7 @@ def test_loads_nothing_and_links_only_beside_itself(name: str) -> None:
     html = report.render(panel_of(name))
     assert "url(" not in html
     assert "@import" not in html
-    assert not re.search(r"https?://", html)
+    assert set(re.findall(r"https?://[^\"]*", html)) == {"http://www.w3.org/2000/svg"}
 
 
 @every_panel
@@ -73,15 +89,18 @@ def test_only_its_own_script_can_run(name: str) -> None:
 
 
 @every_panel
-def test_every_entry_of_the_matrix_has_its_record_and_every_grid_cell_its_place(name: str) -> None:
+def test_every_entry_of_the_matrix_is_carried_and_every_grid_cell_has_its_place(name: str) -> None:
     panel, page = panel_of(name), page_of(name)
-    ids = set(page.values("id"))
+    head, _ = page.carried
     columns = {cell.name for cell in panel.columns}
-    assert {panel.anchor(entry.row, entry.cell) for entry in panel.matrix} <= ids
     links = page.values("href")
     for entry in panel.matrix:
-        if entry.cell in columns:
-            assert f"#{panel.anchor(entry.row, entry.cell)}" in links
+        anchor = panel.anchor(entry.row, entry.cell)
+        told = head["entries"][anchor[1:].replace("c", "/")]
+        assert ["episodes", f"{entry.episodes:,}"] in told["facts"]
+        assert name == "hostile" or shlex.split(told["query"]) == shlex.split(entry.query)
+        assert set(entry.file) <= set(head["files"])
+        assert (f"#{anchor}" in links) or entry.cell not in columns
     shown = [t for t in page.values("title") if "evaluated on" in t and "success" in t]
     assert len(shown) == sum(e.cell in columns for e in panel.matrix)
 
@@ -90,6 +109,7 @@ def test_every_entry_of_the_matrix_has_its_record_and_every_grid_cell_its_place(
 def test_nothing_unknown_is_printed_as_code(name: str) -> None:
     page = page_of(name)
     words = page.text + " ".join(page.values("title") + page.values("aria-label"))
+    words += json.dumps([entry["facts"] for entry in page.carried[0]["entries"].values()])
     assert not re.search(r"\b(None|nan|NaN|inf|Undefined)\b", words)
     assert ("{{" in words) == (name == "hostile")
 
@@ -98,28 +118,40 @@ def test_hostile_text_stays_text() -> None:
     page = page_of("hostile")
     assert example.HOSTILE in page.text
     assert f"Does a policy trained on one integrator survive another?{example.HOSTILE}" in page.text
-    assert "49" not in page.text.split("Verdicts on the declared family")[0]
-    assert "./javascript%3Aalert%281%29" in page.values("href")
-    assert "./evil.example/x" in page.values("href")
+    assert "49" not in page.text.split("Trained on × evaluated on")[0]
+    files = page.carried[0]["files"].values()
+    assert {"./javascript%3Aalert%281%29", "./evil.example/x"} <= set(files)
+    assert all(link.startswith("./") for link in files)
 
 
 def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
-    panel, page = raw_of("full"), page_of("full")
+    panel, page = panel_of("full"), page_of("full")
     text = " ".join(page.text.split())
-    places = [text.index(panel[name]) for name in ("question", "answer")]
+    places = [text.index(panel.question), text.index(said(panel, headline_of(panel)))]
     assert places == sorted(places)
     assert places[1] < text.index("Verdicts on the declared family")
-    for judged in panel["verdicts"]:
-        assert judged["reason"].replace(" -0.", " −0.") in text
-    links = [unquote(link) for link in page.values("href")]
-    for entry in panel["matrix"]:
-        assert entry["query"] in page.text
-        assert f"./{entry['file'][0]}" in links
-        assert fixed(entry["success"]["estimate"]) in text
-    for failure in panel["failures"]:
-        assert f"integ-gym evidence show runs/panel {failure['record_id']}" in page.text
-    assert panel["command"] in page.text
+    for judged in panel.verdicts:
+        assert said(panel, true_minus(judged.reason)) in text
+    for entry in panel.matrix:
+        assert fixed(entry.success.estimate) in text
+    for failure in panel.failures:
+        assert f"integ-gym evidence show runs/panel {failure.record_id}" in page.text
+    assert panel.command in page.text
     assert "10 min 11 s" in text
+
+
+def test_failures_are_counted_one_way() -> None:
+    text = " ".join(page_of("full").text.split())
+    panel = panel_of("full")
+    baselines = {row.name for row in panel.rows if row.baseline}
+    failed = [
+        count
+        for entry in panel.matrix
+        if entry.row not in baselines
+        for label, count in entry.labels.items()
+        if label != "none"
+    ]
+    assert f"{sum(failed):,} episodes failed" in text
 
 
 def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
@@ -130,13 +162,14 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
     ]  # fmt: skip
     judged_in_turn = {judged.verdict.replace("_", " "): judged for judged in panel.verdicts}
     assert set(judged_in_turn) == set(words)
-    shown = " ".join(page.text.split()).split("Success, trained on × evaluated on")[0]
+    text = " ".join(page.text.split())
+    shown = text.split("Verdicts on the declared family")[1].split("Where a discretization")[0]
     tally = " ".join(f"1 {word}" for word in words)
     assert tally in shown
     cards = shown.split(tally)[1]
     for word in words:
         judged = judged_in_turn[word]
-        head = f"{word} {judged.row} evaluated on {judged.cell}"
+        head = f"{word} {called(panel, judged.row)} evaluated on {called(panel, judged.cell)}"
         assert head in cards
         card = cards.split(head)[1].split(" evaluated on ")[0]
         parts = " ".join(
@@ -149,7 +182,7 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
             )
         )
         assert parts in card
-        assert judged.reason.replace(" -0.", " −0.") in card
+        assert said(panel, true_minus(judged.reason)) in card
     few = " ".join(page_of("nothing learned").text.split())
     assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
     assert "0 too slow" not in few
@@ -157,10 +190,12 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
 
 def test_records_say_whether_their_cell_can_be_solved() -> None:
     panel, page = panel_of("every verdict"), page_of("every verdict")
-    text = " ".join(page.text.split())
-    for cell in panel.columns:
-        status = cell.achievability.replace("_", " ")
-        assert f"the cell{status}: {cell.achievability_reason}" in text
+    head, _ = page.carried
+    for entry in panel.matrix:
+        cell = panel.cell(entry.cell)
+        place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
+        status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
+        assert ["the cell", said(panel, status)] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:

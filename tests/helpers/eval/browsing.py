@@ -28,15 +28,20 @@ MEASURE = """<script>
 </script>"""
 
 
-def browser(directory: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a browser without a window and with a fresh profile."""
-    program = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if program is None:
+def program() -> str:
+    """Path of a browser; without one a test is skipped, and fails in CI."""
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
         if os.environ.get("CI"):
             pytest.fail(f"none of {', '.join(BROWSERS)} is installed")
         pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    return found
+
+
+def browser(directory: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a browser without a window and with a fresh profile."""
     profile = f"--user-data-dir={directory / 'profile'}"
-    command = [program, *FLAGS, profile, *arguments]
+    command = [program(), *FLAGS, profile, *arguments]
     return subprocess.run(
         command, capture_output=True, text=True, encoding="utf-8", timeout=120, check=True
     )

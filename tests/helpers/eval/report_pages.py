@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import zlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -36,6 +39,8 @@ class Page(HTMLParser):
         self.tags: list[tuple[str, dict[str, str]]] = []
         self.text = ""
         self.scripts: list[str] = []
+        self.packed = ""
+        self._carries = False
         self._open: list[str] = []
         self.feed(html)
         self.close()
@@ -46,7 +51,9 @@ class Page(HTMLParser):
         if tag not in VOID:
             self._open.append(tag)
         if tag == "script":
-            self.scripts.append("")
+            self._carries = self.tags[-1][1].get("id") == "carried"
+            if not self._carries:
+                self.scripts.append("")
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, {name: value or "" for name, value in attrs}))
@@ -57,9 +64,19 @@ class Page(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         if self._open and self._open[-1] == "script":
-            self.scripts[-1] += data
+            if self._carries:
+                self.packed += data
+            else:
+                self.scripts[-1] += data
         elif not self._open or self._open[-1] != "style":
             self.text += data
+
+    @cached_property
+    def carried(self) -> tuple[dict[str, Any], bytes]:
+        """JSON and numbers that the page carries."""
+        data = zlib.decompress(base64.b64decode(self.packed), -zlib.MAX_WBITS)
+        end = 4 + int.from_bytes(data[:4], "little")
+        return json.loads(data[4:end]), data[end:]
 
     def values(self, name: str) -> list[str]:
         """All values of an attribute."""

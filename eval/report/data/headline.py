@@ -1,0 +1,79 @@
+"""The panel's question answered in two sentences, for whoever has ten seconds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from integ_gym.support import fixed, plural
+
+from ...panel.model import Panel, Verdict
+from ...verdict import EQUIVALENCE_MARGIN, WITHOUT_VERDICT
+
+_NAMED = 3  # cells in one sentence
+
+
+def headline_of(panel: Panel) -> str:
+    """The largest loss by overfitting; then what holds and what cannot be solved.
+
+    Where no declared transfer can be judged, the panel's own answer.
+    """
+    judged = [one for one in panel.verdicts if one.verdict not in WITHOUT_VERDICT]
+    if not judged:
+        return panel.answer
+    worst = max(judged, key=lambda one: one.overfitting.estimate)
+    return f"{_largest(panel, worst)} {_rest(panel, judged)}"
+
+
+def _largest(panel: Panel, worst: Verdict) -> str:
+    home = panel.row(worst.row).home_success
+    there = panel.entry(worst.row, worst.cell)
+    overfitting = worst.overfitting.estimate
+    if home is None or there is None or overfitting <= EQUIVALENCE_MARGIN:
+        return (
+            f"No declared transfer loses more than {fixed(max(overfitting, 0.0))} of success by "
+            f"overfitting; the most is lost by {worst.row} on {worst.cell}."
+        )
+    success = there.success.estimate
+    return (
+        f"Policies trained on {worst.row} reach success {fixed(home.estimate)} at home and "
+        f"{fixed(success)} on {worst.cell}; {fixed(overfitting)} is lost by overfitting to the "
+        f"simulator{'' if worst.verdict == 'fails' else f' ({worst.verdict})'}."
+    )
+
+
+def _rest(panel: Panel, judged: Sequence[Verdict]) -> str:
+    counts = Counter(str(one.verdict) for one in judged)
+    holding = [f"{one.row} on {one.cell}" for one in judged if one.verdict == "transfers"]
+    parts = [
+        f"{counts[verdict]} {words}"
+        for verdict, words in (
+            ("fails", _verb(counts["fails"], "fails", "fail")),
+            ("transfers", _verb(len(holding), "holds", "hold") + _listed(holding)),
+            ("inconclusive", _verb(counts["inconclusive"], "is", "are") + " undecided"),
+        )
+        if counts[verdict]
+    ]
+    never, late = (
+        [cell.name for cell in panel.columns if cell.achievability == status]
+        for status in ("unachievable", "too_slow")
+    )
+    closed = [f"no control that was found solves {_named(never)}"] if never else []
+    closed += [f"only twice the time solves {_named(late)}"] if late else []
+    more = f"; {' and '.join(closed)}" if closed else ""
+    told = " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
+    return f"Of {plural(len(judged), 'declared transfer')}{some} {told}{more}."
+
+
+def _verb(count: int, one: str, more: str) -> str:
+    return one if count == 1 else more
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f" ({_named(names)})" if names else ""
+
+
+def _named(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more

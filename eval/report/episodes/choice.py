@@ -1,0 +1,150 @@
+"""Which episodes the page carries traces of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from ...panel.model import Entry, Panel
+from ...verdict import WITHOUT_VERDICT
+from ..data import ordered_verdicts
+from .outcomes import Array, Outcomes
+
+Kind: TypeAlias = Literal["worst", "failure", "success"]
+
+CHOICE: Final = (
+    "of every cell of the declared family: the worst start of the seed that loses most, the median "
+    "failure and the median success; each with the same policy and start at home, on the truth and "
+    "on every integrator at its coarsest step"
+)
+"""What is chosen, in words."""
+
+MOST_TRACES: Final = 150
+"""Traces that a page carries."""
+
+_MOST_PAIRS: Final = 8
+
+
+@dataclass(frozen=True)
+class Lead:
+    """An episode worth watching, and where else the same policy ran from the same start.
+
+    Attributes:
+        row, cell: names of its row and cell.
+        seed: place of its policy in the row.
+        episode: place among the policy's starts.
+        kind: why it was chosen.
+        cells: where it can be watched, its home first, its own cell second.
+    """
+
+    row: str
+    cell: str
+    seed: int
+    episode: int
+    kind: Kind
+    cells: tuple[str, ...]
+
+
+def chosen(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[Lead]:
+    """Leads, the most informative first, with at most :data:`MOST_TRACES` traces in all."""
+    leads: list[Lead] = []
+    traces: set[tuple[str, str, int, int]] = set()
+    per_pair = [list(_leads(panel, pair, outcomes)) for pair in _pairs(panel, outcomes)]
+    for depth in range(3):
+        for found in per_pair:
+            for lead in found[depth : depth + 1]:
+                more = {(lead.row, cell, lead.seed, lead.episode) for cell in lead.cells}
+                if len(traces | more) <= MOST_TRACES:
+                    traces |= more
+                    leads.append(lead)
+    pairs = list(dict.fromkeys((lead.row, lead.cell) for lead in leads))
+    return sorted(leads, key=lambda lead: pairs.index((lead.row, lead.cell)))
+
+
+def _pairs(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[tuple[str, str]]:
+    """The declared family, what can be judged first; without one the largest drops of success."""
+    judged = ordered_verdicts(panel)
+    informative = [one for one in judged if one.verdict not in WITHOUT_VERDICT]
+    informative.sort(key=lambda one: -one.overfitting.estimate)
+    pairs = [(one.row, one.cell) for one in (*informative, *judged)]
+    if not informative:
+        pairs = [*_largest_drops(panel), *pairs]
+    return [pair for pair in dict.fromkeys(pairs) if pair in outcomes][:_MOST_PAIRS]
+
+
+def _largest_drops(panel: Panel) -> list[tuple[str, str]]:
+    columns = {cell.name for cell in panel.columns}
+
+    def drop(entry: Entry) -> float:
+        others = [
+            other.success.estimate
+            for cell in (_home(panel, entry.row), panel.truth and panel.truth.name)
+            if cell and (other := panel.entry(entry.row, cell)) is not None
+        ]
+        return max(others, default=0.0) - entry.success.estimate
+
+    entries = [
+        entry
+        for entry in panel.matrix
+        if entry.cell in columns and not panel.row(entry.row).baseline
+    ]
+    entries.sort(key=drop, reverse=True)
+    return [(entry.row, entry.cell) for entry in entries[:3]]
+
+
+def _leads(
+    panel: Panel, pair: tuple[str, str], outcomes: Mapping[tuple[str, str], Outcomes]
+) -> Iterator[Lead]:
+    own, home = outcomes[pair], outcomes.get((pair[0], _home(panel, pair[0]) or ""))
+    cells = _cells(panel, pair)
+    success = own.label == "none"
+    at_home = np.ones_like(success) if home is None else home.label == "none"
+    pump = np.nan_to_num(np.abs(own.ledger[1]))
+    seed = int(np.argmax(at_home.mean(axis=1) - success.mean(axis=1)))
+    worst = _worst(~success[seed], at_home[seed], own.traced[seed], pump[seed])
+    taken = set()
+    if worst is not None:
+        taken.add((seed, worst))
+        yield Lead(*pair, seed, worst, "worst", cells)
+    kinds: tuple[tuple[Kind, Array, Array], ...] = (
+        ("failure", ~success, pump),
+        ("success", success, own.time),
+    )
+    for kind, wanted, by in kinds:
+        place = _median(wanted & own.traced, by)
+        if place is not None and place not in taken:
+            yield Lead(*pair, *place, kind, cells)
+
+
+def _worst(failed: Array, at_home: Array, traced: Array, pump: Array) -> int | None:
+    """A failure that succeeds at home, if there is one, to which the numerics gave most."""
+    wanted = failed & traced
+    wanted = wanted & at_home if (wanted & at_home).any() else wanted
+    return int(np.argmax(np.where(wanted, pump, -1.0))) if wanted.any() else None
+
+
+def _median(wanted: Array, by: Array) -> tuple[int, int] | None:
+    places = np.argwhere(wanted)
+    if not len(places):
+        return None
+    order = np.argsort(np.nan_to_num(by[wanted]), kind="stable")
+    seed, episode = places[order[(len(order) - 1) // 2]]
+    return int(seed), int(episode)
+
+
+def _home(panel: Panel, row: str) -> str | None:
+    """Name of a row's home, or of the first member of its mixture."""
+    return panel.row(row).home or next(iter(panel.row(row).shares), None)
+
+
+def _cells(panel: Panel, pair: tuple[str, str]) -> tuple[str, ...]:
+    """Home, the cell itself, the truth, and every integrator at its coarsest step."""
+    row, cell = pair
+    truth = panel.truth.name if panel.truth else None
+    wanted = (_home(panel, row), cell, truth, *(group.cells[0].name for group in panel.groups))
+    return tuple(
+        dict.fromkeys(name for name in wanted if name and panel.entry(row, name) is not None)
+    )

@@ -1,0 +1,158 @@
+"""Episodes as a page carries them: JSON and numbers, deflated.
+
+The page's `unpack.js` is the other half. A number of 16 bits is stored as two planes of bytes, low
+then high, which deflate well; samples of a trace as differences from the one before.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from ...panel.model import Panel
+from .outcomes import LEDGER, Array
+from .told import Told
+from .traces import Trace
+
+UNKNOWN: Final = -32768
+"""Stands for a ledger that is not known."""
+
+MOST_LEDGERS: Final = 250_000
+"""Episodes whose ledger a page carries; of more, only those of the declared family's cells."""
+
+_LEVELS: Final = 65535
+
+
+class Blob:
+    """JSON and numbers, put together."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def add(self, values: Array) -> int:
+        """Add bytes, or numbers of 16 bits as planes; returns where they begin."""
+        if values.dtype.itemsize == 1:
+            data = values.astype(np.uint8).tobytes()
+        else:
+            pairs = np.ascontiguousarray(values).astype("<u2").view(np.uint8).reshape(-1, 2)
+            data = np.ascontiguousarray(pairs.T).tobytes()
+        place, self._size = self._size, self._size + len(data)
+        self._parts.append(data)
+        return place
+
+    def packed(self, head: Mapping[str, Any]) -> str:
+        """Length of the JSON in four bytes, little-endian, JSON, numbers; deflated, in Base64."""
+        text = json.dumps(head, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+        content = len(text).to_bytes(4, "little") + text + b"".join(self._parts)
+        return base64.b64encode(_deflated(content)).decode()
+
+
+def packed(panel: Panel, told: Told | None, head: Mapping[str, Any]) -> str:
+    """The text that a page carries: what it says of entries, and all that is told of episodes."""
+    blob = Blob()
+    more = {} if told is None else _told(panel, told, blob)
+    return blob.packed({**head, **more})
+
+
+def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
+    rows = {row.name: place for place, row in enumerate(panel.rows)}
+    cells = {cell.name: place for place, cell in enumerate(panel.cells)}
+    names = sorted({str(x) for own in told.outcomes.values() for x in np.unique(own.label)})
+    unit = _unit(told)
+    total = sum(own.label.size for own in told.outcomes.values())
+    family = {(judged.row, judged.cell) for judged in panel.verdicts}
+    entries = {}
+    for (row, cell), own in told.outcomes.items():
+        labels = blob.add(np.searchsorted(names, own.label).astype(np.uint8))
+        entries[f"{rows[row]}/{cells[cell]}"] = {"n": own.label.shape[1], "label": labels}
+    for (row, cell), own in told.outcomes.items():
+        if total <= MOST_LEDGERS or (row, cell) in family:
+            places = [blob.add(_rounded(values, unit)) for values in own.ledger]
+            entries[f"{rows[row]}/{cells[cell]}"]["ledger"] = places
+    return {
+        "labels": names,
+        "unit": unit,
+        "outcomes": entries,
+        "traces": [_trace(trace, rows, cells, blob) for trace in told.traces],
+        "leads": [
+            {
+                "at": [rows[lead.row], cells[lead.cell], lead.seed, lead.episode],
+                "kind": lead.kind,
+                "cells": [cells[name] for name in lead.cells],
+            }
+            for lead in told.leads
+        ],
+    }
+
+
+def _unit(told: Told) -> float:
+    """A power of ten, J, in which the ledgers have three digits or so."""
+    sizes = [np.abs(own.ledger[np.isfinite(own.ledger)]) for own in told.outcomes.values()]
+    joined = np.concatenate(sizes) if sizes else np.zeros(1)
+    typical = float(np.quantile(joined, 0.98)) if joined.size else 0.0
+    return 10.0 ** (math.floor(math.log10(typical)) - 2) if typical > 0.0 else 1.0
+
+
+def _rounded(values: Array, unit: float) -> Array:
+    """Multiples of the unit, 16 bits each."""
+    known = np.isfinite(values)
+    multiples = np.clip(np.round(np.where(known, values, 0.0) / unit), -32767, 32767)
+    return np.where(known, multiples, UNKNOWN).astype(np.int16)
+
+
+def _trace(
+    trace: Trace, rows: Mapping[str, int], cells: Mapping[str, int], blob: Blob
+) -> dict[str, Any]:
+    row, cell, seed, episode = trace.key
+    fields = trace.fields
+    parts = ("contact_loss_total", "clip_loss_total", "dissipated_total")
+    totals = (
+        fields["work_total"],
+        fields["energy_residual_total"],
+        sum(fields[name] or 0.0 for name in parts),
+    )
+    return {
+        "at": [rows[row], cells[cell], seed, episode],
+        "id": fields["record_id"],
+        "period": trace.period,
+        "seconds": fields["length"] * fields["control_period"],
+        "n": trace.ledger.shape[1],
+        "success": fields["success"],
+        "label": fields["failure_label"],
+        "reason": fields["failure_reason"],
+        "since": fields["time_to_success"],
+        "return": _finite(fields["return"]),
+        "start": _finite(fields["energy_start"]),
+        "end": _finite(fields["energy_end"]),
+        "totals": [_finite(total) for total in totals],
+        "motion": {name: _column(values, blob) for name, values in trace.motion.items()},
+        "control": {name: _column(values, blob) for name, values in trace.control.items()},
+        "ledger": {
+            name: _column(values, blob) for name, values in zip(LEDGER, trace.ledger, strict=True)
+        },
+    }
+
+
+def _column(values: Array, blob: Blob) -> list[float]:
+    """[least value, step, place] of samples that are stored as steps from the least."""
+    low, high = float(values.min()), float(values.max())
+    step = (high - low) / _LEVELS or 1.0
+    levels = np.round((values - low) / step).astype(np.int64)
+    differences = np.diff(levels, prepend=0) & 0xFFFF
+    return [low, step, blob.add(differences.astype(np.uint16))]
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _deflated(data: bytes) -> bytes:
+    press = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    return press.compress(data) + press.flush()

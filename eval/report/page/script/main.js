@@ -1,0 +1,40 @@
+// Brings the page to life, and goes where the URL says.
+async function begin() {
+  const carried = await unpack(document.getElementById("carried").textContent);
+  const matrix = document.querySelector(".matrixcard");
+  if (matrix) new Grid(carried, matrix);
+  const drawer = new Drawer(carried, document.getElementById("drawer"));
+  const watched = document.getElementById("watch-card");
+  const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;
+  for (const svg of document.querySelectorAll("[data-scene]")) showTask(carried, svg);
+  const went = () => {
+    const place = placeOf(location.hash);
+    if (place.kind === "entry") drawer.open(place);
+    else if (place.kind === "watch" && watch) {
+      watch.open(place.lead, place.on, place.t);
+      watched.scrollIntoView();
+    } else if (drawer.dialog.open) drawer.dialog.close();
+  };
+  const policies = document.getElementById("policies");
+  policies.addEventListener("toggle", () => listPolicies(carried, policies), { once: true });
+  if (watch) watch.open(0);
+  went();
+  if (watch && placeOf(location.hash).kind !== "watch") watch.startWhenSeen();
+  addEventListener("hashchange", went);
+  // A second visit of the same cell changes no hash.
+  document.addEventListener("click", (event) => {
+    const link = event.target.closest('a[href^="#r"]');
+    if (link && link.hash === location.hash) went();
+  });
+  document.documentElement.dataset.ready = "";
+}
+
+// The task before anything moves: a quarter of the way from hanging to upright.
+function showTask(carried, holder) {
+  const stage = new Stage(carried, carried.scene, null);
+  const start = carried.scene.links.map((link) => (link.joint === "hinge" ? 2.2 : 0));
+  stage.pose(carried.scene.bob ? [0.35 * carried.scene.bob.pivot, 0.1] : start, 0.9);
+  holder.append(stage.svg);
+}
+
+begin();

@@ -1,0 +1,172 @@
+// A picture of the plant, drawn from the links and the goal that it tells of itself.
+const TRAIL = 14;
+const TRAIL_STEP = 0.1;
+
+class Stage {
+  constructor(carried, scene, trace) {
+    Object.assign(this, { carried, scene, trace });
+    const track = scene.links.some((link) => link.joint === "slide") ? this.trackHalf() : 0;
+    this.reach = scene.bob ? scene.bob.pivot : scene.links.reduce((sum, l) => sum + l.length, 0);
+    const half = 1.22 * this.reach;
+    const wide = Math.max(half, track + 0.35);
+    this.lift = scene.bob ? -0.5 * this.reach : 0;
+    const box = [-wide, -half + (scene.bob ? 0.1 : 0), 2 * wide, 2 * half];
+    this.unit = 0.01 * half;
+    this.svg = draw("svg", { class: "stage", viewBox: box.join(" "), "aria-hidden": "true" });
+    this.ground(track, half);
+    this.trail = Array.from({ length: TRAIL }, (_, k) => draw("circle", {
+      class: "trail", r: 2.4 * this.unit, opacity: (0.5 * (1 - k / TRAIL)).toFixed(2),
+    }));
+    this.push = draw("path", { class: "push", "stroke-width": 4 * this.unit });
+    this.parts = scene.links.map((link) => this.part(link));
+    if (scene.bob) {
+      this.spring = draw("polyline", { class: "spring", "stroke-width": 2 * this.unit });
+      this.bob = draw("circle", { class: "rod", r: 9 * this.unit });
+      this.parts = [this.spring, this.bob];
+    }
+    this.svg.append(...(trace ? this.trail : []), ...this.parts, this.push);
+    this.svg.append(draw("circle", { class: "hinge", r: scene.bob ? 0 : 3.4 * this.unit }));
+    this.hinge = this.svg.lastChild;
+  }
+
+  trackHalf() {
+    const place = this.scene.links.findIndex((link) => link.joint === "slide");
+    return this.scene.goal[place] || 2.4;
+  }
+
+  ground(track, half) {
+    const { scene, unit, svg } = this;
+    const hinge = scene.links.findIndex((link) => link.joint === "hinge");
+    if (track) {
+      svg.append(draw("path", { class: "rail", d: `M${-track} 0H${track}`, "stroke-width": unit }));
+      for (const x of [-track, track]) {
+        svg.append(draw("path", {
+          class: "rail", d: `M${x} ${-6 * unit}V${6 * unit}`, "stroke-width": 3 * unit,
+        }));
+      }
+    } else if (!scene.bob) {
+      svg.append(draw("circle", { class: "ring", r: this.reach, "stroke-width": unit }));
+    }
+    const goal = scene.bob ? scene.goal[0] : scene.goal[hinge];
+    if (scene.bob && goal) {
+      svg.append(draw("rect", {
+        class: "goal", x: -goal, y: -half, width: 2 * goal, height: 2 * half,
+      }));
+    } else if (goal && goal < Math.PI) {
+      this.wedge = this.sector(0, goal);
+      svg.append(this.wedge);
+    }
+  }
+
+  sector(x, half) {
+    const r = 1.14 * this.reach;
+    const [dx, dy] = [r * Math.sin(half), -r * Math.cos(half)];
+    return draw("path", {
+      class: "goal", d: `M${x} 0L${x - dx} ${dy}A${r} ${r} 0 0 1 ${x + dx} ${dy}Z`,
+    });
+  }
+
+  part(link) {
+    const { unit } = this;
+    if (link.joint === "slide") {
+      return draw("rect", {
+        class: "cart", x: -16 * unit, y: -8 * unit, width: 32 * unit, height: 16 * unit,
+        rx: 3 * unit,
+      });
+    }
+    const rod = { class: "rod", "stroke-width": (link.point ? 3 : 9) * unit };
+    return draw("g", {}, draw("path", { ...rod, d: `M0 0V${-link.length}` }),
+      link.point ? draw("circle", { class: "rod", cy: -link.length, r: 9 * unit }) : null);
+  }
+
+  // Where links begin and end, and how far each is turned, with these coordinates.
+  poses(q) {
+    let [x, y, turn] = [0, 0, 0];
+    return this.scene.links.map((link, place) => {
+      if (link.joint === "slide") x += q[place];
+      else turn += (this.scene.clockwise ? 1 : -1) * q[place];
+      const from = [x, y];
+      x += link.length * Math.sin(turn);
+      y -= link.length * Math.cos(turn);
+      return { from, tip: [x, y], turn };
+    });
+  }
+
+  coordinates(time) {
+    return this.scene.coordinates.map((name) => this.carried.at(this.trace, "motion", name, time));
+  }
+
+  tip(q) {
+    return this.scene.bob ? [q[0], -q[1]] : this.poses(q).at(-1).tip;
+  }
+
+  // A still picture at these coordinates under full control.
+  pose(q, share) {
+    if (this.scene.bob) {
+      this.placeBob(q);
+    } else {
+      const poses = this.poses(q);
+      this.parts.forEach((part, place) => {
+        const { from, turn } = poses[place];
+        part.setAttribute("transform",
+          `translate(${from.join(" ")}) rotate(${(turn * 180) / Math.PI})`);
+      });
+      const hinge = poses.find((_, place) => this.scene.links[place].joint === "hinge");
+      if (hinge) {
+        this.hinge.setAttribute("transform", `translate(${hinge.from.join(" ")})`);
+        if (this.wedge) this.wedge.setAttribute("transform", `translate(${hinge.from[0]} 0)`);
+      }
+    }
+    this.showPush(q, share);
+  }
+
+  placeBob([x, y]) {
+    const pivot = -this.scene.bob.pivot;
+    const [dx, dy] = [x, -y - pivot];
+    const length = Math.hypot(dx, dy) || 1;
+    const coils = Array.from({ length: 15 }, (_, k) => {
+      const swing = k % 14 === 0 ? 0 : (k % 2 ? 4 : -4) * this.unit;
+      return `${(k / 14) * dx - (swing * dy) / length},${pivot + (k / 14) * dy + (swing * dx) / length}`;
+    });
+    this.spring.setAttribute("points", coils.join(" "));
+    this.bob.setAttribute("transform", `translate(${x} ${-y})`);
+  }
+
+  showPush(q, share) {
+    const { scene } = this;
+    const size = Math.max(-1, Math.min(1, share));
+    if (Math.abs(size) < 0.02) return this.push.setAttribute("d", "");
+    const link = scene.links[scene.actuated];
+    if (scene.bob || link.joint === "slide") {
+      const [x, y] = scene.bob ? this.tip(q) : this.poses(q)[scene.actuated].from;
+      const tip = x + 0.6 * this.reach * size;
+      const head = 5 * this.unit * Math.sign(size);
+      return this.push.setAttribute("d",
+        `M${x} ${y}H${tip}m${-head} ${-Math.abs(head)}l${head} ${Math.abs(head)}l${-head} ${Math.abs(head)}`);
+    }
+    const pose = this.poses(q)[scene.actuated];
+    const side = (scene.clockwise ? 1 : -1) * Math.sign(size);
+    const r = 0.42 * this.reach;
+    const [a, b] = [pose.turn + side * 0.16, pose.turn + side * (0.16 + 2.1 * Math.abs(size))];
+    const on = (angle, radius) =>
+      `${pose.from[0] + radius * Math.sin(angle)} ${pose.from[1] - radius * Math.cos(angle)}`;
+    const back = b - side * 0.16;
+    this.push.setAttribute("d",
+      `M${on(a, r)}A${r} ${r} 0 0 ${side > 0 ? 1 : 0} ${on(b, r)}` +
+      `M${on(back, 0.84 * r)}L${on(b, r)}L${on(back, 1.16 * r)}`);
+  }
+
+  show(time) {
+    const q = this.coordinates(time);
+    const [name] = Object.keys(this.trace.control);
+    const control = name ? this.carried.at(this.trace, "control", name, time, true) : 0;
+    this.pose(q, control / this.scene.limit);
+    const tip = this.tip(q);
+    this.trail.forEach((dot, k) => {
+      const past = time - (k + 1) * TRAIL_STEP;
+      const [x, y] = past < 0 ? tip : this.tip(this.coordinates(past));
+      dot.setAttribute("cx", x);
+      dot.setAttribute("cy", y);
+    });
+  }
+}

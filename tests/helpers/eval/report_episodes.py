@@ -1,0 +1,71 @@
+"""What the evidence of a synthetic panel would tell of single episodes: plausible, not simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.report.episodes.choice import chosen
+from integ_gym.eval.report.episodes.outcomes import Outcomes
+from integ_gym.eval.report.episodes.told import Told
+from integ_gym.eval.report.episodes.traces import Trace
+
+SAMPLES = 241
+
+
+def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 0) -> Told:
+    """Outcomes by the panel's rates, ledgers, and the traces that a page would choose."""
+    rng = np.random.default_rng(seed)
+    outcomes = {}
+    for entry in panel.matrix:
+        shape = (len(panel.row(entry.row).policies), episodes)
+        names = [name for name in entry.labels if name != "none"] or ["planning_error"]
+        won = rng.random(shape) < entry.success.estimate
+        label = np.where(won, "none", rng.choice(names, shape))
+        motor, numerics = rng.normal(8.0, 4.0, shape), rng.normal(0.0, 6.0, shape)
+        time = np.where(won, rng.uniform(2.0, 8.0, shape), np.nan)
+        traced = np.broadcast_to(np.arange(episodes) % trace_every == 0, shape)
+        ledger = np.stack((motor, numerics, np.zeros(shape)))
+        outcomes[entry.row, entry.cell] = Outcomes(label, ledger, time, traced)
+    leads = chosen(panel, outcomes)
+    keys = {
+        (lead.row, cell, lead.seed, lead.episode): lead for lead in leads for cell in lead.cells
+    }
+    return Told(outcomes, tuple(leads), tuple(_trace(key, outcomes, rng) for key in keys))
+
+
+def _trace(
+    key: tuple[str, str, int, int],
+    outcomes: dict[tuple[str, str], Outcomes],
+    rng: np.random.Generator,
+) -> Trace:
+    row, cell, seed, episode = key
+    own = outcomes[row, cell]
+    label, totals = str(own.label[seed, episode]), own.ledger[:, seed, episode]
+    share = np.sort(rng.random(SAMPLES))
+    share = (share - share[0]) / (share[-1] - share[0])
+    fields = {
+        "record_id": rng.bytes(16).hex(),
+        "length": SAMPLES - 1,
+        "control_period": 0.05,
+        "success": label == "none",
+        "failure_label": label,
+        "failure_reason": "" if label == "none" else f"it never came near on {cell}",
+        "time_to_success": None if label != "none" else float(own.time[seed, episode]),
+        "return": -100.0,
+        "energy_start": 0.05,
+        "energy_end": 0.05 + float(totals[0] + totals[1] - totals[2]),
+        "work_total": float(totals[0]),
+        "energy_residual_total": float(totals[1]),
+        "dissipated_total": float(totals[2]),
+        "contact_loss_total": None,
+        "clip_loss_total": 0.0,
+    }
+    return Trace(
+        key,
+        fields,
+        0.05,
+        {"theta": np.pi + np.cumsum(rng.normal(0.0, 0.2, SAMPLES))},
+        {"torque_applied": 0.7 * np.sign(rng.normal(size=SAMPLES))},
+        totals[:, None] * share,
+    )
