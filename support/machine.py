@@ -13,5 +13,5 @@ def instruction_sets() -> tuple[str, ...]:
     """
     import numpy as np
 
-    found = np.show_config(mode="dicts").get("SIMD Extensions", {})  # type: ignore[union-attr]
+    found = np.show_config(mode="dicts").get("SIMD Extensions", {})
     return (platform.machine(), *found.get("baseline", ()), *found.get("found", ()))

@@ -62,8 +62,8 @@ def side_by_side(
         check_filmed(env_id)
         existing = read_existing(path, env_id, given, None, own_code)
         acting: Policy = existing.policy
-        arguments, seed_of = dict(existing.environment), existing.seed
-        homes = tuple(existing.home.shares)
+        arguments, seed_of = dict(existing.provenance.environment), existing.seed
+        homes = tuple(existing.home.shares) if existing.home else ()
     else:
         if env_id is None:
             raise ValueError("a policy alone does not say what it acts in; give env_id as well")

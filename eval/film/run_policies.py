@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Final
 
 from integ_gym.envs import environment_setup, testbed_of
 from integ_gym.evidence import EvidenceRecord, EvidenceStore
-from integ_gym.train import (
-    BASELINES,
-    POLICY_FILE,
-    MlpPolicy,
-    Policy,
-    has_sidecar,
-    make_baseline,
-    read_observation_statistics,
-    read_sb3_zip,
-    read_trained,
-)
+from integ_gym.train import BASELINES, Policy, make_baseline
 
-from ..panel.existing.policy import STATISTICS_FILE
+from ..panel.existing import read_policy_file
+
+STATISTICS: Final = "obs_stats.*"
+"""Statistics of observations that a run keeps beside a policy."""
 
 
 def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
@@ -38,11 +31,10 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
             "a record of training is of a policy that has changed since: it is shown on its own, "
             "if it has a trace; leave --on out, or give an evaluation record"
         )
-    for folder in _folders(store.directory.parent / "policies"):
-        if _told_hash(folder) in (wanted, None):
-            policy = _read(folder)
-            if policy.content_hash == wanted:
-                return replace(policy, policy_id=name)
+    for folder in sorted((store.directory.parent / "policies").glob("*/")):
+        policy = _read(folder) if _told_hash(folder) in (wanted, None) else None
+        if policy is not None and policy.content_hash == wanted:
+            return replace(policy, policy_id=name)
     if name in BASELINES:
         baseline = _baseline(name, record, store)
         if baseline.content_hash == wanted:
@@ -53,29 +45,21 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
     )
 
 
-def _folders(policies: Path) -> Iterator[Path]:
-    return (path.parent for path in sorted(policies.glob(f"*/{POLICY_FILE}")))
-
-
 def _told_hash(folder: Path) -> str | None:
     """The hash that a side-car tells; None where it must be computed."""
-    if (folder / STATISTICS_FILE).exists() or not has_sidecar(folder / POLICY_FILE):
+    if next(folder.glob(STATISTICS), None) is not None:
         return None
     with suppress(OSError, ValueError):
-        return str(
-            json.loads((folder / POLICY_FILE).with_suffix(".json").read_text()).get("content_hash")
-        )
+        return str(json.loads((folder / "policy.json").read_text()).get("content_hash"))
     return None
 
 
-def _read(folder: Path) -> MlpPolicy:
-    path, statistics = folder / POLICY_FILE, folder / STATISTICS_FILE
-    if not has_sidecar(path):
-        return read_sb3_zip(path, obs_stats=statistics if statistics.exists() else None)
-    policy, _ = read_trained(path)
-    if statistics.exists():
-        return replace(policy, statistics=read_observation_statistics(statistics))
-    return policy
+def _read(folder: Path) -> Any:
+    """The policy that a run keeps in a folder; None where it keeps none."""
+    path = next((file for file in sorted(folder.glob("policy.*")) if file.suffix != ".json"), None)
+    if path is None:
+        return None
+    return read_policy_file(path, next(folder.glob(STATISTICS), None))[0]
 
 
 def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from ..statistics import DRAWS, holm, mean_rate
@@ -133,10 +133,7 @@ def postponed(judgement: Judgement, reason: str) -> Judgement:
     """The same without its verdict, where not all seeds that were declared are there."""
     if judgement.verdict in WITHOUT_VERDICT:
         return judgement
-    nothing = dict.fromkeys(
-        ("p_exceeds", "p_equivalent", "p_exceeds_adjusted", "p_equivalent_adjusted")
-    )
-    return replace(judgement, verdict="inconclusive", reason=reason, **nothing)
+    return Judgement(judgement.name, "inconclusive", judgement.loss, None, None, None, None, reason)
 
 
 def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:

@@ -152,4 +152,4 @@ def _resampled(rng: np.random.Generator, rates: Rates, seeds: int) -> Rates:
     native = None if rates.native is None else np.asarray(rates.native)
     if native is not None:
         native = native[rng.integers(native.size, size=native.size)]
-    return Rates(*row, native, rates.handmade)
+    return Rates(row[0], row[1], row[2], native, rates.handmade)

@@ -138,7 +138,7 @@ def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
     """A value of a space as numbers."""
     if isinstance(space, gym.spaces.Discrete):
         return [float(value)]
-    flat = np.ravel(gym.spaces.flatten(space, value))
+    flat = np.asarray(gym.spaces.flatten(space, value)).ravel()
     numbers: list[float] = flat.astype(np.float64).tolist()
     return numbers
 

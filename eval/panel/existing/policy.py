@@ -78,7 +78,7 @@ def read_existing(
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
         TypeError, ValueError: see :func:`~integ_gym.eval.panel.existing.home.provenance`.
     """
-    read, card, files = _read(path, obs_stats)
+    read, card, files = read_policy_file(path, obs_stats)
     known, environments = provenance(env_id, card, home, given, own_code)
     policy = _fitted(read, environments.single_action_space)
     policy.check_spaces(environments.single_observation_space, environments.single_action_space)
@@ -88,8 +88,12 @@ def read_existing(
     return Existing(replace(policy, policy_id=row_name(name)), known, files, seed)
 
 
-def _read(path: Path, obs_stats: Path | None) -> tuple[Any, Any, dict[str, Path]]:
-    """The policy, what its side-car or metadata says, and the files by the name to keep them."""
+def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, Any, dict[str, Path]]:
+    """The policy, what its side-car or metadata says, and the files by the name to keep them.
+
+    Raises:
+        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
+    """
     files = {f"policy{path.suffix}": path}
     card: dict[str, Any] | None = None
     if obs_stats is not None:

@@ -240,7 +240,7 @@ class Matrix:
         lost = home - self.rates(row, cell)
         worst = int(np.argmax(lost))
         return {
-            "tail": Estimate.of(rate_interval(lost > TAIL)),
+            "tail": Estimate.of(rate_interval((lost > TAIL).astype(np.float64))),
             "worst_policy": self.rows[row].policies[worst],
             "worst_loss": float(lost[worst]),
         }

@@ -1,4 +1,4 @@
-"""What the evidence of a synthetic panel would tell of single episodes: plausible, not simulated."""
+"""What the evidence of a synthetic panel would tell of single episodes; not simulated."""
 
 from __future__ import annotations
 
