@@ -34,7 +34,8 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
     for folder in sorted((store.directory.parent / "policies").glob("*/")):
         policy = _read(folder) if _told_hash(folder) in (wanted, None) else None
         if policy is not None and policy.content_hash == wanted:
-            return replace(policy, policy_id=name)
+            found: Policy = replace(policy, policy_id=name)
+            return found
     if name in BASELINES:
         baseline = _baseline(name, record, store)
         if baseline.content_hash == wanted:
