@@ -25,7 +25,11 @@ def pytest_configure() -> None:
     """Tables are printed in full where no test says how wide the terminal is.
 
     JAX compiles as in the processes of the fleet trainer, in less time for code that is as fast.
+    Numerical libraries have one thread in every process: on arrays as small as here a second one
+    waits for the first, on a core that another process of the run could use.
     """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     os.environ.pop("COLUMNS", None)
     os.unsetenv("COLUMNS")  # as readline sets it, which `os.environ` does not see
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")

@@ -19,6 +19,8 @@ DRAWS: Final = 200_000
 _RATE_PRIOR: Final = ((0.0, 1.0), (0.5, 0.5))
 _PAIR_PRIOR: Final = ((-1.0, 0.0, 1.0), (0.25, 0.5, 0.25))
 
+_FEW_ROWS: Final = 3
+
 
 def rate_posterior(rates: RatesLike, *, draws: int = DRAWS) -> Floats:
     """Draw from the Dirichlet-process posterior of the mean success rate.
@@ -156,11 +158,29 @@ def _weighted_means(
     rows: Floats, atoms: Floats, weights: tuple[float, ...], stream: Stream, draws: int
 ) -> Floats:
     """Means of rows (rows, seeds) with atoms (rows, atoms), shape (draws, rows)."""
-    seeds, total = _seed_weights(rows.shape[1], stream, draws)
+    _, total = _seed_weights(rows.shape[1], stream, draws)
     prior, pseudo = _prior_weights(weights, stream, draws)
-    means = seeds @ rows.T + prior @ atoms.T
+    means = _seed_sums(rows, stream, draws) + prior @ atoms.T
     means /= (total + pseudo)[:, None]
-    return np.asarray(means)
+    return means
+
+
+def _seed_sums(rows: Floats, stream: Stream, draws: int) -> Floats:
+    """Weighted sums of rows (rows, seeds), shape (draws, rows), before prior and division."""
+    if len(rows) <= _FEW_ROWS:
+        return _kept_sums(rows.tobytes(), len(rows), stream, draws)
+    seeds, _ = _seed_weights(rows.shape[1], stream, draws)
+    return np.asarray(seeds @ rows.T)
+
+
+@lru_cache(maxsize=12)
+def _kept_sums(rows: bytes, count: int, stream: Stream, draws: int) -> Floats:
+    """The same of few rows: each of a comparison's tests has a prior of its own, and these."""
+    array = np.frombuffer(rows, np.float64).reshape(count, -1)
+    seeds, _ = _seed_weights(array.shape[1], stream, draws)
+    sums = seeds @ array.T
+    sums.setflags(write=False)
+    return sums
 
 
 @lru_cache(maxsize=6)

@@ -5,12 +5,20 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from small_panel import TOML
+from small_panel import TOML, pictures_alone
 
 from integ_gym.cli import main
+
+
+@pytest.fixture
+def few_pictures() -> Iterator[None]:
+    """See `pictures_alone`, which fixtures of more than one test use themselves."""
+    with pictures_alone():
+        yield
 
 
 @pytest.fixture(scope="session")

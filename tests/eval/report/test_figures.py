@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import report_example as example
 from report_pages import panel_from, panel_of, pixels
+from small_panel import pictures_alone
 
 from integ_gym.eval.report import figures
 from integ_gym.support.figures import style
@@ -29,7 +30,8 @@ ALL_FIGURES = [
 def _names(written: list[Path]) -> list[str]:
     """Names of figures, each of which is there in every format."""
     names = list(dict.fromkeys(path.stem for path in written))
-    assert [path.name for path in written] == [n + suffix for n in names for suffix in FORMATS]
+    files = [name + suffix for name in names for suffix in style.FORMATS]
+    assert [path.name for path in written] == files
     assert all(path.exists() for path in written)
     return names
 
@@ -56,11 +58,9 @@ def test_figures_are_drawn_sharp_and_not_blank(drawn: list[Path]) -> None:
         assert 0.02 < np.mean(np.any(image < 0.95, axis=-1)) < 0.8
 
 
-def test_figures_show_the_data(
-    drawn: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(style, "FORMATS", {".png": FORMATS[".png"]})  # all that is compared
-    other = _pixels(figures.write_figures(panel_from(example.full_panel(seed=9)), tmp_path))
+def test_figures_show_the_data(drawn: list[Path], tmp_path: Path) -> None:
+    with pictures_alone():  # all that is compared
+        other = _pixels(figures.write_figures(panel_from(example.full_panel(seed=9)), tmp_path))
     for name, a in _pixels(drawn).items():
         b = other[name]
         assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
@@ -77,36 +77,59 @@ def test_papers_get_whole_vector_figures(drawn: list[Path]) -> None:
             assert b"/Type3" not in content
 
 
-def test_the_same_panel_gives_the_same_figures(drawn: list[Path], tmp_path: Path) -> None:
-    again = figures.write_figures(panel_of("full"), tmp_path)
-    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn]
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Figures of a panel of a policy given, where an earlier panel's and somebody's own were."""
+    folder = tmp_path_factory.mktemp("given")
+    for name in (*_stale(), "mine.png"):
+        (folder / name).write_bytes(b"old")
+    return figures.write_figures(panel_of("given"), folder)
 
 
-@pytest.mark.parametrize("name", ["given", "nothing learned", "none", "hostile"])
+def _stale() -> list[str]:
+    return [f"transfer_gaps{suffix}" for suffix in FORMATS]
+
+
+@pytest.mark.parametrize("name", ["given", pytest.param("full", marks=pytest.mark.slow)])
+def test_the_same_panel_gives_the_same_figures(
+    name: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    before: list[Path] = request.getfixturevalue({"given": "given", "full": "drawn"}[name])
+    again = figures.write_figures(panel_of(name), tmp_path)
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in before]
+
+
+LACKING = {
+    "nothing learned": ["success_matrix", "energy_residual", "refinement_ladder"],
+    "none": ["success_matrix", "transfer_gaps", "refinement_ladder", "perturbations"],
+}
+
+
+@pytest.mark.parametrize("name", LACKING)
 def test_figures_take_whatever_a_panel_lacks(name: str, tmp_path: Path) -> None:
-    written = figures.write_figures(panel_of(name), tmp_path)
-    expected = {
-        "given": ["success_matrix", "energy_residual", "refinement_ladder"],
-        "nothing learned": ["success_matrix", "energy_residual", "refinement_ladder"],
-        "none": [
-            "success_matrix",
-            "transfer_gaps",
-            "refinement_ladder",
-            "perturbations",
-        ],
-        "hostile": ALL_FIGURES,
-    }
-    assert _names(written) == expected[name]
+    """As PNG files; those of other formats are the same figures, and drawn in `make test-slow`."""
+    with pictures_alone():
+        assert _names(figures.write_figures(panel_of(name), tmp_path)) == LACKING[name]
 
 
-def test_figures_of_an_earlier_panel_do_not_stay(tmp_path: Path) -> None:
-    stale = [tmp_path / f"transfer_gaps{suffix}" for suffix in FORMATS]
-    for path in stale:
-        path.write_bytes(b"old")
-    (tmp_path / "mine.png").write_bytes(b"mine")
-    figures.write_figures(panel_of("given"), tmp_path)
-    assert not any(path.exists() for path in stale)
-    assert (tmp_path / "mine.png").exists()
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LACKING)
+def test_every_format_takes_whatever_a_panel_lacks(name: str, tmp_path: Path) -> None:
+    assert _names(figures.write_figures(panel_of(name), tmp_path)) == LACKING[name]
+
+
+def test_figures_take_whatever_names_a_panel_has(tmp_path: Path) -> None:
+    assert _names(figures.write_figures(panel_of("hostile"), tmp_path)) == ALL_FIGURES
+
+
+def test_figures_of_a_policy_given(given: list[Path]) -> None:
+    assert _names(given) == ["success_matrix", "energy_residual", "refinement_ladder"]
+
+
+def test_figures_of_an_earlier_panel_do_not_stay(given: list[Path]) -> None:
+    folder = given[0].parent
+    assert not any((folder / name).exists() for name in _stale())
+    assert (folder / "mine.png").read_bytes() == b"old"
 
 
 @pytest.mark.slow

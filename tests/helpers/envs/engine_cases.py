@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from pairing import covering
 
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.registration import environment_setup
@@ -58,6 +60,19 @@ def lighter(cases: Sequence[tuple[str, str]]) -> list[Any]:
         if engine in COMPILING and integrator != first[engine]
         else (engine, integrator)
         for engine, integrator in cases
+    ]
+
+
+def sparing(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
+    """Engines and integrators with values of axes: of engines that compile, those of `covering`."""
+    light = [case for case in EVERY if case[0] not in COMPILING]
+    heavy = [case for case in EVERY if case[0] in COMPILING]
+    return [
+        *((*case, *values) for case, *values in product(light, *axes)),
+        *(
+            pytest.param(*given.values[0], *given.values[1:], marks=given.marks)
+            for given in covering(heavy, *axes, strength=strength)
+        ),
     ]
 
 

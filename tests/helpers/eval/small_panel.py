@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import pytest
+
+from integ_gym.support.figures import style
 
 TOML = """
 name = "small"
@@ -46,3 +52,14 @@ environment = { action_latency = 0.05 }
 def small_data(**changes: Any) -> dict[str, Any]:
     """The panel's specification as plain data, with changes."""
     return {**tomllib.loads(TOML), **changes}
+
+
+@contextmanager
+def pictures_alone() -> Iterator[None]:
+    """Figures are written as PNG alone, where they are not what is looked at.
+
+    Half of what figures take is their PDF files, and a fourth their SVG files.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "FORMATS", {".png": style.FORMATS[".png"]})
+        yield
