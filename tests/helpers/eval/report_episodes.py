@@ -1,4 +1,4 @@
-"""What the evidence of a synthetic panel would tell of single episodes; not simulated."""
+"""What evidence would tell of a synthetic panel's episodes: plausible numbers, no simulation."""
 
 from __future__ import annotations
 
