@@ -58,10 +58,8 @@ def _draw_line(axes: Axes, canvas: Axes, line: Line, axis: Axis, y: float) -> No
     who = f"{line.row} → {line.cell}" if line.row else f"{line.cell} {line.note}".strip()
     behind = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.6}
     middle = 0.06 + y + 0.5 * LINE_HEIGHT
-    name = short(who, COLUMN - _EDGE - _RIGHT)
+    name = short(who, COLUMN - _EDGE - _RIGHT + 0.25)
     canvas.text(_EDGE, middle, name, va="center", bbox=behind, **TYPE)
-        _EDGE, middle, short(who, COLUMN - _EDGE - _RIGHT), va="center", bbox=behind, **TYPE
-    )
     canvas.text(COLUMN - _EDGE, middle, line.number, va="center", ha="right", **TYPE)
     for mark in line.marks:
         _draw_mark(axes, mark, axis, y + (1.3 + 0.2 * mark.down) * LINE_HEIGHT)
