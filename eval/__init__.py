@@ -29,6 +29,6 @@ if TYPE_CHECKING:
         run_panel,
         specified,
     )
-    from .report import ordered_verdicts, write_figures, write_report
+    from .report import STYLES, ordered_verdicts, write_figures, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .data import ordered_verdicts
-    from .figures import write_figures
+    from .figures import STYLES, write_figures
     from .page import write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

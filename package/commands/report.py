@@ -9,6 +9,7 @@ from pathlib import Path
 from integ_gym.eval import (
     FILE_NAME,
     MANIFEST,
+    STYLES,
     check_finished,
     read_panel,
     write_figures,
@@ -22,18 +23,30 @@ def parser() -> argparse.ArgumentParser:
     made = CommandParser(
         prog="integ-gym report",
         description="Write report.html and figures/ anew from a finished panel's panel.json.",
-        epilog="examples:\n  integ-gym report runs/panel",
+        epilog="examples:\n  integ-gym report runs/panel\n"
+        "  integ-gym report runs/panel --style paper",
     )
     made.add_argument("directory", type=Path, metavar="DIR", help="a panel's directory")
+    made.add_argument(
+        "--style", choices=STYLES, default=STYLES[0],
+        help="`paper` writes figures/paper beside them: column width, 8 pt, labelled axes, no "
+        "titles, the same numbers and ticks",
+    )  # fmt: skip
     return made
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
-    directory = parser().parse_args(argv).directory
+    given = parser().parse_args(argv)
+    directory = given.directory
     _check(directory)
     check_finished(directory)
     panel = read_panel(directory / FILE_NAME)
+    if given.style == "paper":
+        folder = directory / "figures" / "paper"
+        written = write_figures(panel, folder, given.style)
+        print(f"Figures: {folder.resolve()} ({len(written)} files)")
+        return 0
     write_figures(panel, directory / "figures")
     page = write_report(panel, directory)
     print(f"Page: {page.resolve()}")

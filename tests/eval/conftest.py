@@ -47,7 +47,7 @@ def _diagnose(folder: Path) -> None:
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         code = main(
             ["diagnose", "--plant", "pendulum", "--integrator", *names,
-             "--out", str(folder / "run"), "--workers", "1", "--no-progress"]
+             "--out", str(folder / "run"), "--workers", "1", "--no-progress", "--all"]
         )  # fmt: skip
     assert code == 0
     (folder / "printed.txt").write_text(printed.getvalue(), encoding="utf-8")

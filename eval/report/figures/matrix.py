@@ -79,11 +79,11 @@ def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float)
 
 
 def _draw_shade(axes: Axes, x: float, y: float, shade: Shade) -> None:
-    colour = SUNK if shade.tone == "empty" else _colour(shade.tone, shade.share)
+    colour = shade_colour(shade)
     ink = SOFT if shade.tone == "empty" else ink_on(colour)
     _box(axes, x, y, facecolor=colour, linewidth=0)
     if shade.hatched:
-        _box(axes, x, y, linewidth=0, **_stripes(shade.hatched, colour, ink))
+        _box(axes, x, y, linewidth=0, **stripes(shade.hatched, colour, ink))
     if shade.home:
         _box(axes, x, y, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
         _box(axes, x, y, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
@@ -94,10 +94,15 @@ def _draw_shade(axes: Axes, x: float, y: float, shade: Shade) -> None:
         _cell_text(axes, x, y, " ".join(shade.marks), ink, 6.5, -0.13, behind)
 
 
-def _stripes(hatched: str, ground: str, ink: str) -> dict[str, Any]:
+def stripes(hatched: str, ground: str, ink: str) -> dict[str, Any]:
     """Properties of a hatched rectangle, as Matplotlib takes them."""
     colour = mixed(ground, ink, _STRIPES)
     return {"facecolor": ground, "edgecolor": colour, "hatch": _HATCHES[hatched]}
+
+
+def shade_colour(shade: Shade) -> str:
+    """The ground of a cell."""
+    return SUNK if shade.tone == "empty" else _colour(shade.tone, shade.share)
 
 
 def _colour(tone: str, share: float) -> str:
@@ -122,7 +127,7 @@ def _legend(axes: Axes, matrix: Matrix, y: float) -> None:
         _small(axes, _LEFT, y, plain(note, 80))
     for hatched, words in matrix.hatchings:
         y += _LEGEND_LINE
-        _rectangle(axes, _LEFT, y - 0.08, 0.3, 0.16, linewidth=0, **_stripes(hatched, SUNK, INK))
+        _rectangle(axes, _LEFT, y - 0.08, 0.3, 0.16, linewidth=0, **stripes(hatched, SUNK, INK))
         _small(axes, _LEFT + 0.38, y, plain(words, 80))
 
 
@@ -140,7 +145,15 @@ def _rectangle(axes: Axes, x: float, y: float, width: float, height: float, **st
 
 def _box(axes: Axes, x: float, y: float, gap: float = 0.02, **style: Any) -> None:
     """A rectangle in a cell, with a gap to its edges."""
-    _rectangle(axes, x + gap, y + gap, WIDTH - 2 * gap, HEIGHT - 2 * gap, **style)
+    draw_box(axes, (x, y), (WIDTH, HEIGHT), gap, **style)
+
+
+def draw_box(
+    axes: Axes, corner: tuple[float, float], size: tuple[float, float], gap: float, **style: Any
+) -> None:
+    """A rectangle in a cell of a size, with a gap to its edges, inches."""
+    (x, y), (width, height) = corner, size
+    _rectangle(axes, x + gap, y + gap, width - 2 * gap, height - 2 * gap, **style)
 
 
 def _cell_text(

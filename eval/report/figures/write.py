@@ -21,6 +21,7 @@ from ..data import (
 from .forest import draw_forest
 from .ladders import draw_ladders
 from .matrix import draw_matrix
+from .paper import print_forest, print_ladders, print_matrix
 
 FIGURES: Final[dict[str, tuple[Any, Any]]] = {
     "success_matrix": (success_matrix, draw_matrix),
@@ -34,7 +35,18 @@ FIGURES: Final[dict[str, tuple[Any, Any]]] = {
 """Name of a figure to what describes it, as for the page, and what draws that."""
 
 
-def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
+STYLES: Final = ("page", "paper")
+"""How figures look: as on the page, or as papers print them."""
+
+_PRINTED: Final[dict[Any, Any]] = {
+    draw_matrix: print_matrix,
+    draw_forest: print_forest,
+    draw_ladders: print_ladders,
+}
+"""What draws a figure as on the page to what draws it for a paper."""
+
+
+def write_figures(panel: Panel, directory: str | PathLike[str], style: str = "page") -> list[Path]:
     """Write a panel's figures as PNG, SVG and PDF files into a folder.
 
     A figure for which the panel has no numbers is not written, and one left there by an earlier
@@ -46,6 +58,8 @@ def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
         What ``panel.json`` holds.
     directory
         The folder the files go to; made if it does not exist.
+    style
+        One of :data:`STYLES`.
 
     Returns
     -------
@@ -61,7 +75,8 @@ def write_figures(panel: Panel, directory: str | PathLike[str]) -> list[Path]:
     for name, (describe, draw) in FIGURES.items():
         path, described = Path(directory) / name, describe(panel)
         if described is not None:
-            written += write_figure(draw(described), path)
+            drawn = draw if style == "page" else _PRINTED[draw]
+            written += write_figure(drawn(described), path)
         else:
             for suffix in FORMATS:
                 path.with_suffix(suffix).unlink(missing_ok=True)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import html
 import io
+import json
 import math
 import os
 import re
@@ -163,9 +165,10 @@ def test_table_says_what_does_not_hold(diagnosis):
     failed = [line for line in result["findings"] if line["holds"] is False]
     asked = [line for line in result["findings"] if line["holds"] is not None]
     assert f"{len(asked) - len(failed)} of {len(asked)} expectations hold." in printed
-    after = printed.split("These do not")[1]
+    after = " ".join(printed.split("These do not")[1].split())
     for line in failed:
-        assert f"{line['integrator']}: {line['shown']}; expected {line['expected']}" in after
+        assert f"expected {line['expected']}" in after
+        assert f"{line['integrator']} {line['shown']}" in after
 
 
 def test_counts_of_what_holds(diagnosis):
@@ -199,7 +202,7 @@ def test_a_narrow_terminal_is_told_the_same(diagnosis, monkeypatch):
     _, result, _ = diagnosis
     monkeypatch.setenv("COLUMNS", "80")
     file = io.StringIO()
-    print_diagnosis(result, file)
+    print_diagnosis(result, file, every_line=True)
     text = file.getvalue()
     assert max(map(len, text.splitlines())) <= 80
     told = "".join(text.split())
@@ -208,15 +211,57 @@ def test_a_narrow_terminal_is_told_the_same(diagnosis, monkeypatch):
     _, _, after = text.partition("These do not")
     for line in result["findings"]:
         if line["holds"] is False:
-            said = f"{line['integrator']}: {line['shown']}; expected {line['expected']}"
-            assert "".join(said.split()) in "".join(after.split())
+            for said in (f"{line['integrator']} {line['shown']}", f"expected {line['expected']}"):
+                assert "".join(said.split()) in "".join(after.split())
     assert len(re.findall("^all ", text, re.MULTILINE)) == 2
 
 
-def test_a_diagnosis_is_not_overwritten(diagnosis, capsys):
-    out, _, _ = diagnosis
-    assert main(["diagnose", "--plant", "pendulum", "--out", str(out)]) == 2
-    assert "already holds a diagnosis" in capsys.readouterr().err
+def test_what_matters_is_told_first_and_shortly(diagnosis):
+    _, result, printed = diagnosis
+    file = io.StringIO()
+    print_diagnosis(result, file)
+    text = file.getvalue()
+    assert text.startswith("What they are\n")
+    assert printed.startswith(text)
+    topics = {(x["section"], x["quantity"]) for x in result["findings"] if x["holds"] is False}
+    failed = [line for line in result["findings"] if line["holds"] is False]
+    assert len(text.splitlines()) <= len(result["identities"]) + len(failed) + 4 * len(topics) + 8
+
+
+def test_the_page_says_what_is_printed(diagnosis):
+    out, result, _ = diagnosis
+    page = (out / "diagnose.html").read_text(encoding="utf-8")
+    text = html.unescape(re.sub(r"<wbr>|<[^>]+>", "", page))
+    for line in result["findings"]:
+        for said in (line["quantity"], line["shown"], line["expected"]):
+            assert said in text
+    for told in result["identities"]:
+        assert told["stable"] in text
+    asked = [line for line in result["findings"] if line["holds"] is not None]
+    assert f"{sum(line['holds'] for line in asked)} of {len(asked)} expectations" in text
+    assert page.count("data:image/png") == len(list((out / "figures").glob("*.png")))
+    for link in re.findall(r'href="(figures/[^"]+)"', page):
+        assert (out / link).exists()
+
+
+@pytest.mark.slow
+def test_a_directory_is_taken_again(tmp_path):
+    command = ["diagnose", "--plant", "pendulum", "--out", str(tmp_path), "--no-progress"]
+    assert main([*command, "--integrator", "rk4"]) == 0
+    first = (tmp_path / "diagnose.json").read_text(encoding="utf-8")
+    assert main([*command, "--integrator", "reference"]) == 0
+    second = json.loads((tmp_path / "diagnose.json").read_text(encoding="utf-8"))
+    assert json.loads(first)["integrators"] == ["rk4"]
+    assert second["integrators"] == ["reference"]
+    found = EvidenceStore(tmp_path / "evidence").query("SELECT DISTINCT integrator FROM records")
+    assert found.column(0).to_pylist() == ["reference"]
+    assert "rk4" not in (tmp_path / "diagnose.html").read_text(encoding="utf-8")
+
+
+def test_other_evidence_is_not_overwritten(tmp_path, capsys):
+    (tmp_path / "evidence").mkdir()
+    assert main(["diagnose", "--plant", "pendulum", "--out", str(tmp_path)]) == 2
+    assert "holds evidence of something else" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -358,8 +403,25 @@ def test_drift_example(tmp_path, capsys, monkeypatch):
     printed = capsys.readouterr().out
     for number in ("−0.7968 %", "+3.585·10⁴ %", "−0.07413 %", "−3.435 %"):
         assert number in printed
+    for setting in ("point mass of 1 kg", "0.5 rad from hanging", "dt 0.05 s", "dt 0.02 s"):
+        assert setting in printed
     for suffix in FORMATS:
         assert (tmp_path / f"drift{suffix}").stat().st_size > 10_000
+
+
+def test_drift_at_another_step(tmp_path, capsys, monkeypatch):
+    """The drift of RK4 grows as its fifth power: 31 times at twice the step."""
+    monkeypatch.setattr(drift_example, "CART_POLE_TIMES", (10.0,))
+    words = ["diagnose", "--example", "drift", "--out", str(tmp_path), "--dt"]
+    assert main([*words, "0.1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("dt 0.1 s") == 2
+    assert "−2.324 %" in printed
+    for dt, message in (("0.03", "nearest valid"), ("-1", "must be a finite number above 0")):
+        assert main([*words, dt]) == 2
+        assert message in capsys.readouterr().err
+    assert main([*words, "0.1", "0.05"]) == 2
+    assert "takes one step" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
