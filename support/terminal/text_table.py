@@ -43,7 +43,7 @@ def width_of(file: TextIO) -> int | None:
 
 
 def visible(text: str) -> str:
-    """Text in which what would move a terminal's cursor, or colour it, is shown in its place.
+    r"""Text in which what would move a terminal's cursor, or colour it, is shown in its place.
 
     >>> visible("a\x1b[2Jb")
     'a\\x1b[2Jb'

@@ -60,7 +60,7 @@ def test_the_command_tells_the_integrator_what_it_is(directory):
     (command,) = _blocks("sh")
     words = shlex.split(command)
     assert words[0] == "integ-gym"
-    printed = _run(directory, "-m", "integ_gym.cli", *words[1:], "--no-progress")
+    printed = _run(directory, "-m", "integ_gym.cli", *words[1:], "--all", "--no-progress")
     rows = {" ".join(row.split()) for row in printed.splitlines()}
     (told,) = _blocks("text")
     for row in told.splitlines():

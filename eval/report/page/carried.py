@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.support import compact, fixed, step
+from integ_gym.support import compact, fixed, step, true_minus
 
 from ...panel.model import Entry, Estimate, Panel
 from ..data import (
@@ -139,6 +139,9 @@ def _facts(panel: Panel, entry: Entry) -> list[tuple[str, str | None]]:
         ("of it difficulty", _long(entry.difficulty, fixed)),
         ("of it deadline", _long(entry.deadline, fixed)),
         ("of it overfitting", _long(entry.overfitting, fixed)),
+        ("seeds that lose more than half", _long(entry.tail, fixed)),
+        ("worst seed", entry.worst_policy and f"{entry.worst_policy}, {fixed(entry.worst_loss)}"),
+        ("energy from the numerics", _long(entry.numerics_share, _share)),
         ("transfer gap", _long(entry.transfer_gap, fixed)),
         ("against the truth", CLASS_WORDS.get(entry.reference_class or "")),
         ("the cell", solved_words(panel.cell(entry.cell))),
@@ -158,6 +161,11 @@ def _time_to_success(entry: Entry) -> str | None:
 
 def _three(value: float | None) -> str:
     return compact(value, 3)
+
+
+def _share(value: float | None) -> str:
+    """Of the energy gained until the goal is first reached."""
+    return "–" if value is None else true_minus(f"{value:z.0%}")
 
 
 def _signed(value: float | None) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from integ_gym.support import fixed, true_minus
 
 from ... import verdict as rules
-from ...panel.model import CellFinding, Estimate, PolicyComparison, Verdict
+from ...panel.model import CellFinding, Estimate, Panel, PolicyComparison, Verdict
 from ..data import VERDICT_ORDER, Line, Mark, Tone, difference_axis
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
@@ -29,7 +29,7 @@ _WITHOUT: tuple[str, Tone] = ("○", "not_learned")
 _PARTS = ("difficulty", "deadline", "overfitting")
 
 
-def card_of(judged: Verdict) -> dict[str, Any]:
+def card_of(panel: Panel, judged: Verdict) -> dict[str, Any]:
     """One verdict of the declared family."""
     p_values = [
         (f"overfitting > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
@@ -45,7 +45,24 @@ def card_of(judged: Verdict) -> dict[str, Any]:
         "total": _signed(judged.total),
         "marks": [Mark(judged.overfitting, tone)] if judged.verdict in _VERDICTS else [],
         "reason": true_minus(judged.reason),
+        "tail": _tail(panel, judged),
+        "wanted": judged.seeds_wanted,
         "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
+    }
+
+
+def _tail(panel: Panel, judged: Verdict) -> dict[str, Any] | None:
+    """How many seeds lose most of their success, and where the worst one's episodes are."""
+    entry = panel.entry(judged.row, judged.cell)
+    if entry is None or entry.tail is None or entry.worst_policy is None:
+        return None
+    ids = [policy.id for policy in panel.row(judged.row).policies]
+    return {
+        "share": entry.tail,
+        "policy": entry.worst_policy,
+        "loss": fixed(entry.worst_loss),
+        "place": f"{panel.anchor(judged.row, judged.cell)}s{ids.index(entry.worst_policy)}e0",
+        "numerics": entry.numerics_share,
     }
 
 

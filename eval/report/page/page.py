@@ -122,7 +122,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
     trusts = trust_of(panel)
     task = task_words(panel)
     leads = told.leads if told else ()
-    cards = [card_of(judged) for judged in ordered_verdicts(panel)]
+    cards = [card_of(panel, judged) for judged in ordered_verdicts(panel)]
     return {
         **_own_parts(),
         "panel": panel,
@@ -147,6 +147,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "checks": check_forest(panel),
         "frame": drawing,
         "trust": trusts,
+        "rankings": sorted(panel.rankings, key=lambda one: -one.violation.estimate),
         "findings": findings_of(panel, trusts),
         "failure_table": failure_table(panel),
         "failures": failures_of(panel, told),
