@@ -368,13 +368,13 @@ import jax, torch, stable_baselines3
 def run():
     values, environ = {n: jax.config.values[n] for n in jax.config.values}, dict(os.environ)
     from integ_gym.train.fleet import train_fleet
-    from integ_gym.train.fleet.worker import default_cache_dir
     from integ_gym.train.ppo import PPOConfig
     small = dict(n_envs=4, n_steps=32, batch_size=64, n_epochs=1, total_steps=128, net_arch=(8,))
     configs = [PPOConfig.of("IntegPendulum-v0", seed=s, **small) for s in (0, 1)]
     out = Path(sys.argv[1])
-    folders, cache = [out / str(s) for s in (0, 1)], default_cache_dir()
-    trained = train_fleet(configs, folders, progress=False, workers=2, cache_dir=cache)
+    trained = train_fleet(
+        configs, [out / str(s) for s in (0, 1)], progress=False, workers=2, cache_dir=out / "cache"
+    )
     print(json.dumps({
         "policies": [p.card["policy_id"] for p in trained],
         "jax": values == {n: jax.config.values[n] for n in jax.config.values},

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from engine_cases import needs
 from mixed_panel import TOML
-from small_panel import pictures_alone
 
 from integ_gym.cli import main
 from integ_gym.envs.catalogue.registration import environment_setup
@@ -163,12 +162,11 @@ def finished(request, made_once):
 
     def command(folder: Path) -> list[str]:
         given = [str(folder / "mixed.toml"), "--trainer", request.param]
-        return ["panel", *given, "--out", str(folder / "out"), "--workers", "1", "--no-progress"]
+        return ["panel", *given, "--out", str(folder / "out"), "--no-progress"]
 
     def make(folder: Path) -> None:
         (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
-        with pictures_alone():
-            assert main(command(folder)) == 0
+        assert main(command(folder)) == 0
 
     folder = made_once(f"mixed-{request.param}", make)
     return folder / "out", command(folder)
@@ -245,7 +243,6 @@ def test_the_page_and_the_figures_show_the_remedy(finished):
 @pytest.mark.parametrize(
     "finished", ["sb3", pytest.param("fleet", marks=pytest.mark.slow)], indirect=True
 )
-@pytest.mark.usefixtures("few_pictures")
 def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     out, command = finished
     units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
@@ -259,7 +256,6 @@ def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
     policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
     command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
