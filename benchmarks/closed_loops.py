@@ -39,6 +39,13 @@ STEP = 1e-5
 """Of the central differences, rad and rad/s."""
 
 NEWTON = 12
+
+FLOAT32 = 1e-6
+"""What a fixed point may be missed by: networks compute in float32."""
+
+SETTLING = 300
+"""Control periods for which a loop is let run before its fixed point is sought."""
+
 GOAL = 0.2
 """Angle from upright that counts as the goal, rad."""
 
@@ -64,14 +71,14 @@ def spectral_radii(panel: Panel, directory: Path, row: Row, cell: Cell) -> Array
     fixed, jacobian, missed = _fixed_points(advanced, row.seeds)
     environments.close()
     radii = np.abs(np.linalg.eigvals(jacobian)).max(axis=1)
-    found = (missed < 1e-8) & (np.abs(fixed[:, 0]) < GOAL)
+    found = (missed < FLOAT32) & (np.abs(fixed[:, 0]) < GOAL)
     return np.where(found, radii, np.nan)
 
 
 def _fixed_points(advanced: Callable[[Array], Array], seeds: int) -> tuple[Array, Array, Array]:
     """Fixed points (seeds, 2) of the maps, their Jacobians (seeds, 2, 2), what they miss by."""
     offsets = STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64)
-    state = np.zeros((seeds, 2))
+    state = _settled(advanced, seeds)
     for _ in range(NEWTON):
         after = advanced(state[:, None] + offsets)
         columns = [(after[:, 2 * k + 1] - after[:, 2 * k + 2]) / (2 * STEP) for k in (0, 1)]
@@ -81,6 +88,15 @@ def _fixed_points(advanced: Callable[[Array], Array], seeds: int) -> tuple[Array
         inverse = np.linalg.pinv(np.eye(2) - jacobian)
         state = np.clip(state + np.einsum("nij,nj->ni", inverse, missed), -1.0, 1.0)
     return found, known, np.abs(missed).max(axis=1)
+
+
+def _settled(advanced: Callable[[Array], Array], seeds: int) -> Array:
+    """Where loops come to rest that are let go upright; upright, of those that leave."""
+    states = np.zeros((seeds, 5, 2))
+    for _ in range(SETTLING):
+        states = advanced(states)
+    near = np.isfinite(states[:, 0]).all(axis=1) & (np.abs(states[:, 0, 0]) < GOAL)
+    return np.where(near[:, None], states[:, 0], 0.0)
 
 
 def arrivals(directory: Path, cells: list[str], policies: list[str]) -> list[dict[str, Any]]:

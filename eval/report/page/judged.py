@@ -26,6 +26,9 @@ _VERDICTS: dict[str, tuple[str, Tone]] = {
 """Sign and colour of a verdict."""
 
 _WITHOUT: tuple[str, Tone] = ("○", "not_learned")
+_WORTH_TELLING = 0.1
+"""Loss of success of a single seed that is named."""
+
 _PARTS = ("difficulty", "deadline", "overfitting")
 
 
@@ -61,6 +64,7 @@ def _tail(panel: Panel, judged: Verdict) -> dict[str, Any] | None:
         "share": entry.tail,
         "policy": entry.worst_policy,
         "loss": fixed(entry.worst_loss),
+        "told": (entry.worst_loss or 0.0) >= _WORTH_TELLING,
         "place": f"{panel.anchor(judged.row, judged.cell)}s{ids.index(entry.worst_policy)}e0",
         "numerics": entry.numerics_share,
     }
