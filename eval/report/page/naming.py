@@ -15,7 +15,9 @@ Filter: TypeAlias = Callable[[Any, Any], Any]
 
 def called(panel: Panel, name: str) -> str:
     """A row or a cell as it is shown."""
-    return name if panel.truth is None else name.replace(panel.truth.name, "truth")
+    if panel.truth is None:
+        return name
+    return name.replace(panel.truth.name, "truth").replace("reference dt=", "truth dt=")
 
 
 def said(panel: Panel, text: str) -> str:
