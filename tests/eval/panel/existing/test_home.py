@@ -85,6 +85,7 @@ def _judged(out: Path, **arguments) -> tuple[dict, list[dict]]:
     return written, records.to_pylist()
 
 
+@pytest.mark.slow
 def test_a_stated_home_stands_in_every_record_and_is_judged_at_its_own_period(tmp_path):
     lines: list[str] = []
     panel, records = _judged(tmp_path / "o", home=PUMPED, on_home=lines.append)
@@ -120,6 +121,7 @@ def weak(observation):
     return [0.4 * towards * (1.0 if speed >= 0.0 else -1.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("home", "label"),
     [("integrator=explicit_euler,dt=0.05", "discretization_error"), (None, "unattributed")],
