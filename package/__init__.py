@@ -39,9 +39,11 @@ if TYPE_CHECKING:
     )
     from integ_gym.support import nonnegative, parameter, positive
     from integ_gym.train import (
+        DiscretizationCallback,
         Policy,
         PPOConfig,
         TrainingEvidence,
+        discretization_gap,
         save_policy,
         train_fleet,
         train_ppo,
@@ -57,6 +59,7 @@ __all__ = [
     "Applied",
     "Command",
     "Discretization",
+    "DiscretizationCallback",
     "Engine",
     "EpisodeContext",
     "EvidenceStore",
@@ -74,6 +77,7 @@ __all__ = [
     "Testbed",
     "TrainingEvidence",
     "along",
+    "discretization_gap",
     "evaluate",
     "functional",
     "nonnegative",

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
+    from .monitoring import DiscretizationCallback, discretization_gap
     from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
         HOW_TO_STATE,

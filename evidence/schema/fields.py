@@ -205,7 +205,8 @@ _POLICY = _group(
         context("policy_hash"),
     ),
     _json(
-        "training_discretization", "what the policy was trained on; null: not trained",
+        "training_discretization",
+        "what the policy was trained on; null: not trained, or not known",
         context(lambda told: optional_json(told.training_discretization)), nullable=True,
     ),
     _count(

@@ -68,7 +68,7 @@ def evaluate_existing(
         baselines = (Row(name, "baseline", (name,)) for name in spec.baselines)
         layout, matrix = reduced(spec, directory, (Row(row, "given", (row,), home), *baselines))
         paired = paired_episodes(layout, matrix)
-        returns = "" if spec.reference else _returns(existing, spec, matrix)
+        returns = _returns(existing, spec, matrix)
         panel = write_outputs(
             spec,
             directory,
@@ -122,7 +122,10 @@ def _returns(existing: Existing, spec: PanelSpec, matrix: Matrix) -> str:
     low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
     if means[low] == means[high]:
         return f"Its mean return is {means[low]:.1f} on each of them."
-    at_home = "" if home is None else f"{means[home]:.1f} at home, and "
+    at_home = ""
+    if home is not None:
+        spread = float(matrix.values(row, home, "return").std())
+        at_home = f"{means[home]:.1f} at home (standard deviation {spread:.1f}), and "
     return (
         f"Its mean return is {at_home}between {means[low]:.1f} ({low}) and {means[high]:.1f} "
         f"({high})."

@@ -95,15 +95,13 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
     """
     files = {f"policy{path.suffix}": path}
-    card: dict[str, Any] | None = None
     if obs_stats is not None:
         files[f"obs_stats{obs_stats.suffix}"] = obs_stats
-    if has_sidecar(path):
+    card = onnx_card(path) if path.suffix == ".onnx" else None
+    if card is None and has_sidecar(path):
         files["policy.json"] = path.with_suffix(".json")
         policy, card = read_trained(path)
         return (policy if obs_stats is None else read_weights(path, card, obs_stats)), card, files
-    if path.suffix == ".onnx":
-        card = onnx_card(path)
     return read_weights(path, None, obs_stats), card, files
 
 

@@ -31,6 +31,8 @@ def build(part: type[PartType], /, **values: Any) -> PartType:
 class Estimate(Part, frozen=True):
     """A number with a two-sided interval over training seeds, in the unit of what it estimates.
 
+    Where a policy was given, the interval is over its episodes: this policy, these starts.
+
     Attributes:
         estimate: the number.
         low: lower end of the interval; null where there is none or it is not bounded.

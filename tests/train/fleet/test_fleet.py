@@ -31,14 +31,11 @@ from integ_gym.train.fleet.program import FleetProgram
 from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet.update import permutations, update
-from integ_gym.train.policy.actions import BoxActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy.network import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import (
     FORMAT,
     read_safetensors,
-    safetensors_bytes,
 )
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments
@@ -421,11 +418,7 @@ def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
         train_fleet([small_run()], [tmp_path])
 
 
-def test_safetensors_refuse_what_they_do_not_hold(tmp_path):
-    layers = ((np.ones((1, 3), np.float32), np.zeros(1, np.float32)),)
-    squashed = MlpPolicy(layers, "Tanh", BoxActions([-1.0], [1.0], squash=True))
-    with pytest.raises(ValueError, match="squashes"):
-        safetensors_bytes(squashed)
+def test_safetensors_that_are_none_are_refused(tmp_path):
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"nothing")
     with pytest.raises(PolicyFileError, match="not a readable safetensors file"):

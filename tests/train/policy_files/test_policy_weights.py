@@ -51,7 +51,7 @@ def test_a_torchscript_program_is_refused(pendulum_zip: Path, tmp_path: Path) ->
         archive.writestr("archive/constants.pkl", b"")
     content = stream.getvalue()
     path = rewritten(pendulum_zip, tmp_path / "script.zip", policy__pth=content)
-    assert "is a TorchScript program, not weights" in refusal(path)
+    assert "is a TorchScript program, which is never run; export it" in refusal(path)
 
 
 def test_a_path_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:

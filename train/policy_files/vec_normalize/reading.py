@@ -15,6 +15,7 @@ from .inert_pickle import Name, Note, entries, parse_pickle
 _CLASS = Name("stable_baselines3.common.vec_env.vec_normalize", "VecNormalize")
 _ARRAYS = ("numpy.core.multiarray", "numpy._core.multiarray")
 _BUFFERS = ("numpy.core.numeric", "numpy._core.numeric")
+_ENCODE = Name("_codecs", "encode")
 _NUMBERS = ("f4", "f8", "i4", "i8")
 
 
@@ -68,12 +69,21 @@ def _array(note: Any) -> NDArray[np.float64]:
     raise PolicyFileError("holds statistics that are no arrays of numbers")
 
 
+def _bytes(content: Any) -> bytes:
+    """Bytes, which protocol 2 writes as text to be encoded."""
+    if isinstance(content, Note) and content.maker == _ENCODE:
+        text, encoding = content.arguments
+        if isinstance(text, str) and encoding == "latin1":
+            return text.encode("latin1")
+    if not isinstance(content, bytes | bytearray):
+        raise PolicyFileError("holds statistics whose numbers are not stored as bytes")
+    return bytes(content)
+
+
 def _numbers(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[np.float64]:
     kind = dtype.arguments[0] if isinstance(dtype, Note) else None
     byte_order = dtype.state[0][1] if isinstance(dtype, Note) and dtype.state else "<"
     if kind not in _NUMBERS or byte_order not in ("<", ">", "=") or order not in ("C", "F"):
         raise PolicyFileError("holds statistics that are no arrays of numbers")
-    if not isinstance(content, bytes | bytearray):
-        raise PolicyFileError("holds statistics whose numbers are not stored as bytes")
-    flat = np.frombuffer(bytes(content), dtype=f"{byte_order}{kind}")
+    flat = np.frombuffer(_bytes(content), dtype=f"{byte_order}{kind}")
     return flat.reshape(shape, order=order).astype(np.float64)

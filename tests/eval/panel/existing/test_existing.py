@@ -61,7 +61,10 @@ def cart_pole_run(cart_pole_policy, made_once) -> Path:
     command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--no-progress"]
 
     def make(folder: Path) -> None:
-        assert main([*command, "--episodes", "10", "--out", str(folder / "out")]) == 0
+        assert (
+            main([*command, "--home", "stock", "--episodes", "10", "--out", str(folder / "out")])
+            == 0
+        )
 
     return made_once("cart_pole_run", make) / "out"
 
@@ -121,8 +124,8 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
     out = tmp_path / "out"
     command = ["evaluate", str(pendulum_policy), "--env", "IntegPendulum-v0", "--out", str(out)]
     selected = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "8", "--no-progress"]
-    assert main([*command, *selected]) == 0
-    assert "trained with VecNormalize? pass --obs-stats FILE.json" in capsys.readouterr().err
+    assert main([*command, *selected, "--home", "stock"]) == 0
+    assert "trained with VecNormalize? pass --obs-stats vecnormalize.pkl" in capsys.readouterr().err
     panel = _panel(out)
     assert panel["warnings"]
     assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {

@@ -54,6 +54,7 @@ def running(tmp_path_factory) -> Path:
 
 def _evaluate(policy: Path, env_id: str, out: Path, *more: str) -> int:
     command = ["evaluate", str(policy), "--env", env_id, "--out", str(out), "--no-progress"]
+    command += ["--home", "stock"]
     return main([*command, "--episodes", str(EPISODES), *more])
 
 

@@ -1,0 +1,192 @@
+"""Policies given as functions, objects and models, and the same policy in several files."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, SAC
+
+import integ_gym
+from integ_gym.cli import main
+from integ_gym.eval.panel.existing.given import given_policy, is_reference
+from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.evidence import EvidenceStore
+from integ_gym.train import MlpPolicy, save_policy
+
+PENDULUM = "IntegPendulum-v0"
+
+
+def swing(observation):
+    return [0.5 * observation[1]]
+
+
+class Predicting:
+    def predict(self, observations):
+        assert observations.ndim == 2
+        return 0.5 * observations[:, 1:2]
+
+
+class Deterministic:
+    def predict(self, observations, state=None, deterministic=False):
+        assert deterministic
+        return 0.5 * observations[:, 1:2], state
+
+
+class Known:
+    policy_id, content_hash = "known", "0" * 64
+
+    def act(self, observations):
+        return (0.5 * observations[:, 1:2]).astype(np.float32)
+
+
+def test_all_ways_to_ask_give_the_same_actions():
+    observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
+    found = [
+        given_policy(one, PENDULUM, {}).policy for one in (swing, Predicting(), Deterministic())
+    ]
+    for policy in found:
+        np.testing.assert_allclose(policy.act(observations), 0.5 * observations[:, 1:2])
+    assert len({policy.content_hash for policy in found}) == 1
+    assert [policy.policy_id for policy in found] == ["swing", "Predicting", "Deterministic"]
+    known = given_policy(Known(), PENDULUM, {}).policy
+    assert (known.policy_id, known.content_hash) == ("known", "0" * 64)
+    np.testing.assert_allclose(known.act(observations), 0.5 * observations[:, 1:2])
+
+
+def test_another_behaviour_is_another_policy():
+    hashes = {given_policy(one, PENDULUM, {}).policy.content_hash for one in (swing, lambda o: [0])}
+    assert len(hashes) == 2
+
+
+def test_a_model_is_read_as_its_file(tmp_path):
+    model = SAC("MlpPolicy", "Pendulum-v1", seed=0, buffer_size=10, device="cpu")
+    model.save(tmp_path / "model.zip")
+    policy = given_policy(model, PENDULUM, {}).policy
+    assert isinstance(policy, MlpPolicy)
+    read = read_existing(tmp_path / "model.zip", PENDULUM, {}).policy
+    assert policy.content_hash == read.content_hash
+
+
+def _noisy(observation, random=np.random.default_rng(0)):  # noqa: B008
+    return random.normal(size=1)
+
+
+def _broken(observation):
+    raise KeyError("weights")
+
+
+@pytest.mark.parametrize(
+    ("given", "fragment"),
+    [
+        (3, "must be callable or have `predict`, got int"),
+        (_noisy, "gives other actions when it is asked again"),
+        (_broken, "raised KeyError: 'weights'; give a function from one observation"),
+        (lambda observation: [0.0, 1.0], "where 34 actions|where 136 actions"),
+        (lambda observation: ["left"], "were expected; give one action for one observation"),
+        ("no_such_module:f", "cannot load policy 'no_such_module:f': ModuleNotFoundError"),
+    ],
+)
+def test_what_is_no_policy_is_refused(given, fragment):
+    with pytest.raises((TypeError, ValueError), match=fragment):
+        given_policy(given, PENDULUM, {})
+
+
+def test_discrete_actions_are_whole_numbers():
+    cart_pole = "IntegCartPole-v0"
+    policy = given_policy(lambda o: float(o[2] > 0), cart_pole, {}).policy
+    assert policy.act(np.array([[0, 0, 1, 0], [0, 0, -1, 0]])).tolist() == [1, 0]
+    with pytest.raises(ValueError, match="where a whole number was expected"):
+        given_policy(lambda o: 0.5, cart_pole, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("mine:f", True),
+        ("a.b:C.act", True),
+        ("policy.zip", False),
+        (r"C:\p.zip", False),
+        (3, False),
+    ],
+)
+def test_references_are_told_from_files(text, expected):
+    assert is_reference(text) == expected
+
+
+def test_a_function_of_a_module_is_judged_by_the_command(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_policies.py").write_text("def still(observation):\n    return [0.0]\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    out = str(tmp_path / "out")
+    chosen = ["--integrator=rk4", "--dt=0.05", "--episodes=2", "--env-arg", "duration=1.0"]
+    command = ["evaluate", "--policy", "my_policies:still", "--env", PENDULUM, "--out", out]
+    assert main([*command, *chosen, "--workers", "1", "--no-progress"]) == 0
+    assert capsys.readouterr().out.startswith("home: unknown (")
+    panel = integ_gym.read_panel(Path(out) / "panel.json")
+    assert panel.row("still").policies[0].file is None
+
+
+@pytest.mark.parametrize(
+    ("words", "fragment"),
+    [
+        (["policy.zip", "--policy", "a:b"], "give either a policy's file or --policy"),
+        ([], "give either a policy's file or --policy"),
+        (["--policy", "mine.py"], "--policy must be MODULE:FUNCTION, got 'mine.py'"),
+    ],
+)
+def test_wrong_use_is_one_line(words, fragment, tmp_path, capsys):
+    assert main(["evaluate", *words, "--env", PENDULUM, "--out", str(tmp_path / "o")]) == 2
+    error = capsys.readouterr().err
+    assert fragment in error
+    assert error.count("\n") == 1
+
+
+UNGUARDED = """
+import integ_gym
+from stub import still
+integ_gym.evaluate(still, "IntegPendulum-v0", "out", workers=2, progress=False)
+"""
+
+
+@pytest.mark.parametrize("how", ["file", "standard input"])
+def test_a_script_without_a_guard_is_told_so_before_anything_is_created(how, tmp_path):
+    (tmp_path / "stub.py").write_text("def still(observation):\n    return [0.0]\n")
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    words = ["script.py"] if how == "file" else ["-"]
+    done = subprocess.run(
+        [sys.executable, *words], input=UNGUARDED, cwd=tmp_path, capture_output=True, text=True,
+        check=False, env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )  # fmt: skip
+    assert "SpawnError" in done.stderr
+    assert "workers=1" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_same_policy_in_three_files_gives_equal_records(tmp_path):
+    """But for its name and hash, and what is measured in time."""
+    model = PPO("MlpPolicy", "Pendulum-v1", seed=0, device="cpu")
+    files = [tmp_path / "zip" / "one.zip"]
+    files[0].parent.mkdir()
+    model.save(files[0])
+    for suffix in ("safetensors", "onnx"):
+        path = tmp_path / suffix / f"one.{suffix}"
+        path.parent.mkdir()
+        files.append(save_policy(model, path, PENDULUM, home="stock"))
+    columns = "cell, episode_index, seed, success, failure_label, return, training_discretization"
+    found = []
+    for path in files:
+        out = path.parent / "out"
+        integ_gym.evaluate(
+            path, PENDULUM, out, home="stock", integrators=["rk4"], dts=[0.05], episodes=4,
+            workers=1, progress=False,
+        )  # fmt: skip
+        query = f"SELECT {columns} FROM records WHERE policy_id = 'one' ORDER BY 1, 2".replace(
+            "return", '"return"'
+        )
+        found.append(EvidenceStore(out / "evidence").query(query).to_pylist())
+    assert found[0] == found[1] == found[2]

@@ -1,0 +1,120 @@
+"""What a policy does on a few discretizations from the same starts, and by how much it loses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from integ_gym.envs import DISCRETIZATION, Discretization, Testbed, make_checked, testbed_of
+
+from ..policy import CalledPolicy
+from ..policy_files import Stated, stated_arguments
+
+FIRST_SEED = 50_000
+"""Seed of the first start."""
+
+
+def discretization_gap(
+    policy: Any,
+    env_id: str,
+    home: Stated,
+    *,
+    others: Iterable[Stated] = (),
+    episodes: int = 10,
+    environment: Mapping[str, Any] | None = None,
+    seed: int = FIRST_SEED,
+) -> dict[str, float]:
+    """Mean return and success of a policy at home and on other discretizations, and the gap.
+
+    All discretizations have home's control period and the same starts.
+
+    Args:
+        policy: anything callable, from one observation to one action, or anything with
+            ``predict``; its action must be the deterministic one.
+        env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
+        home: what it is trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
+            mapping or a `Discretization`, or ``"stock"``.
+        others: to compare with, each as ``home``; by default the truth, where there is one, and
+            all integrators at home's step.
+        episodes: starts.
+        environment: further constructor arguments of the training environment.
+        seed: of the first start.
+
+    Returns:
+        By name, ready for a logger: ``discretization/return/NAME`` and
+        ``discretization/success/NAME`` of each, ``home`` among the names, then
+        ``discretization/return_gap`` and ``discretization/success_gap``: home's minus the lowest
+        elsewhere, positive where the policy does worse elsewhere.
+
+    Raises:
+        TypeError, ValueError: for a home that is none, a cell that cannot be made, or a policy that
+            gives no such actions.
+    """
+    arguments = stated_arguments(home, env_id)
+    if "integrator" not in arguments:
+        raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
+    own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
+    testbed = testbed_of(env_id, {**own, **(environment or {})})
+    at_home = _discretization(arguments)
+    chosen = [_beside(stated, at_home, env_id) for stated in others] or _default(testbed, at_home)
+    cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
+    found = {name: _played(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
+    scores: dict[str, float] = {}
+    for place, what in enumerate(("return", "success")):
+        for name, values in found.items():
+            scores[f"discretization/{what}/{_tag(name)}"] = values[place]
+        elsewhere = [values[place] for name, values in found.items() if name != "home"]
+        if elsewhere:
+            scores[f"discretization/{what}_gap"] = found["home"][place] - min(elsewhere)
+    return scores
+
+
+def _discretization(arguments: Mapping[str, Any]) -> Discretization:
+    return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
+
+
+def _beside(stated: Stated, home: Discretization, env_id: str) -> Discretization:
+    """Another discretization, which has home's control period."""
+    other = _discretization(stated_arguments(stated, env_id))
+    return replace(other, control_period=home.control_period)
+
+
+def _default(testbed: Testbed, home: Discretization) -> list[Discretization]:
+    truth = testbed.truth(home.control_period)
+    names = testbed.integrators(home.engine)
+    return [
+        *([] if truth is None else [truth]),
+        *(replace(home, integrator=name) for name in names),
+    ]
+
+
+def _played(
+    policy: Any, testbed: Testbed, cell: Discretization, episodes: int, seed: int
+) -> tuple[float, float]:
+    """Mean return and success over the starts."""
+    environments = make_checked(testbed, cell, episodes, autoreset_mode=AutoresetMode.NEXT_STEP)
+    asked = CalledPolicy(policy, environments.single_action_space, "policy")
+    observation, _ = environments.reset(seed=list(range(seed, seed + episodes)))  # type: ignore[arg-type]
+    running = np.ones(episodes, dtype=bool)
+    returns, success = np.zeros(episodes), np.zeros(episodes)
+    while running.any():
+        actions = asked.act(observation)
+        observation, reward, terminated, truncated, info = environments.step(
+            actions.reshape(environments.action_space.shape)
+        )
+        returns[running] += reward[running]
+        ended = running & (terminated | truncated)
+        success[ended] = info["success"][ended]
+        running &= ~ended
+    environments.close()
+    return float(returns.mean()), float(success.mean())
+
+
+def _tag(name: str) -> str:
+    """A cell's name as a part of a logger's."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", name)

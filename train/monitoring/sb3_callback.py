@@ -1,0 +1,115 @@
+"""A callback of stable-baselines3 that logs the gap between discretizations beside the return."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from integ_gym.envs import DISCRETIZATION, Discretization
+from integ_gym.support import missing
+
+from ..policy_files import Stated
+from .gap import discretization_gap
+
+try:
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import VecNormalize
+except ModuleNotFoundError as error:
+    raise missing(str(error.name), "train") from error
+
+
+class DiscretizationCallback(BaseCallback):
+    """Evaluates the policy on a few other discretizations while it is trained.
+
+    ``discretization/return_gap`` and its parts (see :func:`discretization_gap`) appear beside the
+    return in the model's logger, TensorBoard among its outputs. Statistics of a `VecNormalize` are
+    applied as they are at that moment.
+
+    Args:
+        every: environment steps between two evaluations.
+        env_id: environment to evaluate in; by default that of the training, which must then be one
+            of integ-gym's.
+        home: what the policy is trained on; by default what the training environment says.
+        others: to compare with; by default the truth and all integrators at home's step.
+        episodes: starts of each evaluation, the same every time.
+        environment: further constructor arguments; by default the training environment's.
+        verbose: 1 prints the gap.
+
+    Raises:
+        ValueError: when training begins, if the home is neither given nor told by the environment;
+            see also :func:`discretization_gap`.
+    """
+
+    def __init__(
+        self,
+        every: int = 10_000,
+        *,
+        env_id: str | None = None,
+        home: Stated = None,
+        others: Iterable[Stated] = (),
+        episodes: int = 10,
+        environment: Mapping[str, Any] | None = None,
+        verbose: int = 0,
+    ) -> None:
+        super().__init__(verbose)
+        if every < 1 or episodes < 1:
+            raise ValueError(f"`every` and `episodes` must be 1 or above, got {every}, {episodes}")
+        self._every = every
+        self._env_id, self._home, self._environment = env_id, home, environment
+        self._others, self._episodes = tuple(others), episodes
+        self._next = every
+
+    def _init_callback(self) -> None:
+        self._next = self.num_timesteps + self._every
+        if self._env_id is not None and self._home is not None:
+            return
+        try:
+            setup = self.training_env.get_attr("setup")[0]
+            spec = self.training_env.get_attr("spec")[0]
+        except AttributeError:
+            raise ValueError(
+                "the training environment does not say its discretization; give "
+                "DiscretizationCallback(env_id=..., home='integrator=…,dt=…'), or home='stock'"
+            ) from None
+        self._env_id = self._env_id or spec.id
+        self._home = self._home or Discretization.of(setup)
+        if self._environment is None:
+            told = setup.arguments()
+            self._environment = {k: x for k, x in told.items() if k not in DISCRETIZATION}
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps >= self._next:
+            self._next += self._every
+            self._evaluate()
+        return True
+
+    def _evaluate(self) -> None:
+        assert self._env_id is not None
+        scores = discretization_gap(
+            _Current(self.model),
+            self._env_id,
+            self._home,
+            others=self._others,
+            episodes=self._episodes,
+            environment=self._environment,
+        )
+        for name, value in scores.items():
+            self.logger.record(name, value)
+        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
+        self.logger.dump(self.num_timesteps)
+        if self.verbose:
+            parts = ", ".join(f"{k.partition('/')[2]} {x:.3g}" for k, x in scores.items())
+            print(f"{self.num_timesteps} steps: {parts}")
+
+
+class _Current:
+    """The model as it is now, asked with raw observations."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+
+    def predict(self, observations: Any, deterministic: bool = True) -> Any:
+        """Actions of the model for a batch."""
+        normalize: VecNormalize | None = self._model.get_vec_normalize_env()
+        seen = observations if normalize is None else normalize.normalize_obs(observations)
+        return self._model.predict(seen, deterministic=deterministic)
