@@ -116,7 +116,7 @@ def _play(alike: Sequence[tuple[str, EvidenceRecord]], exact: bool, done: Replay
     contexts = [_context(record) for record in records]
     indices = [record.fields["episode_index"] for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
-    actions = _actions(recorder.unwrapped.setup, records)
+    actions = _actions(env.unwrapped.setup, records)
     recorder.reset(options={"state": np.array([r.fields["initial_state"] for r in records])})
     for step in range(actions.shape[1]):
         recorder.step(actions[:, step])
