@@ -136,10 +136,12 @@ def _contenders(
         "benchmark", "cell", phase="training", trace_every=1 if trace else SUMMARIES_ONLY
     )
     if lanes == 1:
-        recorder: Any = RecordEvidence(gym.make(environment), directory, context)
+        recorder: Any = RecordEvidence(
+            gym.make(environment), directory, context, commit_on_close=False
+        )
         return single(gym.make(environment)), single(recorder), recorder
     plain, inner = (gym.make_vec(environment, num_envs=lanes) for _ in range(2))
-    recorder = RecordVectorEvidence(inner, directory, context)
+    recorder = RecordVectorEvidence(inner, directory, context, commit_on_close=False)
     return vector(plain, lanes), vector(recorder, lanes), recorder
 
 
@@ -147,7 +149,7 @@ def fill_store(directory: Path, episodes: int) -> float:
     """Write so many summaries to a store; bytes per record."""
     context = EpisodeContext("benchmark", "cell", phase="training", trace_every=SUMMARIES_ONLY)
     environment = gym.make_vec("IntegCartPole-v0", num_envs=64)
-    recorder = RecordVectorEvidence(environment, directory, context)
+    recorder = RecordVectorEvidence(environment, directory, context, commit_on_close=False)
     advance = vector(recorder, 64)
     while len(recorder.summaries()["episode_index"]) < BASE_RECORDS:
         advance()

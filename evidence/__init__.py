@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         TABLE_FORMATS,
         EvidenceStore,
         export,
+        merge,
         open_run,
         print_table,
         show,

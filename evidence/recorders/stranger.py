@@ -138,8 +138,8 @@ def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
     """A value of a space as numbers."""
     if isinstance(space, gym.spaces.Discrete):
         return [float(value)]
-    flat = np.asarray(gym.spaces.flatten(space, value)).ravel()
-    numbers: list[float] = flat.astype(np.float64).tolist()
+    flat: Any = gym.spaces.flatten(space, value)
+    numbers: list[float] = np.ravel(flat).astype(np.float64).tolist()
     return numbers
 
 

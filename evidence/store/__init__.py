@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .exporting import EXPORT_FORMATS, export
+    from .merging import Merged, merge
     from .printing import TABLE_FORMATS, print_table
     from .showing import ASCII_BARS, BARS, show
     from .store import EvidenceStore, open_run

@@ -1,4 +1,4 @@
-"""``integ-gym evidence {show,query,verify,export}``."""
+"""``integ-gym evidence {show,query,verify,export,merge}``."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from integ_gym.evidence import (
     EvidenceRecord,
     EvidenceStore,
     export,
+    merge,
     open_run,
     print_table,
     show,
 )
-from integ_gym.support import FITS, CommandParser, width_of
+from integ_gym.support import FITS, CommandParser, make_folder, width_of
 
 from . import verifying
 
@@ -35,6 +36,7 @@ examples:
   integ-gym evidence verify runs/panel
   integ-gym evidence verify runs/panel --all --exact
   integ-gym evidence export runs/panel --format csv --output summaries.csv
+  integ-gym evidence merge runs/one runs/two --out runs/both
 
 RUN is the directory of a run, or its directory `evidence`.
 """
@@ -47,7 +49,8 @@ def main(argv: Sequence[str]) -> int:
         EvidenceError: on bad input, in one sentence.
     """
     given = parser().parse_args(argv)
-    return int(given.run_command(given, open_run(given.run)))
+    runs = given.run if isinstance(given.run, list) else [given.run]
+    return int(given.run_command(given, *map(open_run, runs)))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -57,11 +60,14 @@ def parser() -> argparse.ArgumentParser:
         description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
-    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export}")
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export,merge}")
 
-    def add(name: str, run: Callable[..., int], purpose: str) -> argparse.ArgumentParser:
+    def add(
+        name: str, run: Callable[..., int], purpose: str, several: str | None = None
+    ) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=purpose)
-        command.add_argument("run", metavar="RUN", help="directory of a run, or its `evidence`")
+        told = "directory of a run, or its `evidence`"
+        command.add_argument("run", metavar="RUN", nargs=several, help=told)
         command.set_defaults(run_command=run)
         return command
 
@@ -82,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
     command = add("export", _export, "write all records without their traces")
     command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
     command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
+
+    command = add("merge", _merge, "put the records of several runs together, each once", "+")
+    command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
     return made
 
 
@@ -99,6 +108,12 @@ def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
 
 def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     return verifying.verify(store, arguments)
+
+
+def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
+    done = merge(stores, EvidenceStore(make_folder(arguments.out) / "evidence"))
+    print(f"{done.records} records written to {arguments.out}, {done.doubled} were there already")
+    return 0
 
 
 def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:

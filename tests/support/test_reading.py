@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from integ_gym.support.reading import DEEPEST, read_bounded, read_object
@@ -49,6 +49,7 @@ def test_what_is_damaged_is_named_with_the_remedy(tmp_path, fault):
     assert told.endswith("; restore it")
 
 
+@settings(deadline=None)
 @given(content=st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
     file = tmp_path_factory.mktemp("any") / "a.json"
