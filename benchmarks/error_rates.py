@@ -1,7 +1,7 @@
 """Do a panel's verdicts and intervals keep their promises?
 
     python benchmarks/error_rates.py [--seeds 10 20 48 64] [--family 4] [--starts 20]
-                                     [--repeats 400] [--json FILE]
+                                     [--repeats 400] [--looks 32 40] [--json FILE]
 
 Simulates families of declared transfers in three worlds: seeds that succeed from every start or
 from none, seeds whose rates vary smoothly (Beta laws), and a mixture (half of what is missing to 1
@@ -9,7 +9,8 @@ is lost by seeds that fail altogether, half smoothly). Every seed has starts of 
 hand-made controller has 100. It prints how often a family is given any wrong `fails` or
 `transfers` where overfitting is exactly at a margin (at most 0.05 is promised), how often a
 comparison is given its right verdict where overfitting is far from the margins, and how often the
-95 % intervals of overfitting and of a plain success rate hold the truth.
+95 % intervals of overfitting and of a plain success rate hold the truth. With `--looks`, verdicts
+are also seen at these numbers of seeds, and one counts that is given at any look.
 """
 
 from __future__ import annotations
@@ -84,6 +85,13 @@ def rates_of(case: Case, draw: Draw, seeds: int, starts: int, rng: np.random.Gen
     return Rates(home, recovered, recovered, native, handmade)
 
 
+def _first(comparison: Comparison, count: int) -> Comparison:
+    """The same with the first seeds alone."""
+    rates = comparison.rates
+    native = None if rates.native is None else rates.native[:count]
+    return Comparison(comparison.name, Rates(*rates.row[:, :count], native, rates.handmade), SOLVED)
+
+
 def measure(
     case: Case, world: str, seeds: int, given: argparse.Namespace, rng: np.random.Generator
 ) -> dict[str, object]:
@@ -94,20 +102,25 @@ def measure(
             Comparison(str(k), rates_of(case, WORLDS[world], seeds, given.starts, rng), SOLVED)
             for k in range(given.family)
         ]
-        verdicts.append([j.verdict == case.asked for j in judge_family(family, draws=DRAWS)])
+        looks = [count for count in given.looks if count < seeds]
+        seen = [[_first(one, count) for one in family] for count in looks]
+        told = [
+            [j.verdict == case.asked for j in judge_family(f, draws=DRAWS)] for f in (*seen, family)
+        ]
+        verdicts.append(np.any(told, axis=0))
         found = split(family[0].rates, draws=DRAWS).overfitting
         held.append(found.low <= case.overfitting <= found.high)
         rate = rate_interval(family[0].rates.recovered, draws=DRAWS)
         rate_held.append(rate.low <= case.recovered <= rate.high)
-    told = np.array(verdicts)
+    given_verdicts = np.array(verdicts)
     return {
         "overfitting": case.name,
         "world": world,
         "seeds": seeds,
         "verdict": case.asked,
         "wrong": case.wrong,
-        "any of the family": float(told.any(axis=1).mean()),
-        "each": float(told.mean()),
+        "any of the family": float(given_verdicts.any(axis=1).mean()),
+        "each": float(given_verdicts.mean()),
         "coverage": float(np.mean(held)),
         "coverage of a rate": float(np.mean(rate_held)),
     }
@@ -130,6 +143,9 @@ def main() -> None:
     parser.add_argument("--family", type=int, default=4, help="declared transfers")
     parser.add_argument("--starts", type=int, default=20, help="of every seed")
     parser.add_argument("--repeats", type=int, default=400, help="simulated families per case")
+    parser.add_argument(
+        "--looks", type=int, nargs="*", default=[], help="seeds at which verdicts are seen before"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the simulation")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
