@@ -1,0 +1,35 @@
+"""After a panel: one table that fits, failing first."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from report_pages import panel_of
+
+from integ_gym.commands.verdict_table import TONES, print_verdicts
+from integ_gym.eval.verdict import WITHOUT_VERDICT
+from integ_gym.support import fixed
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_every_verdict_is_told_once_and_fits(width, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(width))
+    panel, file = panel_of("full"), io.StringIO()
+    print_verdicts(panel, file)
+    lines = file.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    told = "".join(file.getvalue().split())
+    assert panel.verdicts
+    for judged in panel.verdicts:
+        assert judged.verdict in told
+        assert fixed(judged.overfitting.estimate) in told
+        assert fixed(judged.total.estimate) in told
+    first = [line.split()[0] for line in lines[2:] if line and not line.startswith(" ")]
+    order = ["fails", "transfers", "inconclusive", *WITHOUT_VERDICT]
+    assert first == sorted(first, key=order.index)
+    assert len(first) == len(panel.verdicts)
+
+
+def test_every_verdict_has_a_tone():
+    assert set(TONES) == {"fails", "transfers", "inconclusive", *WITHOUT_VERDICT}
