@@ -57,13 +57,15 @@ def side_by_side(
     given = dict(environment or {})
     if isinstance(policy, (str, os.PathLike)):
         path = policy_path(Path(policy))
-        _, card = read_trained(path)
-        env_id = env_id or str(card["env_id"])
+        if env_id is None:
+            _, card = read_trained(path)
+            env_id = str(card["config"]["env_id"])
         check_filmed(env_id)
         existing = read_existing(path, env_id, given, None, own_code)
         acting: Policy = existing.policy
         arguments, seed_of = dict(existing.provenance.environment), existing.seed
-        homes = tuple(existing.home.shares) if existing.home else ()
+        arguments["control_period"] = existing.provenance.control_period
+        homes = tuple(existing.home.shares) if existing.home is not None else ()
     else:
         if env_id is None:
             raise ValueError("a policy alone does not say what it acts in; give env_id as well")

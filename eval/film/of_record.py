@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, TRUTH, Discretization
 from integ_gym.evidence import EvidenceRecord, EvidenceStore, open_run
 from integ_gym.support import require
+from integ_gym.train import Policy
 
 from .choosing import Asked, arguments_on, check_filmed, chosen
 from .episode import Episode, played, recorded
@@ -24,6 +26,7 @@ def watch(
     record_id: str,
     on: Sequence[Asked] = (),
     *,
+    own_code: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
 ) -> Film:
     """A recorded episode as a film.
@@ -36,6 +39,7 @@ def watch(
         on: discretizations from left to right, see
             :func:`~integ_gym.eval.film.of_policy.side_by_side`; by default what the policy was
             trained on, the record's own, and the truth.
+        own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
         on_doubt: told where an episode, played again, ends otherwise than its record says.
 
     Raises:
@@ -47,17 +51,33 @@ def watch(
     store = open_run(Path(run))
     record = store.find(record_id)
     check_filmed(record["env_id"])
+    _check_code(record, own_code)
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
     homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
     asked = on or (*homes, own, *([TRUTH] if record["policy_hash"] else []))
     cells = dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked)
     twins = _twins(record, own, store)
-    episodes = [_episode(cell, record, twins.get(cell), store, on_doubt) for cell in cells]
+    episodes = [
+        _episode(
+            cell, record, twins.get(cell), partial(policy_of, record, store, own_code), on_doubt
+        )
+        for cell in cells
+    ]
     return Film(episodes, homes, _note(record, homes, episodes[0]))
 
 
 _SAME = ("env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
 """Fields that records of one policy from one start have in common."""
+
+
+def _check_code(record: EvidenceRecord, own_code: bool) -> None:
+    """Refuse a record made with code of somebody's own, unless it may be run."""
+    named = [x for x in record.arguments().values() if isinstance(x, str) and ":" in x]
+    if named and not own_code:
+        raise ValueError(
+            f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "
+            "--own-code"
+        )
 
 
 def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
@@ -94,14 +114,14 @@ def _episode(
     cell: Discretization,
     record: EvidenceRecord,
     twin: EvidenceRecord | bool | None,
-    store: EvidenceStore,
+    policy: Callable[[], Policy],
     on_doubt: Callable[[str], None],
 ) -> Episode:
     if isinstance(twin, EvidenceRecord):
         return recorded(twin)
     arguments = arguments_on(cell, record.arguments())
-    policy, start = policy_of(record, store), record["initial_state"]
-    episode = played(policy, record["env_id"], arguments, record["seed"], start)
+    start = record["initial_state"]
+    episode = played(policy(), record["env_id"], arguments, record["seed"], start)
     if twin is not None and twin != episode.success:
         on_doubt(
             f"on {cell.name} the episode {_ends(twin)} in its record and {_ends(episode.success)} "

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from integ_gym.envs import environment_setup, testbed_of
 from integ_gym.evidence import EvidenceRecord, EvidenceStore
 from integ_gym.train import BASELINES, Policy, make_baseline
 
-from ..panel.existing import read_policy_file
+from ..panel.existing import read_existing
 
-STATISTICS: Final = "obs_stats.*"
-"""Statistics of observations that a run keeps beside a policy."""
+_WEIGHTS = (".zip", ".onnx", ".pt", ".pth", ".cleanrl_model", ".safetensors")
+"""Endings of a policy's file, the first that is there being read."""
 
 
-def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
+def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = False) -> Policy:
     """What acted in a record: a policy with its hash, from its run's ``policies`` or made again.
 
     Raises:
@@ -31,36 +32,40 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore) -> Policy:
             "a record of training is of a policy that has changed since: it is shown on its own, "
             "if it has a trace; leave --on out, or give an evaluation record"
         )
-    for folder in sorted((store.directory.parent / "policies").glob("*/")):
-        policy = _read(folder) if _told_hash(folder) in (wanted, None) else None
-        if policy is not None and policy.content_hash == wanted:
-            found: Policy = replace(policy, policy_id=name)
-            return found
+    policies = store.directory.parent / "policies"
+    for path in _files(policies):
+        if _told_hash(path) in (wanted, None):
+            found: Any = read_existing(
+                path, record["env_id"], {}, next(path.parent.glob("obs_stats.*"), None), own_code
+            ).policy
+            if found.content_hash == wanted:
+                named: Policy = replace(found, policy_id=name)
+                return named
     if name in BASELINES:
         baseline = _baseline(name, record, store)
         if baseline.content_hash == wanted:
             return baseline
     raise ValueError(
-        f"the policy {name} of this record is not in {store.directory.parent / 'policies'} and "
-        "cannot be made again; restore its folder, or give a record with a trace without --on"
+        f"the policy {name} of this record is not in {policies} and cannot be made again; restore "
+        "its folder, or give a record with a trace without --on"
     )
 
 
-def _told_hash(folder: Path) -> str | None:
+def _files(policies: Path) -> Iterator[Path]:
+    """The file of every policy of a run."""
+    for folder in sorted(policies.glob("*/")):
+        found = (folder / f"policy{ending}" for ending in _WEIGHTS)
+        yield from [path for path in found if path.exists()][:1]
+
+
+def _told_hash(path: Path) -> str | None:
     """The hash that a side-car tells; None where it must be computed."""
-    if next(folder.glob(STATISTICS), None) is not None:
+    if any(path.parent.glob("obs_stats.*")):
         return None
     with suppress(OSError, ValueError):
-        return str(json.loads((folder / "policy.json").read_text()).get("content_hash"))
+        told = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        return str(told["content_hash"]) if "content_hash" in told else None
     return None
-
-
-def _read(folder: Path) -> Any:
-    """The policy that a run keeps in a folder; None where it keeps none."""
-    path = next((file for file in sorted(folder.glob("policy.*")) if file.suffix != ".json"), None)
-    if path is None:
-        return None
-    return read_policy_file(path, next(folder.glob(STATISTICS), None))[0]
 
 
 def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy:

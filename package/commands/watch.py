@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     add("--out", type=Path, metavar="FILE", help="film.gif or film.mp4; default: a window")
     add(
         "--own-code", action="store_true",
-        help="load the classes that a policy's side-car names as module:Class",
+        help="load the classes that a record or a policy's side-car names as module:Class",
     )  # fmt: skip
     return made
 
@@ -73,9 +73,9 @@ def main(argv: Sequence[str]) -> int:
 
 def _film(given: argparse.Namespace) -> Film:
     if given.record is not None:
-        if given.seed is not None or given.own_code:
-            raise ValueError("--seed and --own-code are for a trained policy; leave RECORD out")
-        return watch(given.run, given.record, given.on, on_doubt=_warn)
+        if given.seed is not None:
+            raise ValueError("--seed is for a trained policy; leave RECORD out")
+        return watch(given.run, given.record, given.on, own_code=given.own_code, on_doubt=_warn)
     if given.run.is_dir() and not (given.run / POLICY_FILE).exists():
         raise ValueError(
             f"{given.run} is no trained policy; give the id of one of its records after it"

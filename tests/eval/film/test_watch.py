@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.eval.film import of_record, watch
+from integ_gym.eval.film.run_policies import policy_of
 from integ_gym.evidence import open_run
 
 
@@ -24,7 +26,8 @@ def record_where(run, condition: str):
 def played_again(record, success, run, on_doubt):
     """The episode of a record as if it had no trace."""
     cell = Discretization(**{name: record[name] for name in DISCRETIZATION})
-    return of_record._episode(cell, record, success, open_run(run), on_doubt)
+    policy = partial(policy_of, record, open_run(run))
+    return of_record._episode(cell, record, success, policy, on_doubt)
 
 
 TRAINED = "policy_id LIKE '%rk4%' AND cell = 'explicit_euler dt=0.05'"
@@ -105,7 +108,7 @@ def test_the_command_shows_a_trained_policy(panel_directory, tmp_path, capsys):
         (["RUN", "zz"], "no record 'zz'"),
         (["RUN"], "is no trained policy; give the id of one of its records"),
         (["absent"], "there is no absent"),
-        (["RUN", "a", "--seed", "1"], "are for a trained policy"),
+        (["RUN", "a", "--seed", "1"], "is for a trained policy"),
         (["RUN", "a", "--out", "film.avi"], "written as .gif or .mp4"),
     ],
 )

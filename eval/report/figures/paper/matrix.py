@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _EDGE, _HEIGHT, _GROUP_GAP, _HEADS = 0.06, 0.31, 0.07, 0.86  # inches
-_NARROWEST: Final = 0.33
+_NARROWEST: Final = 0.29
 """Width of a column, inches."""
 
 _LONGEST: Final = 1.7
@@ -92,7 +92,7 @@ def _places(matrix: Matrix, lines: Sequence[MatrixLine], left: float) -> Places:
     places, x = {}, left
     for group in matrix.groups:
         for one in group.cells:
-            width = max(_NARROWEST, LETTER * longest.get(one.name, 0) + 0.06)
+            width = max(_NARROWEST, LETTER * longest.get(one.name, 0) + 0.04)
             places[one.name] = (x, width)
             x += width
         x += _GROUP_GAP

@@ -138,7 +138,7 @@ def test_running_again_redoes_nothing(panel_directory):
 def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     spec = panel_directory.parent / "small.toml"
-    assert main(["panel", str(spec), "--out", str(panel_directory)]) == 0
+    assert main(["panel", str(spec), "--out", str(panel_directory), "--verbose"]) == 0
     printed = capsys.readouterr()
     bar = re.split(r"[\r\n]+", printed.err.strip())[-1]
     assert re.fullmatch(
