@@ -71,3 +71,36 @@ def test_keys_and_other_facts_are_kept(directory):
     assert directory.marker("train-a") == marker
     assert directory.finished("train-a", "key", records=False) == marker
     assert key_of({}, a=1) != key_of({}, a=2)
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A directory with a finished unit whose records look like Parquet at their end."""
+    made = RunDirectory(tmp_path / "run", {"name": "a"})
+    with made.opened():
+        (made.evidence / "train-a.parquet").write_bytes(b"records PAR1")
+        made.finish("train-a", "key", time.time(), policy="hash")
+    assert made.finished("train-a", "key") is not None
+    assert list(made.faults()) == []
+    return made
+
+
+@pytest.mark.parametrize("content", [None, b"", b"records"])
+def test_a_unit_without_its_records_is_to_be_done_again_and_named(recorded, content, capsys):
+    file = recorded.evidence / "train-a.parquet"
+    file.unlink() if content is None else file.write_bytes(content)
+    assert recorded.finished("train-a", "key") is None
+    assert f"{file} is missing or cut off: unit train-a is done again" in capsys.readouterr().err
+    assert [name for name, _ in recorded.faults()] == ["evidence/train-a.parquet"]
+
+
+def test_a_unit_with_other_records_is_refused(recorded):
+    (recorded.evidence / "train-a.parquet").write_bytes(b"forgery PAR1")
+    with pytest.raises(RunDirectoryError, match="was changed after unit train-a was finished"):
+        recorded.finished("train-a", "key")
+
+
+def test_records_of_no_unit_are_named(recorded):
+    (recorded.evidence / "foreign.parquet").write_bytes(b"records PAR1")
+    fault = ("evidence/foreign.parquet", "belongs to no finished unit")
+    assert list(recorded.faults()) == [fault]
