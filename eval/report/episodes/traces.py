@@ -62,7 +62,9 @@ def traces_of(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> list
     policies = {(r, s): panel.row(r).policies[s].id for r, _, s, _ in keys}
     wanted = {(policies[r, s], c, e): (r, c, s, e) for r, c, s, e in keys}
     states, controls = _columns(store)
-    columns = ", ".join((*_FIELDS, *(_named(name) for name in ("time", *states, *controls, *_SUMS))))
+    columns = ", ".join(
+        (*_FIELDS, *(_named(name) for name in ("time", *states, *controls, *_SUMS)))
+    )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({_literal(key[place]) for key in wanted}))})"
         for place, name in enumerate(("policy_id", "cell", "episode_index"))
