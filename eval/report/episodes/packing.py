@@ -116,7 +116,7 @@ def _trace(
     totals = (
         fields["work_total"],
         fields["energy_residual_total"],
-        sum(fields[name] or 0.0 for name in parts),
+        None if fields["dissipated_total"] is None else sum(fields[name] or 0.0 for name in parts),
     )
     return {
         "at": [rows[row], cells[cell], seed, episode],

@@ -62,7 +62,9 @@ def traces_of(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> list
     policies = {(r, s): panel.row(r).policies[s].id for r, _, s, _ in keys}
     wanted = {(policies[r, s], c, e): (r, c, s, e) for r, c, s, e in keys}
     states, controls = _columns(store)
-    columns = ", ".join((*_FIELDS, *(_named(name) for name in (*states, *controls, *_SUMS))))
+    columns = ", ".join(
+        (*_FIELDS, *(_named(name) for name in ("time", *states, *controls, *_SUMS)))
+    )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({_literal(key[place]) for key in wanted}))})"
         for place, name in enumerate(("policy_id", "cell", "episode_index"))
@@ -71,7 +73,7 @@ def traces_of(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> list
     found = {}
     for record in table.to_pylist():
         key = wanted.get((record["policy_id"], record["cell"], record["episode_index"]))
-        if key is not None and record["work"] and record["length"]:
+        if key is not None and record["time"] and record["length"]:
             found[key] = _trace(key, record, states, controls)
     return [found[key] for key in keys if key in found]
 

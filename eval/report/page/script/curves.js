@@ -35,7 +35,7 @@ class Curves {
     }));
     const energy = { title: "energy, J", values: (trace) => Float64Array.from(
       { length: trace.n }, (_, k) => this.carried.energies(trace, k * trace.period).energy) };
-    return [...motion, ...control, energy];
+    return [...motion, ...control, ...(first.totals.every(known) ? [energy] : [])];
   }
 
   x(time) { return 4 + (WIDE - 8) * (this.end ? time / this.end : 0); }

@@ -31,8 +31,6 @@ class Player {
   }
 
   pane(trace, place, scene, scale, mark) {
-    const bars = new Bars(this.carried, trace, scale, mark);
-    this.parts.push(bars);
     const children = [];
     if (scene) {
       const stage = new Stage(this.carried, scene, trace);
@@ -43,6 +41,11 @@ class Player {
       this.parts.push(curves);
       children.push(curves.svg);
     }
+    if (trace.totals.every(known)) {
+      const bars = new Bars(this.carried, trace, scale, mark);
+      this.parts.push(bars);
+      children.push(bars.element);
+    }
     const won = trace.label === "none";
     const cell = this.carried.cells[trace.at[1]];
     const role = this.roleOf ? this.roleOf(trace.at[1]) : "";
@@ -51,7 +54,7 @@ class Player {
         make("span", { class: "name" }, cell.shown),
         make("span", { class: "end" }, won ? "✓ succeeds" : "✕ fails"),
         role ? make("small", {}, role) : null),
-      ...children, bars.element);
+      ...children);
   }
 
   show(time) {

@@ -33,7 +33,7 @@ class Carried {
   // Motor, numerics and losses, J, rounded; exact where a trace is carried.
   ledger(r, c, s, e) {
     const trace = this.trace(r, c, s, e);
-    if (trace) return trace.totals;
+    if (trace) return trace.totals.every(known) ? trace.totals : null;
     const own = this.outcomes[`${r}/${c}`];
     if (!own || !own.ledger) return null;
     const count = this.rows[r].policies.length * own.n;
