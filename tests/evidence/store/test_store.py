@@ -18,6 +18,7 @@ import pytest
 from integ_gym.evidence.recorders.recorder import RecordEvidence as Recorder
 from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.errors import BatchExistsError, EvidenceError
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION
 from integ_gym.evidence.store.store import EvidenceStore, open_run
 from integ_gym.support.files import LEFTOVER_AGE, write_once
 
@@ -150,7 +151,7 @@ def test_file_is_compressed_and_self_describing(store):
     schema = pq.read_schema(store.files()[0])
     assert schema.field("theta").metadata[b"unit"] == b"rad"
     assert b"upright" in schema.field("theta").metadata[b"frame"]
-    assert schema.metadata[VERSION_KEY] == b"2"
+    assert schema.metadata[VERSION_KEY] == str(SCHEMA_VERSION).encode()
 
 
 def test_find_by_id_and_by_prefix(store):
@@ -246,14 +247,15 @@ def test_verify_finds_broken_and_foreign_files(store, table):
     half[len(half) // 3 : len(half) // 2] = bytes(len(half) // 2 - len(half) // 3)
     (directory / "corrupt.parquet").write_bytes(half)
     pq.write_table(pa.table({"x": [1]}), directory / "foreign.parquet")
-    newer = table.schema.metadata | {VERSION_KEY: b"3"}
+    newer = table.schema.metadata | {VERSION_KEY: str(SCHEMA_VERSION + 1).encode()}
     pq.write_table(table.replace_schema_metadata(newer), directory / "newer.parquet")
     pq.write_table(table.drop_columns(["success"]), directory / "partial.parquet")
     problems = {problem.file: problem.message for problem in store.verify()}
     assert "cannot read" in problems["broken.parquet"]
     assert "corrupt.parquet" in problems
     assert "schema version none" in problems["foreign.parquet"]
-    assert "schema version 3, and this integ-gym reads 1 to 2;" in problems["newer.parquet"]
+    told = f"schema version {SCHEMA_VERSION + 1}, and this integ-gym reads 1 to {SCHEMA_VERSION};"
+    assert told in problems["newer.parquet"]
     assert "lacks the columns success" in problems["partial.parquet"]
     assert "batch.parquet" not in problems
 
@@ -263,7 +265,7 @@ def test_bad_files_stop_every_reader(store, table, name):
     if name == "broken":
         (store.directory / "broken.parquet").write_bytes(b"nothing")
     else:
-        newer = table.schema.metadata | {VERSION_KEY: b"3"}
+        newer = table.schema.metadata | {VERSION_KEY: str(SCHEMA_VERSION + 1).encode()}
         pq.write_table(table.replace_schema_metadata(newer), store.directory / "newer.parquet")
     for read in (
         lambda: list(store.records()),

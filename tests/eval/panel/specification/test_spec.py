@@ -26,8 +26,8 @@ def test_quick_panel_is_what_it_says():
         "explicit_euler dt=0.05", "symplectic_euler dt=0.05", "rk4 dt=0.05", "reference dt=0.05",
         "explicit_euler dt=0.0125", "implicit_euler dt=0.00625",
     ]  # fmt: skip
-    assert {len(spec.seeds_of(home)) for home in spec.train} == {48, 10}
-    assert len(spec.seeds_of(single[1])) == 48
+    assert {len(spec.seeds_of(home)) for home in spec.train} == {56, 10}
+    assert len(spec.seeds_of(single[1])) == 56
     assert len(spec.seeds_of(mixture)) == 10
     assert {d.name: share for d, share in mixture.shares.items()} == {
         "explicit_euler dt=0.05": 0.25, "symplectic_euler dt=0.05": 0.25, "rk4 dt=0.05": 0.25,
