@@ -16,6 +16,7 @@ from integ_gym.envs.episode.timing import Timing
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.mechanics.contact import Stops
 from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.tasks import _box
 from integ_gym.eval.diagnosis.bench import handmade, open_loop
 from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.sections import latency
@@ -159,12 +160,11 @@ def test_slow_and_fast_growth_of_own_integrators_is_seen(integrator, plant, tmp_
 
 
 def test_commands_that_are_not_cut(tmp_path, monkeypatch):
-    def uncut(ops, action, limit):
-        command = open_loop_saturated(ops, action, limit)
-        return command._replace(control=action)
+    def uncut(self, ops, action):
+        return command(self, ops, action)._replace(control=action)
 
-    open_loop_saturated = open_loop.saturated
-    monkeypatch.setattr(open_loop, "saturated", uncut)
+    command = open_loop.OpenLoop.command
+    monkeypatch.setattr(open_loop.OpenLoop, "command", uncut)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "|control − command|") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {True}
@@ -175,9 +175,8 @@ def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
         command = saturated(ops, action, limit)
         return command._replace(saturated=command.saturated & False)
 
-    saturated = open_loop.saturated
-    monkeypatch.setattr(open_loop, "saturated", uncounted)
-    monkeypatch.setattr("integ_gym.envs.tasks._box.saturated", uncounted)
+    saturated = _box.saturated
+    monkeypatch.setattr(_box, "saturated", uncounted)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "counted as saturated") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}
