@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from datetime import UTC
 from functools import cache
 from importlib import resources
@@ -29,7 +28,7 @@ from ..data import (
     success_matrix,
     trust_of,
 )
-from ..episodes import Lead, Told, task_words, told_by
+from ..episodes import Told, task_words, told_by
 from . import drawing
 from .carried import carried_by
 from .failures import LABEL_WORDS, failure_table, failures_of
@@ -130,7 +129,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "headline": headline_of(panel),
         "task": task,
         "leads": leads,
-        "watch_title": _watch_title(leads),
+        "watch_title": _watch_title(told),
         "carried": carried_by(panel, told, task, _href),
         "tiles": tiles_of(panel, trusts),
         "success": success_matrix(panel),
@@ -164,9 +163,13 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
     }
 
 
-def _watch_title(leads: Sequence[Lead]) -> str:
-    """Whether there is a failure to watch."""
-    return "Watch it fail" if any(lead.kind == "worst" for lead in leads) else "Watch it"
+def _watch_title(told: Told | None) -> str:
+    """Whether a policy that succeeds somewhere is seen to fail elsewhere from the same start."""
+    ends: dict[tuple[str, int, int], set[bool]] = {}
+    for trace in told.traces if told else ():
+        row, _, seed, episode = trace.key
+        ends.setdefault((row, seed, episode), set()).add(trace.fields["failure_label"] == "none")
+    return "Watch it fail" if {True, False} in ends.values() else "Watch it"
 
 
 def _href(path: str) -> str:

@@ -7,10 +7,10 @@ class Stage {
     Object.assign(this, { carried, scene, trace });
     const track = scene.links.some((link) => link.joint === "slide") ? this.trackHalf() : 0;
     this.reach = scene.bob ? scene.bob.pivot : scene.links.reduce((sum, l) => sum + l.length, 0);
-    const half = 1.22 * this.reach;
+    const half = (scene.bob ? 0.75 : 1.22) * this.reach;
     const wide = Math.max(half, track + 0.35);
-    this.lift = scene.bob ? -0.5 * this.reach : 0;
-    const box = [-wide, -half + (scene.bob ? 0.1 : 0), 2 * wide, 2 * half];
+    const middle = scene.bob ? -0.5 * this.reach : 0;
+    const box = [-wide, middle - half, 2 * wide, 2 * half];
     this.unit = 0.01 * half;
     this.svg = draw("svg", { class: "stage", viewBox: box.join(" "), "aria-hidden": "true" });
     this.ground(track, half);
@@ -21,7 +21,7 @@ class Stage {
     this.parts = scene.links.map((link) => this.part(link));
     if (scene.bob) {
       this.spring = draw("polyline", { class: "spring", "stroke-width": 2 * this.unit });
-      this.bob = draw("circle", { class: "rod", r: 9 * this.unit });
+      this.bob = draw("circle", { class: "rod", r: 9 * this.unit, "stroke-width": 0 });
       this.parts = [this.spring, this.bob];
     }
     this.svg.append(...(trace ? this.trail : []), ...this.parts, this.push);
@@ -38,10 +38,10 @@ class Stage {
     const { scene, unit, svg } = this;
     const hinge = scene.links.findIndex((link) => link.joint === "hinge");
     if (track) {
-      svg.append(draw("path", { class: "rail", d: `M${-track} 0H${track}`, "stroke-width": unit }));
+      svg.append(draw("path", { class: "track", d: `M${-track} 0H${track}`, "stroke-width": unit }));
       for (const x of [-track, track]) {
         svg.append(draw("path", {
-          class: "rail", d: `M${x} ${-6 * unit}V${6 * unit}`, "stroke-width": 3 * unit,
+          class: "track", d: `M${x} ${-6 * unit}V${6 * unit}`, "stroke-width": 3 * unit,
         }));
       }
     } else if (!scene.bob) {
@@ -50,7 +50,7 @@ class Stage {
     const goal = scene.bob ? scene.goal[0] : scene.goal[hinge];
     if (scene.bob && goal) {
       svg.append(draw("rect", {
-        class: "goal", x: -goal, y: -half, width: 2 * goal, height: 2 * half,
+        class: "goal", x: -goal, y: -2 * half, width: 2 * goal, height: 4 * half,
       }));
     } else if (goal && goal < Math.PI) {
       this.wedge = this.sector(0, goal);
@@ -76,7 +76,7 @@ class Stage {
     }
     const rod = { class: "rod", "stroke-width": (link.point ? 3 : 9) * unit };
     return draw("g", {}, draw("path", { ...rod, d: `M0 0V${-link.length}` }),
-      link.point ? draw("circle", { class: "rod", cy: -link.length, r: 9 * unit }) : null);
+      link.point ? draw("circle", { class: "rod", cy: -link.length, r: 9 * unit, "stroke-width": 0 }) : null);
   }
 
   // Where links begin and end, and how far each is turned, with these coordinates.

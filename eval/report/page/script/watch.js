@@ -1,6 +1,8 @@
 // "Watch it fail": one policy from one start, one discretization beside the other.
 const KINDS = { worst: "its worst start", failure: "the median failure", success: "the median success" };
 const MOST_PANES = 4;
+const BARS_SAY = "Bars: energy since the start from the motor and from the numerics, and the energy " +
+  "there is, J; a tick marks rest at the goal.";
 
 class Watch {
   constructor(carried, root) {
@@ -76,7 +78,7 @@ class Watch {
     const episode = make("a", { href: entryHash({ r, c: this.lead.at[1], s, e }) },
       "this episode in full");
     this.stage.replaceChildren(this.player.element, make("p", { class: "legend" },
-      make("span", {}, "Bars: energy since the start from the motor and from the numerics, and the energy there is, J; a tick marks rest at the goal."),
+      traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY) : null,
       make("span", {}, episode)));
   }
 
