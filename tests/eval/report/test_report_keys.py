@@ -61,10 +61,10 @@ def test_from_a_cell_to_an_episode_and_back_by_keys_alone(
     browser.until("document.querySelector('#drawer .outcome') !== null")
     assert browser.value("location.hash").startswith(f"{cell}s")
     assert browser.value(f"{FOCUSED}.type") == "range"
-    before = browser.value("document.querySelector('#drawer .bars output').textContent")
+    before = browser.value("document.querySelector('#drawer .cursor').getAttribute('x1')")
     browser.press(*["ArrowRight"] * 8)
     assert "t0.4" in browser.value("location.hash")
-    assert before != browser.value("document.querySelector('#drawer .bars output').textContent")
+    assert before != browser.value("document.querySelector('#drawer .cursor').getAttribute('x1')")
     browser.press("Escape")
     browser.until("!document.getElementById('drawer').open")
     assert browser.value(f"{FOCUSED}.hash") == cell
