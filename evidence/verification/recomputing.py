@@ -197,7 +197,8 @@ def _staleness(fields: Any) -> float:
     if dt is None:
         return 0.0
     sensor = round(fields["sensor_period"] / dt)
-    return float(fields["action_latency"] + (sensor - gcd(sensor, substeps)) * dt)
+    age = dt * (sensor - gcd(sensor, substeps))
+    return float(fields["action_latency"] + age)
 
 
 def replays_of(fields: Any) -> Replays:

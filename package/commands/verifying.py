@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,8 +70,10 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
     if given.depth == "sealed" and sealed is None:
         raise EvidenceError(f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end")
     found = [str(problem) for problem in store.verify()]
+    with contextlib.suppress(*([ValueError] if found else [])):
+        found.extend(map(str, _against_plan(run)))
     if not found:
-        found += map(str, _whole(store, run))
+        found += map(str, _whole(store))
     if given.depth != "whole":
         found += map(str, broken_seals(run))
     told = [
@@ -91,11 +94,14 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
     return 1 if found else 0
 
 
-def _whole(store: EvidenceStore, run: Path) -> Iterator[Finding]:
+def _against_plan(run: Path) -> Iterator[Finding]:
     if (run / _PLAN).exists():
         from integ_gym.eval import against_plan
 
         yield from against_plan(run)
+
+
+def _whole(store: EvidenceStore) -> Iterator[Finding]:
     yield from missing_episodes(store)
     for file, record in store.named_records():
         yield from recompute(record, file)

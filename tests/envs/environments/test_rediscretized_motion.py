@@ -68,10 +68,10 @@ def test_a_period_in_which_a_limit_acted_is_open_and_every_other_closes(integrat
         told, known = _from(env, q, v, control), _from(free, q, v, control)
         acted = bool((env.state != free.state).any())
         if acted:
-            assert np.isnan(told["energy_residual"])
-        elif not np.isnan(told["energy_residual"]):
+            assert "energy_residual" not in told
+        elif "energy_residual" in told:
             assert told["energy_residual"] == known["energy_residual"]
-        opened += np.isnan(told["energy_residual"])
+        opened += "energy_residual" not in told
     assert 100 < opened < 500
 
 
@@ -102,7 +102,7 @@ def test_what_a_diverged_period_lost_is_unknown_where_losses_are(task, integrato
     assert info["solver_status"] == "diverged"
     assert env.setup.engine.describe()["losses_accounted"] is known
     for name in ("energy_residual", "dissipated"):
-        assert info[name] == 0.0 if known else np.isnan(info[name])
+        assert info.get(name) == (0.0 if known else None)
 
 
 EXPLOSION = """

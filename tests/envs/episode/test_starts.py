@@ -139,6 +139,6 @@ def test_what_was_drawn_ahead_is_put_back():
 
 
 def test_a_start_that_is_too_fast_is_refused():
-    env = gym.make_vec("IntegPendulum-v0", num_envs=2, max_speed=0.5)
-    with pytest.raises(ValueError, match=r"a start state must be finite, with speeds up to 0\.5"):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2, max_speed=1.5)
+    with pytest.raises(ValueError, match=r"a start state must be finite, with speeds up to 1\.5"):
         env.reset(seed=0, options={"y_init": 50.0})

@@ -9,5 +9,5 @@ VARIANTS = {
         "dt": 0.005, "control_period": 0.02, "action_latency": 0.01, "sensor_period": 0.03,
         "fallback": "zero",
     },
-    "limited": {"dt": 0.02, "max_speed": 2.0, "damping": 0.1},
+    "limited": {"dt": 0.02, "max_speed": 3.0, "damping": 0.1},
 }  # fmt: skip

@@ -77,7 +77,7 @@ def test_flags_reach_the_run() -> None:
         (["--max-torque", "much"], "argument --max-torque: invalid float value: 'much'"),
         (["--max-speed", "much"], "argument --max-speed: invalid number value: 'much'"),
         (["--batch-size", "100"], "`batch_size`=100 does not divide a rollout"),
-        (["--net-arch", "64", "0"], "`net_arch` must be a list of whole numbers"),
+        (["--net-arch", "64", "0"], "`net_arch` must be a list of at most 16 whole numbers"),
         (["--lr", "1"], "unrecognized arguments: --lr 1"),
         (["--out", __file__], f"{__file__} is a file; give a folder for the policy"),
     ],

@@ -24,7 +24,10 @@ from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
         ({"learning_rate": 0.0}, "`learning_rate` must be a finite number above 0, got 0.0"),
         ({"gae_lambda": 1.5}, "`gae_lambda` must be a number from 0 to 1, got 1.5"),
         ({"discount_time": math.inf}, "`discount_time` must be a finite number above 0, got inf"),
-        ({"net_arch": (64, 0)}, "`net_arch` must be a list of whole numbers, 1 or above"),
+        (
+            {"net_arch": (64, 0)},
+            "`net_arch` must be a list of at most 16 whole numbers, from 1 to 4096",
+        ),
         ({"activation": "Sine"}, "`activation` must be one of 'Tanh'"),
         ({"env_arguments": [1]}, "`env_arguments` must map argument names to values"),
         ({"target_kl": -1}, "`target_kl` must be a finite number above 0, or None"),

@@ -144,8 +144,9 @@ def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatc
     assert re.fullmatch(
         r"panel small: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, evaluating", bar
     )
-    *lines, page = printed.out.splitlines()
+    *lines, page, sealed = printed.out.splitlines()
     assert page.startswith("Page: ")
+    assert re.fullmatch(r"Seal: [0-9a-f]{64}", sealed)
     assert max(map(len, lines)) <= 80
     verdicts = " ".join(printed.out.split())
     for verdict in _panel(panel_directory)["verdicts"]:
