@@ -92,6 +92,9 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
             f"| {_named(one['row'])} | {_named(one['cell'])} | {' | '.join(parts)} | "
             f"{one['verdict']} | {_p(one['p'])} |"
         )
+    known = [cell["numerics_share"] for row in summary["rows"] for cell in row["cells"].values()]
+    if not any(known):
+        return
     yield ""
     yield f"| energy that the numerics gave | {' | '.join(CELLS.values())} |"
     yield "|---|" + "---|" * len(CELLS)

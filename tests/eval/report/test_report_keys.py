@@ -153,7 +153,9 @@ def test_a_link_says_what_is_open(browser: Browser, page: Path) -> None:
     assert start in browser.value("document.querySelector('#drawer .crumb').textContent")
     opened(browser, page, "#w0t1.25")
     assert browser.value("document.querySelector('#watch-card .clock').textContent") == "1.25 s"
-    browser.value("document.querySelector('#watch-card .chip[aria-pressed=false]').click()")
+    chips = "document.querySelectorAll('#watch-card .chip')"
+    assert browser.value(f"{chips}.length") > 1
+    browser.value(f"{chips}[{chips}.length - 1].click()")
     assert browser.value("location.hash").startswith("#w0o")
 
 

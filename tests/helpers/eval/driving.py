@@ -48,6 +48,11 @@ class Browser:
             self._call(f"{domain}.enable")
         self._call("Emulation.setFocusEmulationEnabled", enabled=True)
 
+    def close(self) -> None:
+        """Let go of the pipes."""
+        self._in.close()
+        self._out.close()
+
     def open(self, address: str) -> None:
         """Load a page, and wait until it is."""
         self._call("Page.navigate", url="about:blank")
@@ -159,7 +164,8 @@ def driven(directory: Path) -> Iterator[Browser]:
     os.close(to_browser)
     os.close(from_browser)
     try:
-        yield Browser(to_read, to_write)
+        with contextlib.closing(Browser(to_read, to_write)) as browser:
+            yield browser
     finally:
         process.terminate()
         process.wait(timeout=PATIENCE)

@@ -118,7 +118,7 @@ def weak(observation):
     if cosine > 0.85:
         return [-20.0 * sine - 4.0 * speed]
     towards = 1.0 if speed * speed / 6.0 + 5.0 * cosine < 5.0 else -1.0
-    return [0.4 * towards * (1.0 if speed >= 0.0 else -1.0)]
+    return [0.2 * towards * (1.0 if speed >= 0.0 else -1.0)]
 
 
 @pytest.mark.slow

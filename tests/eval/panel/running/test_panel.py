@@ -348,5 +348,6 @@ def test_the_fleet_trains_the_same_panel(panel_directory, tmp_path, capsys):
     assert main(command) == 0
     again = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
     assert {p.name for p in units if again[p] != units[p]} == {"train-rk4-dt-0.05-seed1.json"}
+    assert "done again" in capsys.readouterr().err
     message = _fails(capsys, "panel", str(spec), "--out", str(out))
     assert "holds another panel" in message
