@@ -106,12 +106,19 @@ def test_what_would_move_the_cursor_is_shown():
     assert "x\x1b[31mred\x07" in file.getvalue(), "a file is given every value as it is"
 
 
+HEEDING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from integ_gym.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+"""The command, interruptible also where the tests run in the background, which ignores SIGINT."""
+
+
 def test_an_interruption_ends_a_query_at_once(store):
     long = "SELECT count(*) FROM range(1000000) a, range(1000000) b WHERE a.range * b.range % 7 = 3"
-    command = [sys.executable, "-m", "integ_gym.cli", "evidence", "query"]
-    with subprocess.Popen(
-        [*command, str(store.directory), long], stderr=subprocess.PIPE
-    ) as process:
+    command = [sys.executable, "-c", HEEDING, "evidence", "query", str(store.directory), long]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         while not _working(process.pid):
             time.sleep(0.1)

@@ -12,6 +12,14 @@ from integ_gym.support.terminal.ending import report_errors
 CALLBACK = ctypes.CFUNCTYPE(None)
 
 
+@pytest.fixture(autouse=True)
+def _heeded():
+    """Where tests run in the background, SIGINT is ignored; here it is not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def _swallowed():
     """Interrupt inside a callback of compiled code, which cannot raise what it raises."""
 
