@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
 from integ_gym.envs.engines import ENGINES, missing_modules
@@ -26,8 +27,12 @@ def pytest_configure() -> None:
 
     JAX compiles as in the processes of the fleet trainer, in less time for code that is as fast.
     Numerical libraries have one thread in every process: on arrays as small as here a second one
-    waits for the first, on a core that another process of the run could use.
+    waits for the first, on a core that another process of the run could use. How long an example
+    takes is the machine's affair: hypothesis judges no time.
     """
+    slow = [hypothesis.HealthCheck.too_slow]
+    hypothesis.settings.register_profile("any machine", deadline=None, suppress_health_check=slow)
+    hypothesis.settings.load_profile("any machine")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.pop("COLUMNS", None)

@@ -10,6 +10,9 @@ import numpy.typing as npt
 from .interval import Floats, Interval, equal_tailed
 from .streams import Stream, generator
 
+_SAME: Final = 1e-9
+"""Success rates that differ by less are the same."""
+
 RANKING_DRAWS: Final = 400
 """Resamples of the seeds for an interval about an agreement of rankings."""
 
@@ -32,7 +35,7 @@ def rank_violation(judged: Floats, true: Floats) -> float:
 
 def pearson(judged: Floats, true: Floats) -> float:
     """Correlation coefficient; NaN where either is the same for all policies."""
-    if np.ptp(judged) == 0.0 or np.ptp(true) == 0.0:
+    if min(np.ptp(judged), np.ptp(true)) < _SAME:
         return float("nan")
     return float(np.corrcoef(judged, true)[0, 1])
 
