@@ -84,7 +84,7 @@ def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
         "looks": tuple(looks),
         "warnings": (
             f"Seeds were added after verdicts had been seen on {looks[-2]} of them: every look is "
-            "a chance of its own to be wrong (docs/panel.md says how large).",
+            "a chance of its own to be wrong.",
         ),
     }
 
