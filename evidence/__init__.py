@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         record_table,
     )
     from .recorders import RecordEvidence, RecordVectorEvidence, now
-    from .schema import SCHEMA_VERSION, EvidenceError
+    from .schema import SCHEMA_VERSION, EvidenceError, Finding
     from .store import (
         ASCII_BARS,
         BARS,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from .verification import (
         ELSEWHERE,
         SEAL_FILE,
-        Finding,
         Replayed,
         broken_seals,
         missing_episodes,

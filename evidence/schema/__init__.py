@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .arrow import VERSION_KEY, arrow_schema, arrow_type, described, is_trace
     from .content_hash import content_hashes, with_hashes
     from .description import in_words, package_versions, staleness
-    from .errors import BatchExistsError, EvidenceError
+    from .errors import BatchExistsError, EvidenceError, Finding
     from .extra import duckdb, parquet, pyarrow
     from .fields import PHASES, SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_NAMES, Field
     from .trace_fields import CONTACT_TRACE, record_fields

@@ -4,37 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import remove_leftovers, visible, write_once
+from integ_gym.support import remove_leftovers, write_once
 
 from ..episodes import EvidenceRecord, records_of
-from ..schema import BatchExistsError, EvidenceError, content_hashes
+from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes
 from .parquet_file import check_schema, parts, read, read_row, record_ids, row_count, write
 from .querying import query
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What :meth:`EvidenceStore.verify` found.
-
-    Attributes:
-        file: name of the file.
-        record_id: the record, or None if the whole file is meant.
-        message: what is wrong.
-    """
-
-    file: str
-    record_id: str | None
-    message: str
-
-    def __str__(self) -> str:
-        named = f"{self.file}{': ' + self.record_id if self.record_id else ''}"
-        return visible(f"{named}: {self.message}")
 
 
 class EvidenceStore:
@@ -171,21 +151,21 @@ class EvidenceStore:
             check_schema(file)
         return query(files, sql)
 
-    def verify(self) -> list[Problem]:
+    def verify(self) -> list[Finding]:
         """Re-compute all content hashes and look for records that are there twice."""
-        problems: list[Problem] = []
+        problems: list[Finding] = []
         seen: dict[str, str] = {}
         for file in self.files():
             try:
                 table = read(file)
             except EvidenceError as error:
-                problems.append(Problem(file.name, None, str(error)))
+                problems.append(Finding(file.name, None, str(error)))
                 continue
             problems += _altered(file.name, table)
             for record_id in table.column("record_id").to_pylist():
                 if record_id in seen:
                     message = f"is also in {seen[record_id]}; remove one of the two files"
-                    problems.append(Problem(file.name, record_id, message))
+                    problems.append(Finding(file.name, record_id, message))
                 seen.setdefault(record_id, file.name)
         return problems
 
@@ -217,11 +197,11 @@ def open_run(run: str | Path) -> EvidenceStore:
     return store
 
 
-def _altered(name: str, table: Any) -> list[Problem]:
+def _altered(name: str, table: Any) -> list[Finding]:
     ids = table.column("record_id").to_pylist()
     stored = table.column("content_hash").to_pylist()
     return [
-        Problem(name, record_id, f"was altered: content hash {found[:12]}, recorded {kept[:12]}")
+        Finding(name, record_id, f"was altered: content hash {found[:12]}, recorded {kept[:12]}")
         for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
         if kept != found
     ]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .findings import Finding
     from .gaps import missing_episodes
     from .recomputing import recompute
     from .replaying import ELSEWHERE, Replayed, replay

@@ -3,29 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
-from integ_gym.support import visible
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that is not as it should be.
-
-    Attributes:
-        file: where, relative to the run.
-        record_id: the record, or None if more than one is meant.
-        message: what is wrong.
-    """
-
-    file: str
-    record_id: str | None
-    message: str
-
-    def __str__(self) -> str:
-        where = self.file if self.record_id is None else f"{self.file}: {self.record_id}"
-        return visible(f"{where}: {self.message}")
+from ..schema import Finding
 
 
 def deviation(file: str, record_id: str, field: str, recorded: Any, computed: Any) -> Finding:

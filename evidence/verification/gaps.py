@@ -7,8 +7,8 @@ from typing import Any
 
 from integ_gym.support import plural
 
+from ..schema import Finding
 from ..store import EvidenceStore
-from .findings import Finding
 
 _COUNTED = """
 SELECT phase, cell, policy_id, policy_hash, min(episode_index) AS first, max(episode_index) AS last,

@@ -23,8 +23,8 @@ from integ_gym.envs import (
 )
 
 from ..episodes import EpisodeContext, EpisodeFacts, EvidenceRecord, Replays, failure_label
-from ..schema import in_words
-from .findings import Finding, deviation, same
+from ..schema import Finding, in_words
+from .findings import deviation, same
 
 Array = npt.NDArray[Any]
 

@@ -16,8 +16,8 @@ from integ_gym.envs import ENVIRONMENTS, SCALAR
 
 from ..episodes import EpisodeContext, EvidenceRecord, records_of
 from ..recorders import RecordVectorEvidence
-from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES
-from .findings import Finding, deviation, same
+from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
+from .findings import deviation, same
 from .recomputing import replays_of
 
 Array = npt.NDArray[Any]

@@ -14,8 +14,7 @@ from typing import Any
 
 from integ_gym.support import Kinds, file_hash, read_object, write_json
 
-from ..schema import EvidenceError
-from .findings import Finding
+from ..schema import EvidenceError, Finding
 
 SEAL_FILE = "seal.json"
 FORMAT = "integ-gym seal 1"

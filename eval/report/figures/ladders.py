@@ -73,13 +73,25 @@ def _draw_plot(axes: Axes, plot: LadderPlot) -> None:
     if plot.truth is not None:
         axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)
     for series in plot.series:
-        _draw_series(axes, series)
+        draw_series(axes, series)
 
 
-def _draw_series(axes: Axes, series: Series) -> None:
+def draw_series(
+    axes: Axes, series: Series, *, whisker: float = 1.1, line: float = 1.6, marker: float = 1.0
+) -> None:
+    """One row's rates over the steps, with their intervals.
+
+    Args:
+        axes: of a plot.
+        series: the row.
+        whisker, line: widths, points.
+        marker: factor on the size of markers.
+    """
     xs = [point.x + _ASIDE * series.aside for point in series.points]
     for x, point in zip(xs, series.points, strict=True):
-        axes.plot([x, x], point.value.ends, color=series.style.colour, linewidth=1.1, alpha=0.45)
+        axes.plot(
+            [x, x], point.value.ends, color=series.style.colour, linewidth=whisker, alpha=0.45
+        )
     rates = [point.value.estimate for point in series.points]
-    style = {**line_style(series.style), **marker_style(series.style)}
-    axes.plot(xs, rates, clip_on=False, **style)
+    style = {**line_style(series.style, line), **marker_style(series.style)}
+    axes.plot(xs, rates, clip_on=False, **{**style, "markersize": marker * style["markersize"]})

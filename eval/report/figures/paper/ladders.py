@@ -11,13 +11,12 @@ from integ_gym.support import (
     axes_at,
     blank_figure,
     inch_canvas,
-    line_style,
-    marker_style,
     plain,
     scheme_entries,
 )
 
-from ...data import RATE_AXIS, LadderPlot, LadderPlots, Series
+from ...data import RATE_AXIS, LadderPlot, LadderPlots
+from ..ladders import draw_series
 from .sheet import COLUMN, LETTER, LINE_HEIGHT, PAGE, TYPE, framed, short
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEFT, _GAP, _HEIGHT, _ABOVE, _BELOW = 0.5, 0.28, 1.0, 0.36, 0.42  # inches
-_ASIDE: Final = 0.011
 _KEY: Final = 0.34  # inches of a line in the legend, with its gap
 _TRUTH: Final[dict[str, Any]] = {"color": INK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
 
@@ -71,16 +69,7 @@ def _draw_plot(axes: Axes, plot: LadderPlot, up: str) -> None:
     if plot.truth is not None:
         axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)
     for series in plot.series:
-        _draw_series(axes, series)
-
-
-def _draw_series(axes: Axes, series: Series) -> None:
-    xs = [point.x + _ASIDE * series.aside for point in series.points]
-    for x, point in zip(xs, series.points, strict=True):
-        axes.plot([x, x], point.value.ends, color=series.style.colour, linewidth=0.8, alpha=0.45)
-    rates = [point.value.estimate for point in series.points]
-    style = {**line_style(series.style, 1.1), **marker_style(series.style)}
-    axes.plot(xs, rates, clip_on=False, **{**style, "markersize": 0.7 * style["markersize"]})
+        draw_series(axes, series, whisker=0.8, line=1.1, marker=0.7)
 
 
 def _legend_places(entries: list[Entry], wide: float) -> list[tuple[float, int]]:
