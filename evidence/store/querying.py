@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +37,29 @@ def query(files: Sequence[Path], sql: str) -> Any:
         try:
             _offer(connection, [str(file.resolve()) for file in files])
             _check_reads(engine, connection, sql)
-            return connection.sql(sql).to_arrow_table()
-        except engine.InterruptException:
-            raise KeyboardInterrupt from None
+            return _interruptible(connection, sql)
         except engine.Error as error:
             reason = str(error).split("\n\nLINE")[0]
             raise EvidenceError(
                 f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
             ) from None
-        except RuntimeError as error:  # what DuckDB makes of an interruption while it works
-            if "interrupt" not in str(error).lower():
-                raise
-            raise KeyboardInterrupt from None
+
+
+def _interruptible(connection: Any, sql: str) -> Any:
+    """The statement's result, as an Arrow table.
+
+    DuckDB works beside the caller's thread, for where all work is done by threads of its own it
+    heeds no signal.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        working = pool.submit(lambda: connection.sql(sql).to_arrow_table())
+        try:
+            return working.result()
+        except KeyboardInterrupt:
+            while not working.done():
+                connection.interrupt()
+                wait([working], timeout=0.1)
+            raise
 
 
 def _offer(connection: Any, paths: list[str]) -> None:
