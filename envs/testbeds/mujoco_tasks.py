@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.support import load, suggestion, unknown_name
 
-from ..catalogue import ENVIRONMENTS
+from ..catalogue import BRING_YOUR_OWN, ENVIRONMENTS
 from ..environments import DiscretizedVectorEnv
 from ..environments.rediscretized import (
     RediscretizedEnv,
@@ -123,13 +123,13 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         ValueError: for an environment that Gymnasium cannot make or that is no MuJoCo task, or one
             without a time limit.
     """
-    possible = f"give {', '.join(ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"
+    possible = f"give {', '.join(ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
     try:
         gym.spec(env_id)
     except gym.error.Error as error:
         raise ValueError(
             f"unknown environment: Gymnasium cannot make {env_id!r}: {_reason(error)}. "
-            f"{suggestion(env_id, ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"
+            f"{suggestion(env_id, ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
         ) from error
     load("mujoco", "mujoco")
     load("imageio", "mujoco")

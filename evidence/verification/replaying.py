@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import ENVIRONMENTS, SCALAR
+from integ_gym.envs import SCALAR, is_integ_environment
 
 from ..episodes import EpisodeContext, EvidenceRecord, records_of
 from ..recorders import RecordVectorEvidence
@@ -30,6 +30,8 @@ _NOT_REPLAYED = VOLATILE_NAMES | {
     *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
 }
 """Fields that say how controls and starts came about, or that a replay is told."""
+
+_OWN_CODE = "made with code of somebody's own, see --own-code"
 
 MOST_LANES = 256
 """Episodes that are played side by side."""
@@ -90,14 +92,16 @@ def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, str]:
 def _hindrance(record: EvidenceRecord, own_code: bool) -> str | None:
     """Why a record cannot be played again here; None: it can."""
     fields = record.fields
-    if fields["env_id"] not in ENVIRONMENTS:
+    if ":" in fields["env_id"] and not own_code:
+        return _OWN_CODE
+    if not is_integ_environment(fields["env_id"]):
         return "of an environment whose state cannot be set"
     if not record.trace:
         return "without a trace"
     if fields["float_width"] != 64:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in _texts(json.loads(fields["arguments"]))):
-        return "made with code of somebody's own, see --own-code"
+        return _OWN_CODE
     return None
 
 
