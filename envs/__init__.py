@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     )
     from .testbeds import (
         Applied,
+        GymTestbed,
         Success,
         Testbed,
         make_checked,

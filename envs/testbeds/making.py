@@ -16,6 +16,7 @@ from integ_gym.support import Registry
 from ..catalogue import is_integ_environment
 from ..environments import DiscretizedVectorEnv
 from ..episode import DISCRETIZATION, Discretization, agrees
+from .classic_control import CLASSIC, ClassicControl
 from .integ_environments import IntegTestbed
 from .interface import Applied, Testbed
 from .mujoco_tasks import MujocoTestbed
@@ -27,8 +28,9 @@ def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
     """The testbed of an environment id; the same object for the same arguments.
 
     Args:
-        env_id: of one of integ-gym's environments or of a MuJoCo task of Gymnasium's; of a user's
-            own, ``"module:Id-v0"`` for an environment and ``"module:Class"`` for a testbed.
+        env_id: of one of integ-gym's environments, of Gymnasium's classic control with a step to
+            set, or of one of its MuJoCo tasks; of a user's own, ``"module:Id-v0"`` for an
+            environment and ``"module:Class"`` for a testbed.
         arguments: that all discretizations have in common, JSON-serialisable.
 
     Raises:
@@ -43,6 +45,8 @@ def _found(env_id: str, arguments: str) -> Testbed:
     given = json.loads(arguments)
     if is_integ_environment(env_id):
         return IntegTestbed(env_id, **given)
+    if env_id in CLASSIC:
+        return ClassicControl(env_id, **given)
     if ":" in env_id:
         made: Testbed = _OWN.load(env_id)(**given)
         return made

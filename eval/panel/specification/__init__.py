@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         training_arguments,
     )
     from .checks import TRAINERS
-    from .engine_cells import engine_versions, map_of
+    from .engine_cells import engine_versions, is_engine, map_of
     from .growth import grown, inputs, stages
     from .panel_spec import PanelSpec
     from .perturbations import standard_perturbations

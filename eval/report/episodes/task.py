@@ -42,7 +42,7 @@ def task_words(panel: Panel) -> TaskWords | None:
 
 
 def _setup(panel: Panel) -> Setup | None:
-    env_id, given = panel.spec.get("env_id"), panel.spec.get("environment", {})
+    env_id, given = str(panel.spec.get("env_id")), panel.spec.get("environment", {})
     if not is_integ_environment(env_id):
         return None
     periods = [cell.control_period for cell in panel.columns]
