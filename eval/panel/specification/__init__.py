@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .panel_spec import PanelSpec
     from .perturbations import standard_perturbations
     from .reading import BUILT_IN, built_in_spec, read_spec
+    from .sweeps import swept_name
     from .values import SpecError
 else:
     __getattr__, __dir__ = lazy_door(__name__)
