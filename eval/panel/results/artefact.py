@@ -51,7 +51,7 @@ def build_artefact(
     layout: PanelLayout,
     matrix: Matrix,
     policies: Mapping[str, Policy],
-    files: Mapping[str, str],
+    files: Mapping[str, tuple[str, ...]],
     *,
     directory: str,
     training_steps: int | None = None,
@@ -66,7 +66,7 @@ def build_artefact(
         layout: rows and cells.
         matrix: outcomes.
         policies: by id.
-        files: evidence file that holds the records of a policy, by id, beside ``panel.json``.
+        files: evidence files that hold the records of a policy, by id, beside ``panel.json``.
         directory: see :class:`Panel`.
         training_steps: decisions that each policy was trained for; None where none was.
         engine_agreement: see :class:`Panel`.
@@ -102,7 +102,7 @@ def build_artefact(
                 layout.native(cell),
                 layout.reference_of(cell),
                 losses.get((row.name, cell)),
-                tuple(dict.fromkeys(files[policy] for policy in row.policies)),
+                tuple(dict.fromkeys(file for policy in row.policies for file in files[policy])),
                 _query(directory, row, cell),
             )
             for row, cell in places

@@ -139,7 +139,7 @@ def write_outputs(
         layout,
         matrix,
         {policy.id: policy for policy in policies},
-        {policy: there.file for policy, there in evaluated(directory).items()},
+        {policy: there.files for policy, there in evaluated(directory).items()},
         **{**own, **told},
     )
     write_panel(panel, directory.path)
@@ -156,7 +156,7 @@ def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> C
         training: names of its training units.
         workers: processes.
     """
-    evaluation = sorted({there.unit for there in evaluated(directory).values()})
+    evaluation = sorted({u for there in evaluated(directory).values() for u in there.units})
     return Cost(
         wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),
         workers=workers,

@@ -128,4 +128,4 @@ def _unit(cell: Cell) -> str:
 
 
 def _key(spec: PanelSpec, cell: Cell) -> str:
-    return key_of(spec.engine_versions(), spec=inputs(spec), cell=cell.name)
+    return key_of(spec.engine_versions(), spec=inputs(spec, [cell]), cell=cell.name)

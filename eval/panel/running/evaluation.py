@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from integ_gym.train import Policy, PolicyStack
 
 from ..specification import Cell, Home, PanelSpec, environments_of
 from .expected_time import cell_seconds
-from .replays import Successes
+from .replays import Successes, with_what_they_rest_on
 
 Array = npt.NDArray[Any]
 Flags = npt.NDArray[np.bool_]
@@ -38,6 +38,8 @@ class Subject:
         seed: training seed, or None.
         starts: training seed whose starts it acts from.
         home_known: whether ``home`` tells all; False for what was trained nobody says where.
+        recorded: cells, by name, of which there are records; they are run again only where
+            labels in others rest on them.
     """
 
     policy: Policy
@@ -46,6 +48,17 @@ class Subject:
     seed: int | None = None
     starts: int = 0
     home_known: bool = True
+    recorded: frozenset[str] = frozenset()
+
+    @property
+    def missing(self) -> tuple[Cell, ...]:
+        """Cells without records."""
+        return tuple(cell for cell in self.cells if cell.name not in self.recorded)
+
+    def waiting(self, recorded: Iterable[str]) -> Subject:
+        """The same with the cells alone that are wanted where there are records of some."""
+        told = replace(self, recorded=frozenset(recorded))
+        return replace(told, cells=with_what_they_rest_on(told.missing, self.cells, self.home))
 
 
 class _Played(NamedTuple):
@@ -86,11 +99,12 @@ def evaluate(
 
     Args:
         spec: the panel.
-        subjects: the policies.
+        subjects: the policies, with records of the same cells.
         episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
         store: where the records are meant for; nothing is written.
         statuses: whether a cell can be solved, by its name.
     """
+    (recorded,) = {subject.recorded for subject in subjects}
     latencies = inference_latencies(spec, subjects)
     successes = Successes(
         [subject.home for subject in subjects],
@@ -110,7 +124,8 @@ def evaluate(
         successes.note(cell, places, success, second_horizon(spec, cell, own, episodes, success))
         recorder.close()
         report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
-        waiting.append(_Played(cell, places, recorder))
+        if cell.name not in recorded:
+            waiting.append(_Played(cell, places, recorder))
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]
         for played in ready:

@@ -42,45 +42,57 @@ class Evaluated(NamedTuple):
     """Where the evaluation of a policy is.
 
     Attributes:
-        unit: that holds it.
+        units: that hold it.
         policy_hash: of the policy that was evaluated.
+        cells: that there are records of, by name.
     """
 
-    unit: str
+    units: tuple[str, ...]
     policy_hash: str
+    cells: frozenset[str]
 
     @property
-    def file(self) -> str:
+    def files(self) -> tuple[str, ...]:
         """The records, relative to the run's directory."""
-        return f"evidence/{self.unit}.parquet"
+        return tuple(f"evidence/{unit}.parquet" for unit in self.units)
 
 
 def evaluated(directory: RunDirectory) -> dict[str, Evaluated]:
     """The evaluations that are there, by policy."""
-    return {
-        policy: Evaluated(unit, policy_hash)
-        for unit, marker in directory.markers(PREFIX).items()
-        if directory.has_records(unit)
-        for policy, policy_hash in marker["policies"].items()
-    }
+    found: dict[str, Evaluated] = {}
+    for unit, marker in directory.markers(PREFIX).items():
+        if not directory.has_records(unit):
+            continue
+        for policy, policy_hash in marker["policies"].items():
+            before = found.get(policy, Evaluated((), policy_hash, frozenset()))
+            cells = before.cells.union(marker["cells"].get(policy, ()))
+            found[policy] = Evaluated((*before.units, unit), policy_hash, cells)
+    return found
 
 
 def not_evaluated(
     spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
 ) -> list[Subject]:
-    """Subjects without an evaluation; what killed or damaged units left is removed.
+    """Subjects with cells that are not evaluated; what killed or damaged units left is removed.
 
     Raises:
         RunDirectoryError: if one was evaluated under another specification, version or hash.
     """
     hashes = _hashes(subjects)
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     for unit, marker in directory.markers(PREFIX).items():
-        own = {policy: hashes.get(policy, held) for policy, held in marker["policies"].items()}
-        if directory.finished(unit, _key(spec, own)) is None:
+        held_by = {policy: hashes.get(policy, held) for policy, held in marker["policies"].items()}
+        names = dict.fromkeys(name for own in marker["cells"].values() for name in own)
+        places = [cells[name] for name in names if name in cells]
+        if directory.finished(unit, _key(spec, held_by, places)) is None:
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
     done = evaluated(directory)
-    return [subject for subject in subjects if subject.policy.policy_id not in done]
+    waiting = []
+    for subject in subjects:
+        there = done.get(subject.policy.policy_id)
+        waiting.append(subject if there is None else subject.waiting(there.cells))
+    return [subject for subject in waiting if subject.missing]
 
 
 def batches_of(
@@ -88,10 +100,17 @@ def batches_of(
 ) -> list[tuple[Subject, ...]]:
     """Divide subjects into batches of one size, some for every worker.
 
-    Those of one home stay together as far as that goes.
+    Those of one home stay together as far as that goes; a batch has records of the same cells.
     """
-    if not subjects:
-        return []
+    alike: dict[frozenset[str], list[Subject]] = {}
+    for subject in subjects:
+        alike.setdefault(subject.recorded, []).append(subject)
+    return [batch for own in alike.values() for batch in _batches(spec, own, workers)]
+
+
+def _batches(
+    spec: PanelSpec, subjects: Sequence[Subject], workers: int
+) -> list[tuple[Subject, ...]]:
     fewest = math.ceil(len(subjects) / _fitting(spec, subjects))
     count = min(len(subjects), workers * math.ceil(fewest / workers))
     homes = [subject.home for subject in subjects]
@@ -169,12 +188,16 @@ def _commit(
 ) -> None:
     """Evaluate policies in all their cells, by default here, and mark that as finished."""
     hashes = _hashes(batch)
+    cells = {cell.name: cell for subject in batch for cell in subject.missing}
+    key = _key(spec, hashes, cells.values())
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
+    unit = f"{unit}-added-{key[:8]}" if batch[0].recorded else unit
     start = time.time()
     store = EvidenceStore(directory.evidence)
     store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store, can))
-    directory.finish(unit, _key(spec, hashes), start, policies=hashes)
+    names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
+    directory.finish(unit, key, start, policies=hashes, cells=names)
 
 
 def _named(batch: Sequence[Subject]) -> str:
@@ -185,8 +208,8 @@ def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
     return {subject.policy.policy_id: subject.policy.content_hash for subject in subjects}
 
 
-def _key(spec: PanelSpec, hashes: Mapping[str, str]) -> str:
-    return key_of(spec.engine_versions(), spec=inputs(spec), policies=hashes)
+def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> str:
+    return key_of(spec.engine_versions(), spec=inputs(spec, cells), policies=hashes)
 
 
 def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:

@@ -101,10 +101,7 @@ class Successes:
         return sum(known) if known and len(known) == len(shares) else None
 
     def _needed(self, cell: Cell, place: int) -> set[Key]:
-        home = self._homes[place]
-        shares = () if home is None else home.shares
-        at_home = {(d, disturbance) for d in shares for disturbance in (_disturbance(cell), None)}
-        return {*at_home, (cell.discretization, None)} - {_key(cell)}
+        return _rests_on(cell, self._homes[place])
 
     def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
         """Whether each episode succeeded in one of the training discretizations, all being run."""
@@ -131,6 +128,26 @@ class Successes:
             return False
         plain = replace(cell, perturbation=None).arguments(self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
+
+
+def with_what_they_rest_on(
+    missing: Sequence[Cell], cells: Sequence[Cell], home: Home | None
+) -> tuple[Cell, ...]:
+    """Cells that are to be evaluated, and those that labels in them rest on, in order.
+
+    Args:
+        missing: cells without records.
+        cells: of the policy, those among them.
+        home: what it was trained on.
+    """
+    keys = {key for cell in missing for key in (_key(cell), *_rests_on(cell, home))}
+    return tuple(cell for cell in cells if _key(cell) in keys)
+
+
+def _rests_on(cell: Cell, home: Home | None) -> set[Key]:
+    shares = () if home is None else home.shares
+    at_home = {(d, disturbance) for d in shares for disturbance in (_disturbance(cell), None)}
+    return {*at_home, (cell.discretization, None)} - {_key(cell)}
 
 
 def _key(cell: Cell) -> Key:

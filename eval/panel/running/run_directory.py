@@ -27,6 +27,12 @@ MANIFEST = "run.json"
 GROWING = "seeds"
 """List in a specification to which more may be added at the end."""
 
+ADDED = ("train", "grid", "perturbations", "sweeps", "baselines")
+"""Lists in a specification to which more may be added anywhere."""
+
+WORDS = ("question", "sources")
+"""What may be another: words for people, and what follows from the lists."""
+
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
@@ -38,7 +44,7 @@ RECORDS = "records"
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
     "train": {"policy": str},
-    "evaluate": {"policies": dict},
+    "evaluate": {"policies": dict, "cells": dict},
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
 """What a marker holds, and by the first word of the unit's name what else."""
@@ -62,7 +68,7 @@ class RunDirectory:
     Args:
         path: the directory.
         specification: what the run is; another one in the same directory is refused, but for
-            one with more seeds.
+            one with more seeds, rows, cells or perturbations.
         engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
@@ -136,7 +142,8 @@ class RunDirectory:
         held = read_manifest(manifest)
         before = held.get("specification", {})
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
-        same = {GROWING: self._specification.get(GROWING)}
+        may_differ = (GROWING, *WORDS, *(n for n in ADDED if self._has_grown(before, n)))
+        same = {name: self._specification.get(name) for name in may_differ}
         other = list(_differences({**before, **same}, {**self._specification, **same}))
         if other:
             raise RunDirectoryError(
@@ -155,6 +162,14 @@ class RunDirectory:
                 "those of another version; finish it with that version, or give another directory "
                 "with --out"
             )
+
+    def _has_grown(self, before: Mapping[str, Any], name: str) -> bool:
+        """Whether all that a list held is still in it."""
+        now = _by_entry(self._specification.get(name) or [])
+        return all(
+            entry in now and set(values) <= set(now[entry])
+            for entry, values in _by_entry(before.get(name) or []).items()
+        )
 
     def _check_growth(self, before: Any, now: Any) -> None:
         """Check that the seeds that were there are the first that are wanted."""
@@ -317,6 +332,16 @@ class RunDirectory:
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
+
+
+def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:
+    """Entries of a list; of a sweep, which may have more values, these apart."""
+    found = {}
+    for value in values:
+        swept = value.get("values", ()) if isinstance(value, dict) else ()
+        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
+        found[json.dumps(entry, sort_keys=True)] = tuple(swept)
+    return found
 
 
 def _few(values: Sequence[Any]) -> str:

@@ -80,11 +80,15 @@ class Cell:
 
     def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
         """Constructor arguments of this cell's environment."""
-        changed = self.perturbation.environment if self.perturbation else {}
-        values = {**environment, **self.discretization.arguments(), **changed}
+        values = {**environment, **self.discretization.arguments(), **changes_of(self)}
         if self.discretization.integrator == "reference":
             values["dt"] = dividing_step(values)
         return values
+
+
+def changes_of(cell: Cell) -> Mapping[str, Any]:
+    """Arguments that a cell's perturbation changes."""
+    return cell.perturbation.environment if cell.perturbation else {}
 
 
 def environments_of(

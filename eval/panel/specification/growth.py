@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
+from .cells import Cell, changes_of
 from .panel_spec import PanelSpec
 from .values import SpecError
 
 STAGES: Final = (4, 12)
 """Training seeds after which a page is written, while more are to come."""
+
+FREE: Final = (
+    *("question", "seeds", "exploratory_seeds", "train", "grid", "perturbations", "sweeps"),
+    *("baselines", "family", "compare", "ladder", "sources"),
+)
+"""Parts of a specification that no record of a policy in a cell depends on."""
 
 MOST_SEEDS: Final = 10_000
 """Seeds that a panel may have."""
@@ -39,8 +47,22 @@ def stages(spec: PanelSpec) -> tuple[PanelSpec, ...]:
     return (*(replace(spec, seeds=spec.seeds[:count]) for count in counts), spec)
 
 
-def inputs(spec: PanelSpec) -> dict[str, Any]:
-    """What the records of one policy depend on: all of a panel but how many seeds it has."""
+def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
+    """What records in some cells depend on, beside the policies: nothing that may be added.
+
+    Args:
+        spec: the panel.
+        cells: of the records.
+    """
     told = spec.to_json()
-    del told["seeds"], told["exploratory_seeds"]
-    return {**told, "start_sets": list(spec.start_sets)}
+    places = [
+        (cell.name, cell.discretization.arguments(), dict(changes_of(cell))) for cell in cells
+    ]
+    sources = {
+        name: source
+        for name, source in told["sources"].items()
+        if any(place["integrator"] == name for _, place, _ in places)
+    }
+    shared = {name: value for name, value in told.items() if name not in FREE}
+    starts = {"start_sets": list(spec.start_sets)}
+    return {**shared, **starts, "sources": sources, "cells": sorted(places)}

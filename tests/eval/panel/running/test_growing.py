@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -50,6 +51,51 @@ def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(spec, tmp_path, pane
     assert (panel["looks"], whole["looks"]) == ([1, 2], [2])
     assert any("seen on 1 of them" in warning for warning in panel["warnings"])
     assert whole["warnings"] == []
+
+
+LATER = TOML[TOML.rindex("[[perturbations]]") :]
+"""A perturbation that is added to the rest of the panel."""
+
+
+@pytest.mark.slow
+def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(spec, tmp_path, panel_directory):
+    """Nothing is trained or evaluated twice, and the records are the same."""
+    out = tmp_path / "out"
+    command = ["panel", str(spec), "--out", str(out), "--no-progress"]
+    spec.write_text(TOML.removesuffix(LATER), encoding="utf-8")
+    assert main(command) == 0
+    files = {p: p.stat().st_mtime_ns for p in out.glob("[uep]*/**/*") if p.is_file()}
+    assert not any("latency" in row["record_id"] for row in _hashes(out))
+    spec.write_text(f'question = "And a late command?"\n{TOML}', encoding="utf-8")
+    assert main(command) == 0
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert _hashes(out) == _hashes(panel_directory)
+    panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
+    assert _matrix(panel) == _matrix(whole)
+    assert panel["question"] == "And a late command?"
+    assert main(["evidence", "verify", str(out)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "sentence"),
+    [
+        (LATER, "", "another `perturbations`"),
+        ("mass = 1.2", "mass = 1.3", "another `perturbations`"),
+        ('["rk4 dt=0.05", "reference dt=0.05"]', '["rk4 dt=0.05", "rk4 dt=0.0125"]', "`family`"),
+        ("episodes = 3", "episodes = 4", "`episodes` 3 \\(now 4\\)"),
+        ("max_torque = 1.0", "max_torque = 1.1", "`environment.max_torque` 1.0"),
+    ],
+    ids=["removed", "changed", "family", "episodes", "environment"],
+)
+def test_what_contradicts_is_refused(spec, tmp_path, panel_directory, capsys, was, now, sentence):
+    assert was in TOML
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    spec.write_text(TOML.replace(was, now), encoding="utf-8")
+    before = (copy / "run.json").read_bytes()
+    assert main(["panel", str(spec), "--out", str(copy)]) == 2
+    assert re.search(f"holds another panel: .*{sentence}", capsys.readouterr().err)
+    assert (copy / "run.json").read_bytes() == before
 
 
 @pytest.mark.slow
