@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         EnvState,
         Mixture,
         Outcome,
+        Script,
         Settings,
         Setup,
         Timing,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         dividing_step,
         quiet_status,
         reset_info,
+        script_of,
         step_info,
         whole_multiple,
     )

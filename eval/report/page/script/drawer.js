@@ -111,7 +111,7 @@ class Drawer {
   }
 
   go(place) {
-    history.replaceState(null, "", entryHash(place));
+    remember(entryHash(place));
     this.open(place);
   }
 

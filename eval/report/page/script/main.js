@@ -2,16 +2,19 @@
 async function begin() {
   const carried = await unpack(document.getElementById("carried").textContent);
   const matrix = document.querySelector(".matrixcard");
-  if (matrix) new Grid(carried, matrix);
+  const grid = matrix ? new Grid(carried, matrix) : null;
   const drawer = new Drawer(carried, document.getElementById("drawer"));
   const watched = document.getElementById("watch-card");
   const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;
   for (const svg of document.querySelectorAll("[data-scene]")) showTask(carried, svg);
   const went = () => {
+    const view = viewOf(location.hash);
+    if (grid && view) grid.view(view);
+    else if (viewed) remember(placeHash());
     const place = placeOf(location.hash);
     if (place.kind === "entry") drawer.open(place);
     else if (place.kind === "watch" && watch) {
-      watch.open(place.lead, place.on, place.t);
+      watch.open(place.lead, place.on, place.t, place.value);
       watched.scrollIntoView();
     } else if (drawer.dialog.open) drawer.dialog.close();
   };
@@ -24,7 +27,7 @@ async function begin() {
   // A second visit of the same cell changes no hash.
   document.addEventListener("click", (event) => {
     const link = event.target.closest('a[href^="#r"]');
-    if (link && link.hash === location.hash) went();
+    if (link && link.hash === placeHash()) went();
   });
   document.documentElement.dataset.ready = "";
 }
