@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from integ_gym.envs import (
     ENVIRONMENTS,
@@ -108,15 +108,14 @@ def _read(told: Policy, directory: Path) -> MlpPolicy | None:
     for path in (kept.with_suffix(".safetensors"), kept):
         with suppress(OSError, ValueError, PolicyFileError, ModuleNotFoundError):
             policy = read_weights(path, None, statistics)
-            if policy.content_hash == told.hash and _is_simple(policy):
-                return policy
+            if policy.content_hash == told.hash:
+                return policy if isinstance(policy, MlpPolicy) and _is_simple(policy) else None
     return None
 
 
-def _is_simple(policy: Any) -> bool:
-    if not isinstance(policy, MlpPolicy) or policy.activation not in ACTIVATIONS:
-        return False
-    return sum(weight.size for weight, _ in policy.layers) <= _MOST_WEIGHTS
+def _is_simple(policy: MlpPolicy) -> bool:
+    size = sum(weight.size for weight, _ in policy.layers)
+    return policy.activation in ACTIVATIONS and size <= _MOST_WEIGHTS
 
 
 def _cells(panel: Panel, leads: Iterable[Lead]) -> list[Cell]:

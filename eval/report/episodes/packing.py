@@ -1,7 +1,7 @@
 """Episodes as a page carries them: JSON and numbers, deflated.
 
-The page's `unpack.js` is the other half. Numbers of 16 or 32 bits are stored as planes of bytes, the
-lowest first, which deflate well; samples of a trace as differences from the one before.
+The page's `unpack.js` is the other half. Numbers of 16 or 32 bits are stored as planes of bytes,
+the lowest first, which deflate well; samples of a trace as differences from the one before.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def _steps(panel: Panel, told: Told | None) -> str:
 def _texts(folder: str) -> dict[str, str]:
     """Files by name, those of folders within first."""
     entries = sorted(resources.files(__package__).joinpath(folder).iterdir(), key=lambda e: e.name)
-    inner = {}
+    inner: dict[str, str] = {}
     for entry in entries:
         inner |= _texts(f"{folder}/{entry.name}") if entry.is_dir() else {}
     return inner | {entry.name: entry.read_text("utf-8") for entry in entries if entry.is_file()}

@@ -77,11 +77,8 @@ def test_a_browser_gets_where_python_gets(env_id, variant, browser):
         expected = _played(setup, q, v, actions)
         found = browser.value(PLAYED % (json.dumps([q, v]), json.dumps(actions), *script))
         assert (None in found, len(found)) == (None in expected, len(expected)), integrator
-        pairs = zip(found, expected, strict=True)
-        np.testing.assert_allclose(
-            *(np.array([row for row in rows if row is not None]) for rows in zip(*pairs, strict=True)),
-            rtol=SMALL, atol=SMALL, err_msg=integrator,
-        )  # fmt: skip
+        here, there = (np.array([row for row in rows if row]) for rows in (found, expected))
+        np.testing.assert_allclose(here, there, rtol=SMALL, atol=SMALL, err_msg=integrator)
 
 
 def test_what_is_not_finite_is_refused_and_noise_is_not_written():

@@ -24,7 +24,8 @@ TOLD = """carried.leads.flatMap((lead) => {
   return lead.cells.filter((c) => live.acts(lead.at[0], lead.at[2]) && live.steps(c)).map((c) => {
     const own = carried.trace(lead.at[0], c, lead.at[2], lead.at[3]);
     const made = live.trace(like, c, null);
-    return [own.id, made.label === 'none', Object.values(made.motion).map((x) => [...x]), made.totals];
+    const motion = Object.values(made.motion).map((x) => [...x]);
+    return [own.id, made.label === 'none', motion, made.totals];
   });
 })"""
 
