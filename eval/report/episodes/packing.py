@@ -10,7 +10,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -59,14 +59,19 @@ class Blob:
         return base64.b64encode(_deflated(content)).decode()
 
 
-def packed(panel: Panel, told: Told | None, head: Mapping[str, Any]) -> str:
-    """The text that a page carries: what it says of entries, and all that is told of episodes."""
+def packed(
+    panel: Panel, told: Told | None, head: Mapping[str, Any], said: Callable[[str], str]
+) -> str:
+    """The text that a page carries: what it says of entries, and all that is told of episodes.
+
+    ``said`` puts a sentence as the page puts it.
+    """
     blob = Blob()
-    more = {} if told is None else _told(panel, told, blob)
+    more = {} if told is None else _told(panel, told, blob, said)
     return blob.packed({**head, **more})
 
 
-def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
+def _told(panel: Panel, told: Told, blob: Blob, said: Callable[[str], str]) -> dict[str, Any]:
     rows = {row.name: place for place, row in enumerate(panel.rows)}
     cells = {cell.name: place for place, cell in enumerate(panel.cells)}
     names = sorted({str(x) for own in told.outcomes.values() for x in np.unique(own.label)})
@@ -85,7 +90,7 @@ def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
         "labels": names,
         "unit": unit,
         "outcomes": entries,
-        "traces": [_trace(trace, rows, cells, blob) for trace in told.traces],
+        "traces": [_trace(trace, rows, cells, blob, said) for trace in told.traces],
         "leads": [
             {
                 "at": [rows[lead.row], cells[lead.cell], lead.seed, lead.episode],
@@ -143,7 +148,11 @@ def _rounded(values: Array, unit: float) -> Array:
 
 
 def _trace(
-    trace: Trace, rows: Mapping[str, int], cells: Mapping[str, int], blob: Blob
+    trace: Trace,
+    rows: Mapping[str, int],
+    cells: Mapping[str, int],
+    blob: Blob,
+    said: Callable[[str], str],
 ) -> dict[str, Any]:
     row, cell, seed, episode = trace.key
     fields = trace.fields
@@ -161,7 +170,7 @@ def _trace(
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": fields["failure_reason"],
+        "reason": said(fields["failure_reason"] or ""),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],

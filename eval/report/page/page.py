@@ -190,11 +190,10 @@ def _watch_words(panel: Panel, told: Told | None) -> str:
     if told is None or told.live is None:
         return "These are recorded episodes."
     left_out = [cell.name for cell in panel.columns if cell.name not in told.live.scripts]
+    policies = plural(len(told.live.policies), "policy", "policies")
     words = (
-        "These are recorded episodes. Move the start, and they are recomputed in this browser, by "
-        "the same equations and steps, for "
-        f"{plural(len({*told.live.policies}), 'policy', 'policies')} and "
-        f"{plural(len(told.live.scripts), 'discretization')}"
+        "Episodes are recorded; move the start, and this browser recomputes them by the equations "
+        f"that made the records ({policies}, {plural(len(told.live.scripts), 'discretization')})"
     )
     return f"{words}; recorded only: {', '.join(left_out)}." if left_out else f"{words}."
 

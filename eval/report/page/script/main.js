@@ -29,7 +29,7 @@ async function begin() {
     const link = event.target.closest('a[href^="#r"]');
     if (link && link.hash === placeHash()) went();
   });
-  document.documentElement.dataset.ready = "";
+  document.documentElement.dataset.ready = performance.now().toFixed(0);
 }
 
 // The task before anything moves: a quarter of the way from hanging to upright.

@@ -14,10 +14,11 @@ class Watch {
     this.more = make("details", { class: "filters" }, make("summary", {}, "more discretizations"),
       make("div", { class: "chips", role: "group", "aria-label": "more discretizations" }));
     this.stage = make("div", {});
-    root.querySelector(".controls").append(
-      make("label", { for: "watch-policy" }, "policy and start"), this.choice, this.on, this.more);
     this.anew = this.startControls();
-    root.append(this.anew, this.stage);
+    const cells = make("div", { class: "controls cells" }, this.on, this.more);
+    root.querySelector(".controls").append(
+      make("label", { for: "watch-policy" }, "policy and start"), this.choice, this.anew);
+    root.append(cells, this.stage);
   }
 
   // Leads whose policies are on the page, apart from those that are recorded only.
@@ -40,7 +41,7 @@ class Watch {
   // The slider of the start, and the way back to the record.
   startControls() {
     const { live } = this.carried;
-    if (!live) return make("div", { class: "controls", hidden: true });
+    if (!live) return make("div", { hidden: true });
     this.slider = make("input", { type: "range", id: "watch-start",
       step: live.turns ? Math.PI / 360 : live.reach / 200 });
     this.told = make("output", { class: "clock", for: "watch-start" });
@@ -49,7 +50,7 @@ class Watch {
     this.slider.addEventListener("change", () => this.begin());
     this.back.addEventListener("click", () => { this.startAt(null); this.begin(); });
     const what = `start ${live.turns ? "angle" : live.name}`;
-    return make("div", { class: "controls start" }, make("label", { for: "watch-start" }, what),
+    return make("div", { class: "start" }, make("label", { for: "watch-start" }, what),
       this.told, this.slider, this.back);
   }
 
