@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.support import VIRIDIS, page_environment, page_parts, plural, replace_file
+from integ_gym.support import (
+    VIRIDIS,
+    page_environment,
+    page_parts,
+    plural,
+    replace_file,
+    true_minus,
+)
 
 from ... import verdict as rules
 from ...panel.model import Panel
@@ -98,6 +105,7 @@ def _template() -> Any:
         up=drawing.up,
         corners=drawing.corners,
         shading=drawing.shading,
+        true_minus=true_minus,
         **naming_filters(),
     )
     return environment.get_template("report.html.j2")

@@ -11,7 +11,7 @@ class Watch {
     this.choice = make("select", { id: "watch-policy" }, this.options());
     this.choice.addEventListener("change", () => { this.open(Number(this.choice.value)); this.note(); });
     this.on = make("div", { class: "chips", role: "group", "aria-label": "discretizations" });
-    this.more = make("details", { class: "filters" }, make("summary", {}, "more discretizations"),
+    this.more = make("details", { class: "further" }, make("summary", {}, "more discretizations"),
       make("div", { class: "chips", role: "group", "aria-label": "more discretizations" }));
     this.stage = make("div", {});
     this.anew = this.startControls();
@@ -44,7 +44,7 @@ class Watch {
     if (!live) return make("div", { hidden: true });
     this.slider = make("input", { type: "range", id: "watch-start",
       step: live.turns ? Math.PI / 360 : live.reach / 200 });
-    this.told = make("output", { class: "clock", for: "watch-start" });
+    this.told = make("output", { class: "angle", for: "watch-start" });
     this.back = make("button", { type: "button", class: "chip" }, "as recorded");
     this.slider.addEventListener("input", () => this.startAt(Number(this.slider.value)));
     this.slider.addEventListener("change", () => this.begin());
