@@ -32,11 +32,11 @@ async function begin() {
   document.documentElement.dataset.ready = performance.now().toFixed(0);
 }
 
-// The task before anything moves: a quarter of the way from hanging to upright.
+// The task before anything moves.
 function showTask(carried, holder) {
   const stage = new Stage(carried, carried.scene, null);
-  const start = carried.scene.links.map((link) => (link.joint === "hinge" ? 2.2 : 0));
-  stage.pose(carried.scene.bob ? [0.35 * carried.scene.bob.pivot, 0.1] : start, 0.9);
+  const { bob, pose } = carried.scene;
+  stage.pose(bob ? [0.35 * bob.pivot, 0.1] : pose, 0.9);
   holder.append(stage.svg);
 }
 

@@ -45,6 +45,8 @@ class Player {
       const bars = new Bars(this.carried, trace, scale, mark);
       this.parts.push(bars);
       children.push(bars.element);
+    } else {
+      children.push(make("p", { class: "about" }, "Its energy ledger is not known."));
     }
     const more = this.below ? this.below(trace.at[1]) : null;
     if (more) children.push(more);
