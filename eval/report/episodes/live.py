@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -93,13 +94,13 @@ def _policies(
     places = dict.fromkeys((lead.row, lead.seed) for lead in leads)
     found = 0
     for row, seed in places:
-        policy = _read(panel.row(row).policies[seed], directory)
+        policy = policy_read(panel.row(row).policies[seed], directory)
         if policy is not None and found < MOST_POLICIES:
             found += 1
             yield (row, seed), policy
 
 
-def _read(told: Policy, directory: Path) -> MlpPolicy | None:
+def policy_read(told: Policy, directory: Path) -> MlpPolicy | None:
     """The network of a policy, if it is the one that the panel judged."""
     if not told.file:
         return None
@@ -107,7 +108,9 @@ def _read(told: Policy, directory: Path) -> MlpPolicy | None:
     statistics = next(kept.parent.glob("obs_stats.*"), None)
     for path in (kept.with_suffix(".safetensors"), kept):
         with suppress(OSError, ValueError, PolicyFileError, ModuleNotFoundError):
-            policy = read_weights(path, None, statistics)
+            card = path.with_suffix(".json")
+            beside = json.loads(card.read_text("utf-8")) if card.exists() else None
+            policy = read_weights(path, beside, statistics)
             if policy.content_hash == told.hash:
                 return policy if isinstance(policy, MlpPolicy) and _is_simple(policy) else None
     return None

@@ -38,13 +38,13 @@ def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 
     }
     traces = tuple(_trace(key, outcomes, rng) for key in keys)
     places = list(dict.fromkeys((lead.row, lead.seed) for lead in leads))[:MOST_POLICIES]
-    live = with_policies(panel, leads, {place: _network(rng) for place in places})
+    live = with_policies(panel, leads, {place: network(rng) for place in places})
     return Told(outcomes, tuple(leads), traces, live)
 
 
-def _network(rng: np.random.Generator) -> MlpPolicy:
+def network(rng: np.random.Generator, width: int = 64) -> MlpPolicy:
     """As large as PPO's, for the pendulum."""
-    sizes = (3, 64, 64, 1)
+    sizes = (3, width, width, 1)
     layers = tuple(
         (rng.normal(0.0, 0.3, (out, into)), rng.normal(0.0, 0.3, out))
         for into, out in itertools.pairwise(sizes)
