@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         EnvState,
         Mixture,
         Outcome,
+        Script,
         Settings,
         Setup,
         Timing,
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
         dividing_step,
         quiet_status,
         reset_info,
+        script_of,
         step_info,
         whole_multiple,
     )

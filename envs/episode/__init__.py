@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees
     from .info import BLANK, reset_info, step_info
     from .mixture import WEIGHT, Mixture, make_mixture
+    from .script import Script, script_of
     from .settings import Settings, Setup, build_setup
     from .starts import (
         GivenNumbers,

@@ -187,8 +187,8 @@ def _traced(key: _Key) -> Any:
     rest = (0.0,) * len(key.setup.plant.coordinates)
     try:
         if key.function is _scalar_start:
-            return compiled(SCALARS, function, _truths(rest), _truths(rest))
-        state = _truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
+            return compiled(SCALARS, function, truths(rest), truths(rest))
+        state = truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
         if key.function is _scalar_step:
             return compiled(SCALARS, function, state, False)
         return repeated(ARRAYS, function, state, False)
@@ -196,6 +196,6 @@ def _traced(key: _Key) -> Any:
         return None
 
 
-def _truths(values: tuple[Any, ...]) -> Any:
+def truths(values: tuple[Any, ...]) -> Any:
     """True where a truth value stands, False where a number does."""
     return map_leaves(lambda value: isinstance(value, bool), values)

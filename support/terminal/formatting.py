@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Final
 
 NONE: Final = "–"
@@ -34,8 +35,8 @@ def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
 
 
 def true_minus(text: str) -> str:
-    """A sentence with true minus signs before its rates."""
-    return text.replace(" -0.", " −0.")
+    """A sentence with true minus signs before its numbers."""
+    return re.sub(r"(?<=[ (])-(?=\d)", "−", text)
 
 
 def seconds(value: float | None) -> str:

@@ -1,9 +1,9 @@
-"""Python source of functions over components: run once on symbols, written down, compiled.
+"""Source of functions over components, in Python or JavaScript: run once on symbols, written down.
 
 A function written for `Ops` is called with symbols in place of floats or arrays. What it does to
-them is a trace: operations and loops. The trace is written as one Python function without objects
-or calls of our own, which computes the same numbers to the last bit. Knows `Ops`, not what is
-traced.
+them is a trace: operations and loops. The trace is written as one function without objects or
+calls of our own; in Python it is compiled, and computes the same numbers to the last bit. Knows
+`Ops`, not what is traced.
 """
 
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .compiling import Repeated, compiled, repeated
-    from .dialects import ARRAYS, SCALARS, Unusual
+    from .compiling import Repeated, compiled, repeated, source_of
+    from .dialects import ARRAYS, JAVASCRIPT, SCALARS, Unusual
 else:
     __getattr__, __dir__ = lazy_door(__name__)

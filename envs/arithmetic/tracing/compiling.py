@@ -1,4 +1,4 @@
-"""From a function over components to one of floats or arrays."""
+"""From a function over components to one of floats or arrays, or to its source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..trees import leaves_of, rebuilt
 from .dialects import Dialect
 from .liveness import carried
 from .symbolic_ops import SymbolicOps
-from .symbols import Symbol, symbols_in
+from .symbols import NotTraceable, Symbol, symbols_in
 from .trace import Trace
 from .writer import Writer, target
 
@@ -35,6 +35,22 @@ def compiled(dialect: Dialect, function: Function, *patterns: Any) -> Function:
         NotTraceable: if ``function`` asks for the value of a component.
     """
     return _written(*_traced(dialect, function, patterns))
+
+
+def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
+    """As :func:`compiled`, but what the function is written as, for another to run.
+
+    Of :data:`~.dialects.JAVASCRIPT` it is an arrow function of arrays in the place of tuples, which
+    returns null where what ``function`` expects does not hold; it takes and gives the same numbers
+    to the rounding of sines and powers, and raises nothing: 1 / 0 is infinite.
+
+    Raises:
+        NotTraceable: as there, and for a call that is not of our own arithmetic.
+    """
+    trace, arguments, result = _traced(dialect, function, patterns)
+    if trace.functions:
+        raise NotTraceable("a call of somebody else's function cannot be written down")
+    return _source(trace, arguments, result)
 
 
 class Repeated(NamedTuple):
@@ -81,16 +97,17 @@ def _taken_out(trace: Trace, place: int) -> Any:
 
 
 def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
-    writer = Writer(trace)
-    names = [f"a{k}" for k in range(len(arguments))]
-    lines = [
-        f"{target(argument)} = {name}" for name, argument in zip(names, arguments, strict=True)
-    ]
-    lines += writer.block(trace.block, symbols_in(result))
-    lines.append(f"return {writer.result(result)}")
-    source = f"def traced({', '.join(names)}):\n" + "".join(f"    {line}\n" for line in lines)
+    source = _source(trace, arguments, result)
     space = {**trace.dialect.names, **trace.functions}
     exec(compile(source, "<traced>", "exec"), space)
     made: Function = space["traced"]
     made.__doc__ = source
     return made
+
+
+def _source(trace: Trace, arguments: Sequence[Any], result: Any) -> str:
+    syntax, writer = trace.dialect.syntax, Writer(trace)
+    names = [f"a{k}" for k in range(len(arguments))]
+    targets = [target(syntax, argument) for argument in arguments]
+    body = writer.block(trace.block, symbols_in(result))
+    return syntax.function(names, targets, body, writer.result(result))

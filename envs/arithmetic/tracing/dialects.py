@@ -1,4 +1,4 @@
-"""How operations are written: for floats with `math`, for arrays with NumPy."""
+"""How operations are written: for floats with `math`, for arrays with NumPy, for a browser."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from .syntax import JAVASCRIPT_SYNTAX, PYTHON_SYNTAX, Syntax
 
 
 class Unusual(ArithmeticError):
@@ -23,14 +25,22 @@ class Dialect:
         written: templates of operations that are not written as a call of their name. `expect` is
             a statement, which refuses to go on unless {0} holds; `own` a copy, where entries of
             dictionaries must be objects of their own.
-        lanes: whether components are arrays. Then no arithmetic raises; numbers are taken to be
-            finite, so that 0.0 times one of them is 0.0, and the sign of a zero to mean nothing;
-            and a loop goes on in the lanes where its condition holds, and in no other.
+        lanes: whether components are arrays. Then numbers are taken to be finite, so that 0.0
+            times one of them is 0.0, and the sign of a zero to mean nothing; and a loop goes on in
+            the lanes where its condition holds, and in no other.
+        raises: whether arithmetic raises, as Python's does on floats.
+        syntax: how statements are written.
     """
 
     names: Mapping[str, Any]
     written: Mapping[str, str]
-    lanes: bool
+    lanes: bool = False
+    raises: bool = False
+    syntax: Syntax = PYTHON_SYNTAX
+
+    def operator(self, template: str) -> str:
+        """How an operation that Python writes by ``template`` is written."""
+        return self.written.get(template, template)
 
     def template(self, operation: str, count: int = 1) -> str:
         """How an operation on so many operands is written."""
@@ -64,7 +74,7 @@ SCALARS = Dialect(
         "expect": "if not {0}: raise Unusual",
         "own": "{0}",
     },
-    lanes=False,
+    raises=True,
 )
 
 ARRAYS = Dialect(
@@ -82,4 +92,25 @@ ARRAYS = Dialect(
         "expect": "if not {0}.all(): raise Unusual",
     },
     lanes=True,
+)
+
+JAVASCRIPT = Dialect(
+    names={},
+    written={
+        **{name: f"Math.{name}({{0}})" for name in ("sin", "cos", "sqrt", "tanh", "floor", "abs")},
+        "minimum": "Math.min({0}, {1})",
+        "maximum": "Math.max({0}, {1})",
+        "{0} % {1}": "((r, m) => (r && m < 0 !== r < 0 ? r + m : r))({0} % {1}, {1})",
+        "{0} == {1}": "{0} === {1}",
+        "{0} != {1}": "{0} !== {1}",
+        "isfinite": "Number.isFinite({0})",
+        "logical_not": "!{0}",
+        "and": "{0} && {1}",
+        "or": "{0} || {1}",
+        "where": "{0} ? {1} : {2}",
+        "any": "{0}",
+        "expect": "if (!{0}) return null;",
+        "own": "{0}",
+    },
+    syntax=JAVASCRIPT_SYNTAX,
 )

@@ -20,16 +20,22 @@ def _operator(template: str) -> tuple[Operator, Operator]:
     """An operation with the symbol on the left, and with the symbol on the right."""
 
     def left(self: Symbol, other: Any) -> Any:
-        return self.trace.note(template, self, other)
+        return self.trace.note(self.trace.dialect.operator(template), self, other)
 
     def right(self: Symbol, other: Any) -> Any:
-        return self.trace.note(template, other, self)
+        return self.trace.note(self.trace.dialect.operator(template), other, self)
 
     return left, right
 
 
 def _comparison(template: str) -> Operator:
-    return lambda self, other: self.trace.note(template, self, other, boolean=True)
+    def compare(self: Symbol, other: Any) -> Any:
+        return self.trace.note(self.trace.dialect.operator(template), self, other, boolean=True)
+
+    return compare
+
+
+_EQUAL = _comparison("{0} == {1}")
 
 
 class Symbol:
@@ -57,7 +63,7 @@ class Symbol:
         self.boolean = boolean
         self.name = name
         self.statement = statement
-        self.raising = statement or (not trace.dialect.lanes and _can_raise(template, arguments))
+        self.raising = statement or (trace.dialect.raises and _can_raise(template, arguments))
         self.uses = 0
         self.depth = 0
 
@@ -80,7 +86,7 @@ class Symbol:
     def __eq__(self, other: Any) -> Any:
         if self.boolean and other is False:
             return self.trace.note(self.trace.dialect.template("logical_not"), self, boolean=True)
-        return self.trace.note("{0} == {1}", self, other, boolean=True)
+        return _EQUAL(self, other)
 
     def __neg__(self) -> Any:
         return self.trace.note("-{0}", self)
@@ -89,7 +95,7 @@ class Symbol:
         return self
 
     def __abs__(self) -> Any:
-        return self.trace.note("abs({0})", self)
+        return self.trace.note(self.trace.dialect.template("abs"), self)
 
     def __and__(self, other: Any) -> Any:
         return self.trace.both(self, other, absorbing=False)

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from .liveness import live_items, needed
 from .symbols import Symbol, plain, symbols_in
+from .syntax import Syntax
 from .trace import Block, Loop, Trace
 
 _DEEPEST: Final = 12
@@ -20,6 +21,7 @@ class Writer:
 
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
+        self._syntax = trace.dialect.syntax
         self._shared: set[int] = set()
         self._cut = 0
         """Lines of the block written last that belong to its first :attr:`Block.split` items."""
@@ -49,9 +51,9 @@ class Writer:
 
     def _display(self, value: Any) -> str:
         if isinstance(value, dict):
-            return "{" + ", ".join(f"{k!r}: {self._entry(v)}" for k, v in value.items()) + "}"
+            return self._syntax.entries([(k, self._entry(v)) for k, v in value.items()])
         if isinstance(value, tuple):
-            return "(" + "".join(f"{self._display(v)}, " for v in value) + ")"
+            return self._syntax.together([self._display(v) for v in value])
         return self._operand(value, bare=True)
 
     def _entry(self, value: Any) -> str:
@@ -67,41 +69,39 @@ class Writer:
         if symbol.statement:
             return [expression]
         symbol.name = self._trace.new_name()
-        return [f"{symbol.name} = {expression}"]
+        return [self._syntax.named(symbol.name, expression)]
 
     def _loop(self, loop: Loop) -> list[str]:
+        syntax = self._syntax
         head = [
-            f"{variable.name} = {self._operand(start, bare=True)}"
+            syntax.variable(variable.name, self._operand(start, bare=True))
             for variable, start in zip(loop.variables, loop.starts, strict=True)
         ]
         inside = self.block(loop.inner, loop.wanted)
         names = [variable.name for variable in loop.variables]
         ends = [self._operand(end, bare=True) for end in loop.ends]
         if loop.index is not None:
-            opening = f"for {loop.index.name} in range({loop.count}):"
-            inside += _assigned(names, ends)
-        elif self._trace.dialect.lanes:
-            opening, active = "while True:", self._trace.new_name()
-            inside[self._cut : self._cut] = [
-                f"{active} = {self._operand(loop.condition, bare=True)}",
-                f"if not any_lane({active}): break",
-            ]
+            inside += syntax.assigned(names, ends)
+            return [*head, *syntax.counting(loop.index.name, loop.count, inside)]
+        condition = self._operand(loop.condition, bare=True)
+        if self._trace.dialect.lanes:
+            active = self._trace.new_name()
+            leave = [syntax.named(active, condition), syntax.leave_unless(f"any_lane({active})")]
             kept = [f"where({active}, {e}, {n})" for n, e in zip(names, ends, strict=True)]
-            inside += [f"if not all_lanes({active}):", *_indented(_assigned(names, kept))]
-            inside += ["else:", *_indented(_assigned(names, ends))]
+            assigned = [syntax.assigned(names, values) for values in (ends, kept)]
+            ending = syntax.either(f"all_lanes({active})", *assigned)
         else:
-            opening = "while True:"
-            stop = f"if not ({self._operand(loop.condition, bare=True)}): break"
-            inside.insert(self._cut, stop)
-            inside += _assigned(names, ends)
-        return [*head, opening, *_indented(inside or ["pass"])]
+            leave = [syntax.leave_unless(condition)]
+            ending = syntax.assigned(names, ends)
+        inside[self._cut : self._cut] = leave
+        return [*head, *syntax.forever([*inside, *ending])]
 
     def _expression(self, symbol: Symbol) -> str:
         return symbol.template.format(*(self._operand(a) for a in symbol.arguments))
 
     def _operand(self, value: Any, bare: bool = False) -> str:
         if not isinstance(value, Symbol):
-            text = repr(plain(value))
+            text = self._syntax.constant(plain(value))
             return f"({text})" if text.startswith("-") else text
         if value.name:
             return value.name
@@ -109,21 +109,12 @@ class Writer:
         return expression if bare else f"({expression})"
 
 
-def _assigned(names: Sequence[str], values: Sequence[str]) -> list[str]:
-    """All at once, as each value may be made of any of the names."""
-    return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
-
-
-def _indented(lines: Sequence[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
-
-
 def _inlined(value: Any) -> bool:
     return isinstance(value, Symbol) and not value.name
 
 
-def target(value: Any) -> str:
+def target(syntax: Syntax, value: Any) -> str:
     """Left side of the assignment that takes an argument apart."""
     if isinstance(value, tuple):
-        return "(" + "".join(f"{target(part)}, " for part in value) + ")"
+        return syntax.together([target(syntax, part) for part in value])
     return str(value.name)

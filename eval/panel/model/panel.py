@@ -172,6 +172,11 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return tuple(sorted(self.rows, key=lambda row: ROW_ORDER.index(row.kind)))
 
     @cached_property
+    def given_alone(self) -> bool:
+        """Whether policies were given and none was trained: what is replicated is the start."""
+        return all(row.kind != "trained" for row in self.rows)
+
+    @cached_property
     def truth(self) -> Cell | None:
         """The reference cell, or None."""
         return next((cell for cell in self.cells if cell.reference), None)

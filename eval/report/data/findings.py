@@ -94,11 +94,14 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | 
     if at_home is None:
         text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
     else:
+        given = row.kind == "given"
+        who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
         text = (
-            f"The policies trained on {row.name} reach {_rate(at_home)} at home but "
-            f"{_rate(truth)} on the truth: that win belongs to the simulator, not to "
-            "the physics."
-        ) + (f" They also pass on {others}." if others else "")
+            f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
+            "to the simulator, not to the physics."
+        )
+        if others:
+            text += f" {'It also passes' if given else 'They also pass'} on {others}."
     close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
     return Finding("false_pass", text, close, len(wrong))
 

@@ -84,17 +84,18 @@ def gap_forest(panel: Panel) -> Forest | None:
     return Forest(
         "Overfitting",
         f"loss of success that neither difficulty nor a deadline explains; shaded: "
-        f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}{_level(shown)}",
+        f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}{_level(panel, shown)}",
         difference_axis((gap.value for gap in shown), margins=True),
         tuple(Block(title, [_line(gap) for gap in gaps]) for title, gaps in found if gaps),
     )
 
 
-def _level(gaps: Iterable[Gap]) -> str:
+def _level(panel: Panel, gaps: Iterable[Gap]) -> str:
     """What to say of the level that the intervals share; nothing where they have none."""
     levels = {gap.value.level for gap in gaps if gap.value.level is not None}
     percent = f"{100 * levels.pop():.0f} %, " if len(levels) == 1 else ""
-    return f"; intervals over seeds, {percent}not adjusted"
+    over = "starts" if panel.given_alone else "seeds"
+    return f"; intervals over {over}, {percent}not adjusted"
 
 
 def _line(gap: Gap) -> Line:

@@ -118,7 +118,7 @@ def success_matrix(panel: Panel) -> Matrix | None:
     return _matrix(
         panel,
         "Success, trained on × evaluated on",
-        "share of episodes that succeed, mean over training seeds",
+        "share of episodes that succeed" + _over_seeds(panel),
         ("0", "1"),
         (*signs, "columns: step in seconds, coarse to fine"),
         lambda entry, home: _success(entry, home, panel.cell(entry.cell)),
@@ -177,7 +177,7 @@ def energy_matrix(panel: Panel) -> Matrix | None:
     return _matrix(
         panel,
         "Energy that the numerics put in or took out",
-        "energy residual in joules, sum over an episode, mean over training seeds",
+        "energy residual in joules, sum over an episode" + _over_seeds(panel),
         (f"−{compact(largest)} J", f"+{compact(largest)} J"),
         (f"symmetric logarithm, linear below {compact(floor)} J",),
         shade,
@@ -207,7 +207,7 @@ def loss_matrix(panel: Panel) -> Matrix | None:
     return _matrix(
         panel,
         "Loss of success",
-        "success lost against home, mean over training seeds; positive is worse",
+        f"success lost against home{_over_seeds(panel)}; positive is worse",
         ("−1", "+1"),
         (),
         shade,
@@ -308,3 +308,7 @@ def _success(entry: Entry, home: bool, cell: Cell) -> Shade:
     rate = entry.success.estimate
     span = entry.success.ends if entry.success.bounded else None
     return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home, hatched, span)
+
+
+def _over_seeds(panel: Panel) -> str:
+    return "" if panel.given_alone else ", mean over training seeds"

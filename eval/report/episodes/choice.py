@@ -91,8 +91,13 @@ def _largest_drops(panel: Panel) -> list[tuple[str, str]]:
         for entry in panel.matrix
         if entry.cell in columns and not panel.row(entry.row).baseline
     ]
-    entries.sort(key=drop, reverse=True)
+    entries.sort(key=lambda entry: (_uninformative(panel, entry), -drop(entry)))
     return [(entry.row, entry.cell) for entry in entries[:3]]
+
+
+def _uninformative(panel: Panel, entry: Entry) -> bool:
+    """Whether nobody succeeds in a cell in time: then it judges the simulator."""
+    return panel.cell(entry.cell).achievability in ("too_slow", "unachievable")
 
 
 def _leads(

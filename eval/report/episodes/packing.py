@@ -1,7 +1,7 @@
 """Episodes as a page carries them: JSON and numbers, deflated.
 
-The page's `unpack.js` is the other half. A number of 16 bits is stored as two planes of bytes, low
-then high, which deflate well; samples of a trace as differences from the one before.
+The page's `unpack.js` is the other half. Numbers of 16 or 32 bits are stored as planes of bytes,
+the lowest first, which deflate well; samples of a trace as differences from the one before.
 """
 
 from __future__ import annotations
@@ -10,12 +10,16 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
+from gymnasium import spaces
+
+from integ_gym.train import MlpPolicy
 
 from ...panel.model import Panel
+from .live import Live
 from .outcomes import LEDGER, Array
 from .told import Told
 from .traces import Trace
@@ -37,12 +41,13 @@ class Blob:
         self._size = 0
 
     def add(self, values: Array) -> int:
-        """Add bytes, or numbers of 16 bits as planes; returns where they begin."""
+        """Add bytes, or wider numbers as planes of bytes; returns where they begin."""
         if values.dtype.itemsize == 1:
             data = values.astype(np.uint8).tobytes()
         else:
-            pairs = np.ascontiguousarray(values).astype("<u2").view(np.uint8).reshape(-1, 2)
-            data = np.ascontiguousarray(pairs.T).tobytes()
+            size = values.dtype.itemsize
+            little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+            data = np.ascontiguousarray(little.view(np.uint8).reshape(-1, size).T).tobytes()
         place, self._size = self._size, self._size + len(data)
         self._parts.append(data)
         return place
@@ -54,14 +59,19 @@ class Blob:
         return base64.b64encode(_deflated(content)).decode()
 
 
-def packed(panel: Panel, told: Told | None, head: Mapping[str, Any]) -> str:
-    """The text that a page carries: what it says of entries, and all that is told of episodes."""
+def packed(
+    panel: Panel, told: Told | None, head: Mapping[str, Any], said: Callable[[str], str]
+) -> str:
+    """The text that a page carries: what it says of entries, and all that is told of episodes.
+
+    ``said`` puts a sentence as the page puts it.
+    """
     blob = Blob()
-    more = {} if told is None else _told(panel, told, blob)
+    more = {} if told is None else _told(panel, told, blob, said)
     return blob.packed({**head, **more})
 
 
-def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
+def _told(panel: Panel, told: Told, blob: Blob, said: Callable[[str], str]) -> dict[str, Any]:
     rows = {row.name: place for place, row in enumerate(panel.rows)}
     cells = {cell.name: place for place, cell in enumerate(panel.cells)}
     names = sorted({str(x) for own in told.outcomes.values() for x in np.unique(own.label)})
@@ -80,7 +90,7 @@ def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
         "labels": names,
         "unit": unit,
         "outcomes": entries,
-        "traces": [_trace(trace, rows, cells, blob) for trace in told.traces],
+        "traces": [_trace(trace, rows, cells, blob, said) for trace in told.traces],
         "leads": [
             {
                 "at": [rows[lead.row], cells[lead.cell], lead.seed, lead.episode],
@@ -89,7 +99,37 @@ def _told(panel: Panel, told: Told, blob: Blob) -> dict[str, Any]:
             }
             for lead in told.leads
         ],
+        "live": None if told.live is None else _live(told.live, rows, cells, blob),
     }
+
+
+def _live(
+    live: Live, rows: Mapping[str, int], cells: Mapping[str, int], blob: Blob
+) -> dict[str, Any]:
+    return {
+        "periods": {cells[name]: period for name, period in live.periods.items()},
+        "coordinate": live.coordinate,
+        "reach": round(live.reach, 4),
+        "policies": [
+            {"at": [rows[row], seed], **_network(policy, blob)}
+            for (row, seed), policy in live.policies.items()
+        ],
+    }
+
+
+def _network(policy: MlpPolicy, blob: Blob) -> dict[str, Any]:
+    """Weights, and how outputs become an action; `low` is missing where it is a choice."""
+    layers = [[*weight.shape, blob.add(weight), blob.add(bias)] for weight, bias in policy.layers]
+    actions, scaling = policy.actions, policy.statistics
+    bounds = {} if isinstance(actions.space, spaces.Discrete) else {
+        "low": actions.space.low.tolist(), "high": actions.space.high.tolist(),
+        "squash": actions.squash, "limit": _finite(actions.limit),
+    }  # fmt: skip
+    statistics = scaling and {
+        "mean": scaling.mean.tolist(), "var": scaling.var.tolist(), "epsilon": scaling.epsilon,
+        "clip": scaling.clip_obs,
+    }  # fmt: skip
+    return {"layers": layers, "activation": policy.activation, "statistics": statistics, **bounds}
 
 
 def _unit(told: Told) -> float:
@@ -108,7 +148,11 @@ def _rounded(values: Array, unit: float) -> Array:
 
 
 def _trace(
-    trace: Trace, rows: Mapping[str, int], cells: Mapping[str, int], blob: Blob
+    trace: Trace,
+    rows: Mapping[str, int],
+    cells: Mapping[str, int],
+    blob: Blob,
+    said: Callable[[str], str],
 ) -> dict[str, Any]:
     row, cell, seed, episode = trace.key
     fields = trace.fields
@@ -126,9 +170,10 @@ def _trace(
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": fields["failure_reason"],
+        "reason": said(fields["failure_reason"] or ""),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
+        "state": fields["initial_state"],
         "start": _finite(fields["energy_start"]),
         "end": _finite(fields["energy_end"]),
         "totals": [_finite(total) for total in totals],

@@ -62,11 +62,16 @@ def _facts(setup: Setup) -> list[tuple[str, str]]:
     if gravity is not None:
         limit += f"; gravity pulls with up to {float(np.max(gravity)):g} {plant.control_unit}"
     return [
-        ("goal", setup.task.goal.replace("theta", "θ")),
+        ("goal", _goal(setup)),
         ("motor", limit),
         ("decisions", f"one every {timing.control_period:g} s, held in between"),
         ("episode", f"{setup.settings.duration:g} s, start: {setup.settings.start}"),
     ]
+
+
+def _goal(setup: Setup) -> str:
+    words = setup.task.goal.replace("theta", "θ")
+    return words.replace("`duration`", f"{setup.settings.duration:g} s")
 
 
 def _limit(setup: Setup) -> float:
@@ -86,12 +91,23 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         "bob": bob,
         "clockwise": "counter-clockwise" not in plant.frame,
         "goal": [_half_goal(setup, place) for place in range(len(plant.coordinates))],
+        "pose": _pose(setup),
         "control": plant.control_name,
         "unit": plant.control_unit,
         "actuated": plant.actuated,
         "limit": _limit(setup),
         "upright": _goal_energy(setup),
     }
+
+
+def _pose(setup: Setup) -> list[float]:
+    """Coordinates to draw the task in: part of the way up, or near the goal if it ends there."""
+    plant = setup.plant
+    angles = [unit == "rad" for unit in plant.coordinate_units]
+    swinging = tuple(2.2 if angle else 0.0 for angle in angles)
+    if not setup.task.terminated(SCALAR, swinging, (0.0,) * len(swinging)):
+        return list(swinging)
+    return [0.5 * (_half_goal(setup, k) or 0.2) if angle else 0.0 for k, angle in enumerate(angles)]
 
 
 def _goal_energy(setup: Setup) -> float:

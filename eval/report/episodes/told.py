@@ -11,6 +11,7 @@ from integ_gym.evidence import EvidenceStore
 
 from ...panel.model import Panel
 from .choice import Lead, chosen
+from .live import Live, live_of
 from .outcomes import Outcomes, outcomes_of
 from .traces import Trace, traces_of
 
@@ -23,11 +24,13 @@ class Told:
         outcomes: of every episode, by row and cell.
         leads: what is worth watching, the most informative first.
         traces: of the leads.
+        live: what can be simulated anew; None where nothing can.
     """
 
     outcomes: Mapping[tuple[str, str], Outcomes]
     leads: tuple[Lead, ...]
     traces: tuple[Trace, ...]
+    live: Live | None = None
 
 
 def told_by(panel: Panel, directory: str | PathLike[str]) -> Told | None:
@@ -43,5 +46,6 @@ def told_by(panel: Panel, directory: str | PathLike[str]) -> Told | None:
     leads = chosen(panel, outcomes)
     traces = traces_of(panel, store, leads)
     there = {trace.key for trace in traces}
-    shown = (lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there)
-    return Told(outcomes, tuple(shown), tuple(traces))
+    shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
+    live = live_of(panel, shown, Path(directory))
+    return Told(outcomes, tuple(shown), tuple(traces), live)

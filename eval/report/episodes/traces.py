@@ -22,7 +22,7 @@ _FIELDS: Final = (
     "record_id", "policy_id", "cell", "episode_index", "success", "failure_label",
     "failure_reason", "time_to_success", '"return"', "energy_start", "energy_end", "length",
     "work_total", "energy_residual_total", "dissipated_total", "contact_loss_total",
-    "clip_loss_total", "control_period",
+    "clip_loss_total", "control_period", "initial_state",
 )  # fmt: skip
 _SUMS: Final = ("work", "energy_residual", "dissipated", "contact_loss", "clip_loss")
 
@@ -36,7 +36,7 @@ class Trace:
 
     Attributes:
         key: which one.
-        fields: its record's fields.
+        fields: its record's fields by name.
         period: time between two samples, s.
         motion: coordinates by name, shape (samples,).
         control: in force from each sample on, by name, shape (samples,).
@@ -100,7 +100,7 @@ def _trace(key: Key, record: Mapping[str, Any], states: list[str], controls: lis
     kept = np.arange(0, length + 1, every)
     return Trace(
         key,
-        {name: value for name, value in record.items() if not isinstance(value, list)},
+        {name: record[name] for name in map(_bare, _FIELDS)},
         record["control_period"] * every,
         {name: values[kept] for name, values in motion.items()},
         {name: values[kept] for name, values in control.items()},
@@ -132,6 +132,10 @@ def _cumulative(values: Any, length: int) -> Array:
 
 def _named(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'
+
+
+def _bare(name: str) -> str:
+    return name.strip('"')
 
 
 def _literal(value: Any) -> str:

@@ -85,7 +85,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head)
+    return packed(panel, told, head, lambda text: said(panel, text))
 
 
 def _place(panel: Panel, entry: Entry) -> str:

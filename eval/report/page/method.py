@@ -14,7 +14,7 @@ from ...panel.model import Panel
 
 def limits_of(panel: Panel) -> list[str]:
     """What this panel cannot say, from its own numbers."""
-    rows = [row for row in panel.rows if not row.baseline]
+    rows = [row for row in panel.rows if not (row.baseline or panel.given_alone)]
     fewest = min((row.seeds for row in rows), default=0)
     limits = []
     if rows and fewest < rules.MIN_SEEDS:
@@ -37,6 +37,8 @@ def limits_of(panel: Panel) -> list[str]:
             f"{rules.LEARNED})."
         )
     limits += panel.protocol_gaps
+    if panel.given_alone:
+        return [*limits, "Another seed of the same training could do otherwise."]
     limits.append(
         "Everything outside the declared family is exploratory: its intervals are not adjusted "
         "for how many there are."
@@ -57,7 +59,7 @@ def settings_of(panel: Panel) -> list[tuple[str, str]]:
 
 def _is_plain(value: Any) -> bool:
     if isinstance(value, list):
-        return all(not isinstance(item, list | Mapping) for item in value)
+        return bool(value) and all(not isinstance(item, list | Mapping) for item in value)
     return not isinstance(value, Mapping)
 
 

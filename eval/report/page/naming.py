@@ -22,8 +22,11 @@ def called(panel: Panel, name: str) -> str:
 
 def said(panel: Panel, text: str) -> str:
     """A sentence as it is shown."""
-    if panel.truth is not None:
-        text = text.replace(panel.truth.name, "the truth")
+    truth = panel.truth
+    if truth is not None:
+        text = text.replace(truth.name, "the truth")
+        at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
+        text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
     return text.replace("the reference", "the truth")
 
 

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.support import VIRIDIS, page_environment, page_parts, plural, replace_file
+from integ_gym.support import (
+    VIRIDIS,
+    page_environment,
+    page_parts,
+    plural,
+    replace_file,
+    true_minus,
+)
 
 from ... import verdict as rules
 from ...panel.model import Panel
@@ -99,23 +106,36 @@ def _template() -> Any:
         up=drawing.up,
         corners=drawing.corners,
         shading=drawing.shading,
+        true_minus=true_minus,
         **naming_filters(),
     )
     return environment.get_template("report.html.j2")
 
 
-@cache
-def _own_parts() -> dict[str, Any]:
-    """Style and script of this page; `main.js` comes last."""
-    scripts = _texts("script")
+def _own_parts(panel: Panel, told: Told | None) -> dict[str, Any]:
+    """Style and script of this page; the steps that it takes come first, and `main.js` last."""
+    scripts = dict(_texts("script"))
     main = scripts.pop("main.js")
-    script = "\n".join((*scripts.values(), main))
+    script = "\n".join((_steps(panel, told), *scripts.values(), main))
     return page_parts("".join(_texts("sheets").values()), f"(() => {{\n{script}}})();\n")
 
 
+def _steps(panel: Panel, told: Told | None) -> str:
+    """Start and step of every cell that is simulated, by its place."""
+    scripts = told.live.scripts if told and told.live else {}
+    places = {cell.name: place for place, cell in enumerate(panel.cells)}
+    lines = [f"{places[name]}: [{start},\n{step}],\n" for name, (start, step) in scripts.items()]
+    return f"const STEPS = {{\n{''.join(lines)}}};"
+
+
+@cache
 def _texts(folder: str) -> dict[str, str]:
-    files = resources.files(__package__).joinpath(folder).iterdir()
-    return {file.name: file.read_text("utf-8") for file in sorted(files, key=lambda f: f.name)}
+    """Files by name, those of folders within first."""
+    entries = sorted(resources.files(__package__).joinpath(folder).iterdir(), key=lambda e: e.name)
+    inner: dict[str, str] = {}
+    for entry in entries:
+        inner |= _texts(f"{folder}/{entry.name}") if entry.is_dir() else {}
+    return inner | {entry.name: entry.read_text("utf-8") for entry in entries if entry.is_file()}
 
 
 def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
@@ -124,13 +144,14 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
     leads = told.leads if told else ()
     cards = [card_of(panel, judged) for judged in ordered_verdicts(panel)]
     return {
-        **_own_parts(),
+        **_own_parts(panel, told),
         "panel": panel,
         "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
         "headline": headline_of(panel),
         "task": task,
         "leads": leads,
         "watch_title": _watch_title(told),
+        "watch_words": _watch_words(panel, told),
         "carried": carried_by(panel, told, task, _href),
         "tiles": tiles_of(panel, trusts),
         "success": success_matrix(panel),
@@ -172,6 +193,19 @@ def _watch_title(told: Told | None) -> str:
         row, _, seed, episode = trace.key
         ends.setdefault((row, seed, episode), set()).add(trace.fields["failure_label"] == "none")
     return "Watch it fail" if {True, False} in ends.values() else "Watch it"
+
+
+def _watch_words(panel: Panel, told: Told | None) -> str:
+    """What of the motions is recorded, and what is recomputed."""
+    if told is None or told.live is None:
+        return "These are recorded episodes."
+    left_out = [cell.name for cell in panel.columns if cell.name not in told.live.scripts]
+    policies = plural(len(told.live.policies), "policy", "policies")
+    words = (
+        "Episodes are recorded; move the start, and this browser recomputes them by the equations "
+        f"that made the records ({policies}, {plural(len(told.live.scripts), 'discretization')})"
+    )
+    return f"{words}; recorded only: {', '.join(left_out)}." if left_out else f"{words}."
 
 
 def _href(path: str) -> str:

@@ -30,5 +30,6 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     ]
     if trusts:
         tiles.append((f"{len(wrong)}", "answers the truth contradicts"))
-    tiles.append((seconds(panel.cost.wall_seconds), "to train and evaluate"))
+    work = "to train and evaluate" if trained else "to evaluate"
+    tiles.append((seconds(panel.cost.wall_seconds), work))
     return tiles

@@ -68,7 +68,7 @@ def test_from_a_cell_to_an_episode_and_back_by_keys_alone(
     browser.press("Escape")
     browser.until("!document.getElementById('drawer').open")
     assert browser.value(f"{FOCUSED}.hash") == cell
-    assert browser.value("location.hash") == ""
+    browser.until("location.hash === ''")
     assert browser.said == []
     assert browser.asked == ["about:blank", page.as_uri()][-len(browser.asked) :]
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.report.episodes.choice import chosen
+from integ_gym.eval.report.episodes.live import MOST_POLICIES, with_policies
 from integ_gym.eval.report.episodes.outcomes import Outcomes
 from integ_gym.eval.report.episodes.told import Told
 from integ_gym.eval.report.episodes.traces import Trace
+from integ_gym.train.policy.actions import BoxActions
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 
 SAMPLES = 241
 
@@ -31,7 +36,20 @@ def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 
     keys = {
         (lead.row, cell, lead.seed, lead.episode): lead for lead in leads for cell in lead.cells
     }
-    return Told(outcomes, tuple(leads), tuple(_trace(key, outcomes, rng) for key in keys))
+    traces = tuple(_trace(key, outcomes, rng) for key in keys)
+    places = list(dict.fromkeys((lead.row, lead.seed) for lead in leads))[:MOST_POLICIES]
+    live = with_policies(panel, leads, {place: network(rng) for place in places})
+    return Told(outcomes, tuple(leads), traces, live)
+
+
+def network(rng: np.random.Generator, width: int = 64) -> MlpPolicy:
+    """As large as PPO's, for the pendulum."""
+    sizes = (3, width, width, 1)
+    layers = tuple(
+        (rng.normal(0.0, 0.3, (out, into)), rng.normal(0.0, 0.3, out))
+        for into, out in itertools.pairwise(sizes)
+    )
+    return MlpPolicy(layers, "Tanh", BoxActions([-0.7], [0.7]))
 
 
 def _trace(
@@ -53,6 +71,7 @@ def _trace(
         "failure_reason": "" if label == "none" else f"it never came near on {cell}",
         "time_to_success": None if label != "none" else float(own.time[seed, episode]),
         "return": -100.0,
+        "initial_state": [3.2, 0.1],
         "energy_start": 0.05,
         "energy_end": 0.05 + float(totals[0] + totals[1] - totals[2]),
         "work_total": float(totals[0]),

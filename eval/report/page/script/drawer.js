@@ -90,7 +90,7 @@ class Drawer {
     if (traced.size) legend.push(make("span", {}, make("b", { class: "traced" }, "●"), " its motion is on this page"));
     return [
       make("h3", {}, `Every episode: ${policies.length > 1 ? `${policies.length} seeds` : "one policy"} × ${count} starts`),
-      make("div", { class: "scroll" }, grid), make("p", { class: "legend" }, legend),
+      make("p", { class: "legend" }, legend), make("div", { class: "scroll" }, grid),
     ];
   }
 
@@ -111,7 +111,7 @@ class Drawer {
   }
 
   go(place) {
-    history.replaceState(null, "", entryHash(place));
+    remember(entryHash(place));
     this.open(place);
   }
 
@@ -125,6 +125,7 @@ class Drawer {
     const back = make("button", { type: "button", class: "chip" }, "‹ all episodes");
     back.addEventListener("click", () => this.go({ r, c, s: null }));
     const trace = carried.trace(r, c, s, e);
+    const lead = this.restartable(r, s);
     const parts = [
       make("p", { class: "crumb" }, back, ` seed ${policy.seed ?? "–"}, start ${e}`),
       make("p", { class: `outcome ${label === "none" ? "won" : "lost"}` },
@@ -135,8 +136,19 @@ class Drawer {
     ].filter(Boolean);
     if (trace) parts.push(...this.motion(place, trace));
     else parts.push(make("p", { class: "about" }, `Its motion is not on this page, which carries traces ${carried.choice}. The command below shows its record.`));
+    if (lead >= 0) {
+      parts.push(make("p", { class: "about" }, "This policy is on this page: ",
+        make("a", { href: watchHash(lead, [c], 0, carried.live.startOf(carried.trace(...carried.leads[lead].at))) },
+          "start it from anywhere, recomputed in this browser"), "."));
+    }
     parts.push(...this.ledger(r, c, s, e, trace), ...this.elsewhere(place), ...this.record(place, trace));
     return parts;
+  }
+
+  // The first lead of a policy that can be simulated, or −1.
+  restartable(r, s) {
+    const { leads, live } = this.carried;
+    return live && live.acts(r, s) ? leads.findIndex(({ at }) => at[0] === r && at[2] === s) : -1;
   }
 
   motion(place, trace) {

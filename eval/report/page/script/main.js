@@ -2,16 +2,19 @@
 async function begin() {
   const carried = await unpack(document.getElementById("carried").textContent);
   const matrix = document.querySelector(".matrixcard");
-  if (matrix) new Grid(carried, matrix);
+  const grid = matrix ? new Grid(carried, matrix) : null;
   const drawer = new Drawer(carried, document.getElementById("drawer"));
   const watched = document.getElementById("watch-card");
   const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;
   for (const svg of document.querySelectorAll("[data-scene]")) showTask(carried, svg);
   const went = () => {
+    const view = viewOf(location.hash);
+    if (grid && view) grid.view(view);
+    else if (viewed) remember(placeHash());
     const place = placeOf(location.hash);
     if (place.kind === "entry") drawer.open(place);
     else if (place.kind === "watch" && watch) {
-      watch.open(place.lead, place.on, place.t);
+      watch.open(place.lead, place.on, place.t, place.value);
       watched.scrollIntoView();
     } else if (drawer.dialog.open) drawer.dialog.close();
   };
@@ -24,16 +27,16 @@ async function begin() {
   // A second visit of the same cell changes no hash.
   document.addEventListener("click", (event) => {
     const link = event.target.closest('a[href^="#r"]');
-    if (link && link.hash === location.hash) went();
+    if (link && link.hash === placeHash()) went();
   });
-  document.documentElement.dataset.ready = "";
+  document.documentElement.dataset.ready = performance.now().toFixed(0);
 }
 
-// The task before anything moves: a quarter of the way from hanging to upright.
+// The task before anything moves.
 function showTask(carried, holder) {
   const stage = new Stage(carried, carried.scene, null);
-  const start = carried.scene.links.map((link) => (link.joint === "hinge" ? 2.2 : 0));
-  stage.pose(carried.scene.bob ? [0.35 * carried.scene.bob.pivot, 0.1] : start, 0.9);
+  const { bob, pose } = carried.scene;
+  stage.pose(bob ? [0.35 * bob.pivot, 0.1] : pose, 0.9);
   holder.append(stage.svg);
 }
 

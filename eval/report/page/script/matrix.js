@@ -3,6 +3,7 @@ class Grid {
   constructor(carried, root) {
     Object.assign(this, { carried, root });
     this.table = root.querySelector("table");
+    this.measure = 0;
     this.links = [...this.table.querySelectorAll("td > a")];
     this.measures();
     this.filters();
@@ -18,7 +19,7 @@ class Grid {
     this.chips = measures.map((measure, place) => {
       const chip = make("button", { type: "button", class: "chip", "aria-pressed": String(!place) },
         measure.name);
-      chip.addEventListener("click", () => this.show(place));
+      chip.addEventListener("click", () => { this.show(place); this.note(); });
       return chip;
     });
     box.append(...this.chips);
@@ -27,6 +28,7 @@ class Grid {
   }
 
   show(place) {
+    this.measure = place;
     const measure = this.carried.measures[place];
     this.chips.forEach((chip, k) => chip.setAttribute("aria-pressed", String(k === place)));
     this.root.querySelector(".measure").textContent = measure.about;
@@ -52,30 +54,55 @@ class Grid {
 
   filters() {
     const { groups } = this.carried;
-    if (groups.length < 3) return;
-    const steps = [...new Set(groups.flatMap((g) => (g.truth ? [] : g.steps)))];
     this.hiddenGroups = new Set();
     this.hiddenSteps = new Set();
+    this.names = groups.filter((g) => !g.truth).map((g) => g.name);
+    this.steps = [...new Set(groups.flatMap((g) => (g.truth ? [] : g.steps)))];
+    if (groups.length < 3) return;
     const chips = (values, hidden, words) => values.map((value) => {
       const chip = make("button", { type: "button", class: "chip", "aria-pressed": "true" },
         words(value));
       chip.addEventListener("click", () => {
         if (!hidden.delete(value)) hidden.add(value);
-        chip.setAttribute("aria-pressed", String(!hidden.has(value)));
         this.sift();
+        this.note();
       });
-      return chip;
+      return { chip, pressed: () => chip.setAttribute("aria-pressed", String(!hidden.has(value))) };
     });
-    const names = groups.filter((g) => !g.truth).map((g) => g.name);
-    const box = make("details", { class: "filters" }, make("summary", {}, "columns"),
+    const [byName, byStep] = [chips(this.names, this.hiddenGroups, spaced),
+      chips(this.steps, this.hiddenSteps, (step) => `${step} s`)];
+    this.sifting = [...byName, ...byStep];
+    this.columns = make("details", { class: "filters" }, make("summary", {}, "columns"),
       make("div", { class: "chips", role: "group", "aria-label": "integrators" },
-        chips(names, this.hiddenGroups, spaced)),
+        byName.map(({ chip }) => chip)),
       make("div", { class: "chips", role: "group", "aria-label": "steps, seconds" },
-        chips(steps, this.hiddenSteps, (step) => `${step} s`)));
-    this.root.querySelector(".controls").append(box);
+        byStep.map(({ chip }) => chip)));
+    this.root.querySelector(".controls").append(this.columns);
+  }
+
+  // What the URL says that is to be seen; a number that is not there is passed over.
+  view({ measure, groups, steps }) {
+    const found = (places, values) => places.filter((k) => k in values).map((k) => values[k]);
+    const [names, hidden] = [found(groups, this.names), found(steps, this.steps)];
+    if (this.sifting) {
+      for (const set of [this.hiddenGroups, this.hiddenSteps]) set.clear();
+      names.forEach((name) => this.hiddenGroups.add(name));
+      hidden.forEach((step) => this.hiddenSteps.add(step));
+      if (names.length + hidden.length) this.columns.open = true;
+      this.sift();
+    }
+    if (this.chips && measure < this.chips.length && measure !== this.measure) this.show(measure);
+    this.note();
+  }
+
+  note() {
+    const places = (values, hidden) => [...hidden].map((value) => values.indexOf(value)).sort((a, b) => a - b);
+    rememberView({ measure: this.measure, groups: places(this.names, this.hiddenGroups),
+      steps: places(this.steps, this.hiddenSteps) });
   }
 
   sift() {
+    for (const { pressed } of this.sifting) pressed();
     const shown = this.carried.groups.flatMap((group) => group.steps.map((step) =>
       group.truth || !(this.hiddenGroups.has(group.name) || this.hiddenSteps.has(step))));
     const [heads, steps] = this.table.tHead.rows;
@@ -94,7 +121,7 @@ class Grid {
       }
     }
     const current = this.links.find((link) => link.tabIndex === 0);
-    if (current.offsetParent === null) this.enter(this.visible()[0]);
+    if (current && current.offsetParent === null) this.enter(this.visible()[0]);
   }
 
   visible() { return this.links.filter((link) => link.offsetParent !== null); }

@@ -10,10 +10,19 @@ async function unpack(text) {
 
 class Carried {
   constructor(head, numbers) {
-    Object.assign(this, { traces: [], leads: [], outcomes: {}, labels: [] }, head);
+    Object.assign(this, { traces: [], leads: [], outcomes: {}, labels: [], live: null }, head);
     this.numbers = numbers;
     this.byKey = new Map(this.traces.map((trace) => [trace.at.join("/"), trace]));
     this.read = new Map();
+    this.live = this.live && this.scene ? new Live(this) : null;
+  }
+
+  // Numbers of 32 bits, stored as four planes of bytes.
+  floats(place, count) {
+    const bytes = new Uint8Array(4 * count);
+    for (let k = 0; k < bytes.length; k += 1) bytes[k] = this.numbers[place + (k % 4) * count + (k >> 2)];
+    const view = new DataView(bytes.buffer);
+    return Float32Array.from({ length: count }, (_, k) => view.getFloat32(4 * k, true));
   }
 
   entry(r, c) { return this.entries[`${r}/${c}`]; }
@@ -47,6 +56,7 @@ class Carried {
 
   // A column of a trace: levels were stored as differences, in two planes of bytes.
   column(trace, group, name) {
+    if (trace.live) return trace[group][name];
     const [low, step, place] = trace[group][name];
     if (!this.read.has(place)) {
       const values = new Float64Array(trace.n);

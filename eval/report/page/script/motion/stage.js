@@ -10,7 +10,9 @@ class Stage {
     const half = (scene.bob ? 0.75 : 1.22) * this.reach;
     const wide = Math.max(half, track + 0.35);
     const middle = scene.bob ? -0.5 * this.reach : 0;
-    const box = [-wide, middle - half, 2 * wide, 2 * half];
+    // What never hangs needs no room below.
+    const below = !scene.bob && scene.pose.every((x) => Math.abs(x) < 1) ? 0.3 * half : half;
+    const box = [-wide, middle - half, 2 * wide, half + below];
     this.unit = 0.01 * half;
     this.svg = draw("svg", { class: "stage", viewBox: box.join(" "), "aria-hidden": "true" });
     this.ground(track, half);

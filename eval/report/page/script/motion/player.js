@@ -45,14 +45,18 @@ class Player {
       const bars = new Bars(this.carried, trace, scale, mark);
       this.parts.push(bars);
       children.push(bars.element);
+    } else {
+      children.push(make("p", { class: "about" }, "Its energy ledger is not known."));
     }
+    const more = this.below ? this.below(trace.at[1]) : null;
+    if (more) children.push(more);
     const won = trace.label === "none";
     const cell = this.carried.cells[trace.at[1]];
     const role = this.roleOf ? this.roleOf(trace.at[1]) : "";
     return make("figure", { class: `pane ${won ? "won" : "lost"}` },
       make("figcaption", {}, this.curves ? make("b", { class: `dash line-${place}` }) : null,
         make("span", { class: "name" }, cell.shown),
-        make("span", { class: "end" }, won ? "✓ succeeds" : "✕ fails"),
+        make("span", { class: "end" }, won ? "✓ succeeds" : trace.diverged ? "✕ diverges" : "✕ fails"),
         role ? make("small", {}, role) : null),
       ...children);
   }

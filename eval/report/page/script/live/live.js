@@ -1,0 +1,88 @@
+// Episodes simulated in this browser: a policy's network, and steps written from the same equations
+// of motion that made the records.
+const PARTS = ["motor", "numerics", "losses"];
+const MOST_DECISIONS = 100000;
+
+class Live {
+  constructor(carried) {
+    this.carried = carried;
+    Object.assign(this, carried.live);
+    this.unit = carried.scene.units[this.coordinate];
+    this.turns = this.unit === "rad";
+    this.name = carried.scene.coordinates[this.coordinate];
+    this.networks = new Map(this.policies.map((policy) =>
+      [policy.at.join("/"), new Network(carried, policy)]));
+  }
+
+  acts(r, s) { return this.networks.has(`${r}/${s}`); }
+
+  steps(c) { return c in STEPS; }
+
+  wrapped(value, middle = 0) {
+    if (!this.turns) return value;
+    return value - 2 * Math.PI * Math.floor((value - middle + Math.PI) / (2 * Math.PI));
+  }
+
+  // The middle of the starts that can be chosen: hanging for what starts hanging, else zero.
+  middle({ state }) {
+    return this.turns && Math.cos(state[this.coordinate]) < 0 ? Math.PI : 0;
+  }
+
+  // Where the chosen coordinate of a trace started, less than half a turn from the middle.
+  startOf(trace) { return this.wrapped(trace.state[this.coordinate], this.middle(trace)); }
+
+  shown(value) {
+    const text = this.turns ? `${((this.wrapped(value) * 180) / Math.PI).toFixed(1)}°`
+      : `${value.toFixed(3)} ${this.unit}`;
+    return text.replace("-", "−");
+  }
+
+  // Decision by decision, from a trace's start with the chosen coordinate at a value.
+  * decisions({ at: [r, , s], state }, c, value) {
+    const n = state.length / 2;
+    const [start, step] = STEPS[c];
+    const network = this.networks.get(`${r}/${s}`);
+    const q = state.slice(0, n);
+    if (value !== null) q[this.coordinate] = value;
+    let [now, observation] = start(q, state.slice(n));
+    let told = null;
+    yield { now, told };
+    for (let k = 0; k < MOST_DECISIONS && !(told && told.ended); k += 1) {
+      const after = step(now, network.action(observation));
+      if (after === null) return;
+      [now, observation, told] = after;
+      yield { now, told };
+    }
+  }
+
+  // Whether the policy succeeds.
+  succeeds(like, c, value) {
+    let last = null;
+    for (const { told } of this.decisions(like, c, value)) last = told;
+    return Boolean(last && last.success);
+  }
+
+  // The episode, shaped like the recorded trace that it starts like.
+  trace(like, c, value) {
+    const [r, , s, e] = like.at;
+    const found = [...this.decisions(like, c, value)];
+    const [first, last] = [found[0].now, found.at(-1)];
+    const { ended = false, success = false } = last.told || {};
+    const control = found.slice(1).map(({ told }) => told.control);
+    const columns = (names, values) => Object.fromEntries(names.map((name, k) =>
+      [name, Float64Array.from(values(name, k))]));
+    const summed = (name) => {
+      let sum = 0;
+      return found.map(({ told }) => { sum += told ? told[name] : 0; return sum; });
+    };
+    const ledger = columns(PARTS, summed);
+    return {
+      live: true, at: [r, c, s, e], period: this.periods[c], n: found.length,
+      label: success ? "none" : "failed", diverged: !ended,
+      start: first[2], end: last.now[2], totals: PARTS.map((name) => ledger[name].at(-1)),
+      motion: columns(this.carried.scene.coordinates, (_, k) => found.map(({ now }) => now[0][k])),
+      control: columns(Object.keys(like.control).slice(0, 1), () => [...control, control.at(-1) ?? 0]),
+      ledger,
+    };
+  }
+}

@@ -1,0 +1,212 @@
+// "Watch it fail": one policy from one start, one discretization beside the other.
+const KINDS = { worst: "its worst start", failure: "the median failure", success: "the median success" };
+const MOST_PANES = 4;
+const BARS_SAY = "Bars: energy since the start from the motor and from the numerics, and the energy " +
+  "there is, J; a tick marks rest at the goal.";
+const STRIPS_SAY = "Strips: from which starts it succeeds, all simulated in this browser.";
+
+class Watch {
+  constructor(carried, root) {
+    Object.assign(this, { carried, root, value: null, strips: new Map() });
+    this.choice = make("select", { id: "watch-policy" }, this.options());
+    this.choice.addEventListener("change", () => { this.open(Number(this.choice.value)); this.note(); });
+    this.on = make("div", { class: "chips", role: "group", "aria-label": "discretizations" });
+    this.more = make("details", { class: "further" }, make("summary", {}, "more discretizations"),
+      make("div", { class: "chips", role: "group", "aria-label": "more discretizations" }));
+    this.stage = make("div", {});
+    this.anew = this.startControls();
+    const cells = make("div", { class: "controls cells" }, this.on, this.more);
+    root.querySelector(".controls").append(
+      make("label", { for: "watch-policy" }, "policy and start"), this.choice, this.anew);
+    root.append(cells, this.stage);
+  }
+
+  // Leads whose policies are on the page, apart from those that are recorded only.
+  options() {
+    const { leads, live } = this.carried;
+    const option = (lead) => make("option", { value: leads.indexOf(lead) }, this.words(lead));
+    const acts = ({ at: [r, , s] }) => Boolean(live && live.acts(r, s));
+    const [here, recorded] = [leads.filter(acts), leads.filter((lead) => !acts(lead))];
+    if (!here.length || !recorded.length) return leads.map(option);
+    return [make("optgroup", { label: "from any start, recomputed here" }, here.map(option)),
+      make("optgroup", { label: "recorded only" }, recorded.map(option))];
+  }
+
+  words({ at: [r, c, s, e], kind }) {
+    const { rows, cells } = this.carried;
+    return `${rows[r].shown} · seed ${rows[r].policies[s].seed ?? s}, start ${e}: ` +
+      `${KINDS[kind]} on ${cells[c].shown}`;
+  }
+
+  // The slider of the start, and the way back to the record.
+  startControls() {
+    const { live } = this.carried;
+    if (!live) return make("div", { hidden: true });
+    this.slider = make("input", { type: "range", id: "watch-start",
+      step: live.turns ? Math.PI / 360 : live.reach / 200 });
+    this.told = make("output", { class: "angle", for: "watch-start" });
+    this.back = make("button", { type: "button", class: "chip" }, "as recorded");
+    this.slider.addEventListener("input", () => this.startAt(Number(this.slider.value)));
+    this.slider.addEventListener("change", () => this.begin());
+    this.back.addEventListener("click", () => { this.startAt(null); this.begin(); });
+    const what = `start ${live.turns ? "angle" : live.name}`;
+    return make("div", { class: "start" }, make("label", { for: "watch-start" }, what),
+      this.told, this.slider, this.back);
+  }
+
+  get like() { return this.carried.trace(...this.lead.at); }
+
+  recorded(c) {
+    const { at: [r, , s, e] } = this.lead;
+    return this.carried.trace(r, c, s, e);
+  }
+
+  // Whether the policy can be simulated in a cell.
+  simulated(c) {
+    const { live } = this.carried;
+    const { at: [r, , s] } = this.lead;
+    return Boolean(live && live.acts(r, s) && live.steps(c) && this.like.state);
+  }
+
+  available(lead) {
+    const own = lead.cells.filter((c) => this.recorded(c));
+    const { cells } = this.carried;
+    return [...own, ...cells.map((_, c) => c).filter((c) => !own.includes(c) && this.simulated(c))];
+  }
+
+  // Home and the judged cell first, then whatever else there is room for.
+  usual(lead) {
+    const wide = innerWidth >= 1000 ? MOST_PANES : 2;
+    return this.available(lead).slice(0, Math.min(wide, 3));
+  }
+
+  open(place, on, time, value = null) {
+    const lead = this.carried.leads[place] || this.carried.leads[0];
+    this.lead = lead;
+    this.choice.value = this.carried.leads.indexOf(lead);
+    const there = this.available(lead);
+    this.shown = (on || this.usual(lead)).filter((c) => there.includes(c));
+    if (!this.shown.length) this.shown = this.usual(lead);
+    const [recorded, others] = [true, false].map((own) => there.filter((c) => own === Boolean(this.recorded(c))));
+    this.on.replaceChildren(...recorded.map((c) => this.chip(c)));
+    this.more.lastChild.replaceChildren(...others.map((c) => this.chip(c)));
+    this.more.hidden = !others.length;
+    if (others.some((c) => this.shown.includes(c))) this.more.open = true;
+    this.anew.hidden = !this.simulated(lead.at[1]);
+    this.value = this.anew.hidden ? null : value;
+    this.build(time || 0);
+  }
+
+  chip(c) {
+    const cell = this.carried.cells[c];
+    const chip = make("button", { type: "button", class: "chip", "data-cell": c,
+      "aria-pressed": String(this.shown.includes(c)) }, cell.shown);
+    chip.addEventListener("click", () => this.toggle(c));
+    return chip;
+  }
+
+  toggle(c) {
+    const at = this.shown.indexOf(c);
+    if (at >= 0 && this.shown.length > 1) this.shown.splice(at, 1);
+    else if (at < 0) this.shown = [...this.shown, c].slice(-MOST_PANES);
+    const there = this.available(this.lead);
+    this.shown.sort((a, b) => there.indexOf(a) - there.indexOf(b));
+    this.press();
+    this.build(this.player.time);
+    this.note();
+  }
+
+  press() {
+    for (const chip of this.root.querySelectorAll(".chip[data-cell]")) {
+      const c = Number(chip.dataset.cell);
+      chip.setAttribute("aria-pressed", String(this.shown.includes(c)));
+      chip.disabled = this.value !== null && !this.simulated(c);
+    }
+  }
+
+  // Everything again from another start; null: as it was recorded.
+  startAt(value) {
+    this.value = value;
+    this.build(0);
+  }
+
+  // After a start was chosen.
+  begin() {
+    if (still.matches) this.player.show(this.player.end);
+    else this.player.play();
+    this.note();
+  }
+
+  traceOn(c) {
+    if (this.value === null && this.recorded(c)) return this.recorded(c);
+    return this.simulated(c) ? this.carried.live.trace(this.like, c, this.value) : null;
+  }
+
+  build(time) {
+    if (this.player) this.player.pause();
+    const { at: [r, home, s, e] } = this.lead;
+    const traces = this.shown.map((c) => this.traceOn(c)).filter(Boolean);
+    const { homes } = this.carried.rows[r];
+    this.player = new Player(this.carried, traces, {
+      start: time,
+      roleOf: (c) => [homes.includes(c) ? "trained here" : "", this.sourceOf(c)].filter(Boolean).join(" · "),
+      below: (c) => this.strip(c),
+      moved: () => this.note(),
+    });
+    this.press();
+    const episode = make("a", { href: entryHash({ r, c: home, s, e }) }, "the recorded episode in full");
+    const missing = this.shown.filter((c) => !traces.some((trace) => trace.at[1] === c))
+      .map((c) => this.carried.cells[c].shown);
+    this.stage.replaceChildren(this.player.element, make("p", { class: "legend" },
+      traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY) : null,
+      this.value === null ? null : make("span", {}, STRIPS_SAY),
+      missing.length ? make("span", {}, `Recorded only, so not from this start: ${missing.join(", ")}.`) : null,
+      make("span", {}, episode)));
+    if (!this.anew.hidden) this.tell();
+  }
+
+  sourceOf(c) {
+    return this.value === null && this.recorded(c) ? "recorded" : "recomputed in this browser";
+  }
+
+  tell() {
+    const { live } = this.carried;
+    const value = this.value ?? live.startOf(this.like);
+    const middle = live.middle(this.like);
+    this.slider.min = middle - live.reach;
+    this.slider.max = middle + live.reach;
+    this.slider.value = value;
+    this.told.textContent = live.shown(value);
+    this.slider.setAttribute("aria-valuetext", this.told.textContent);
+    this.back.setAttribute("aria-pressed", String(this.value === null));
+  }
+
+  // From which starts the policy succeeds in a cell, once a start was chosen.
+  strip(c) {
+    if (this.value === null || !this.simulated(c)) return null;
+    const { live } = this.carried;
+    const key = `${this.lead.at.join("/")}/${c}`;
+    if (!this.strips.has(key)) this.strips.set(key, []);
+    const starts = new Starts(live, this.like, c, this.strips.get(key));
+    starts.at(this.value);
+    return starts.element;
+  }
+
+  note() {
+    remember(watchHash(this.carried.leads.indexOf(this.lead), this.shown, this.player.time, this.value));
+  }
+
+  // Begins to move when it is first seen, unless motion is not wanted.
+  startWhenSeen() {
+    if (still.matches) {
+      this.player.show(this.player.end);
+      return;
+    }
+    const seen = new IntersectionObserver((found) => {
+      if (!found.some((one) => one.isIntersecting)) return;
+      seen.disconnect();
+      if (this.player.time === 0) this.player.play();
+    }, { threshold: 0.5 });
+    seen.observe(this.stage);
+  }
+}

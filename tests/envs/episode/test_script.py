@@ -1,0 +1,101 @@
+"""Steps written in JavaScript do in a browser what they do in Python."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from driving import Browser, driven
+from variants import VARIANTS
+
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
+from integ_gym.envs.episode.control_period import EnvState, initial_state
+from integ_gym.envs.episode.script import script_of
+from integ_gym.envs.episode.steps import plain_step
+from integ_gym.envs.integrators import INTEGRATORS
+
+SECONDS = 10.0
+SMALL = 1e-5
+PLAYED = """((start, step) => {
+  let [state, observation] = start(...%s);
+  const told = [];
+  for (const action of %s) {
+    const after = step(state, action);
+    if (after === null) return [...told, null];
+    [state, observation] = after;
+    const { control, motor, numerics, losses, ended, success } = after[2];
+    told.push([...state[0], ...state[1], ...observation, control, motor, numerics, losses, +ended, +success]);
+  }
+  return told;
+})(%s,
+%s)"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with driven(tmp_path_factory.mktemp("browser")) as found:
+        found.open("data:text/html,steps")
+        yield found
+
+
+def _played(setup, q, v, actions):
+    state = initial_state(SCALAR, setup, q, v)
+    step, told = plain_step(setup), []
+    for action in actions:
+        after, observation, _, terminated, truncated, info, _ = step(state, action)
+        state = EnvState._make(after)
+        losses = info["dissipated"] + info["contact_loss"] + info["clip_loss"]
+        ledger = (info["control"], info["actuator_work"], info["energy_residual"], losses)
+        if info["solver_status"] == 2:
+            return [*told, None]
+        ended = float(terminated or truncated)
+        told.append([*state.q, *state.v, *observation, *ledger, ended, float(info["success"])])
+    return told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_browser_gets_where_python_gets(env_id, variant, browser):
+    for integrator in INTEGRATORS.names():
+        setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
+        script = script_of(setup)
+        assert script is not None
+        rng = np.random.default_rng(3)
+        count = len(setup.plant.coordinates)
+        q, v = (tuple(rng.normal(0.0, 0.1, count).tolist()) for _ in range(2))
+        steps = math.ceil(SECONDS / setup.timing.control_period)
+        if setup.task.discrete is None:
+            limit = 1.2 * setup.task.control_limit
+            actions = rng.uniform(-limit, limit, steps).tolist()
+        else:
+            actions = rng.integers(setup.task.discrete, size=steps).astype(float).tolist()
+        expected = _played(setup, q, v, actions)
+        found = browser.value(PLAYED % (json.dumps([q, v]), json.dumps(actions), *script))
+        assert (None in found, len(found)) == (None in expected, len(expected)), integrator
+        here, there = (np.array([row for row in rows if row]) for rows in (found, expected))
+        np.testing.assert_allclose(here, there, rtol=SMALL, atol=SMALL, err_msg=integrator)
+
+
+def test_what_is_not_finite_is_refused_and_noise_is_not_written():
+    setup = environment_setup("IntegPendulum-v0", {"integrator": "rk4"})
+    script = script_of(setup)
+    assert "if (!(Number.isFinite(" in script.step
+    assert script_of(environment_setup("IntegPendulum-v0", {"observation_noise": 0.01})) is None
+
+
+def test_a_step_that_asks_for_a_value_is_not_written(tmp_path, monkeypatch):
+    (tmp_path / "asking.py").write_text(
+        "from integ_gym.envs.integrators.rk4 import RK4\n\n\n"
+        "class Asking(RK4):\n"
+        "    def step(self, ops, system, q, v, losses, control, dt):\n"
+        "        h = dt if v[0] > 0.0 else 0.5 * dt\n"
+        "        return super().step(ops, system, q, v, losses, control, h)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = {"integrator": "asking:Asking"}
+    assert script_of(environment_setup("IntegPendulum-v0", arguments)) is None
