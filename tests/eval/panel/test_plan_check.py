@@ -13,6 +13,7 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
+from integ_gym.train.policy_files.own_hash import hashed
 
 
 @pytest.fixture
@@ -59,6 +60,19 @@ def _marker_too(run):
     marker.write_text(json.dumps(held))
 
 
+def _edited(run, mend=lambda card: card):
+    """Another home and another limit of the motor, in a side-car."""
+    file = next(run.glob("policies/*/policy.json"))
+    card = json.loads(file.read_text())
+    card["config"]["env_arguments"] |= {"integrator": "rk4", "max_torque": 9.0}
+    file.write_text(json.dumps(mend(card)))
+
+
+def _unhashed(card):
+    """As side-cars were before they had a hash of themselves."""
+    return {k: x for k, x in card.items() if k != "card_hash"} | {"format": "integ-gym policy 1"}
+
+
 def _evaluation(run):
     return next(run.glob("evidence/evaluate-*.parquet"))
 
@@ -80,6 +94,9 @@ ATTACKS = {
     "deleted file": (lambda run: _evaluation(run).unlink(), "is missing"),
     "another run's file": (_foreign, "belongs to no finished unit"),
     "swapped policy": (_another_policy, "is not the policy that this run was made with"),
+    "edited home": (_edited, "was edited after it was written"),
+    "edited home, hash mended": (lambda run: _edited(run, hashed), "is not the policy that this"),
+    "edited home, hash removed": (lambda run: _edited(run, _unhashed), "is not the policy that"),
     "flipped byte": (_byte, ""),
 }  # fmt: skip
 
@@ -127,7 +144,17 @@ def _panel(run, panel_directory):
     return main(["panel", str(spec), "--out", str(run), "--no-progress", "--workers", "1"])
 
 
-@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy"])
+@pytest.mark.parametrize("attack", [x for x in ATTACKS if x.startswith("edited")])
+def test_no_panel_takes_policies_that_were_touched(run, panel_directory, attack, tmp_path, capsys):
+    ATTACKS[attack][0](run)
+    spec = str(panel_directory.parent / "small.toml")
+    given = ["panel", spec, "--policies", str(run), "--out", str(tmp_path / "other")]
+    assert main([*given, "--no-progress", "--workers", "1"]) == 2
+    assert "restore it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy",
+                                    "edited home"])  # fmt: skip
 def test_a_panel_builds_on_nothing_that_was_touched(run, panel_directory, attack, capsys):
     ATTACKS[attack][0](run)
     assert _panel(run, panel_directory) == 2
