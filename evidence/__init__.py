@@ -36,13 +36,20 @@ if TYPE_CHECKING:
     from .verification import (
         ELSEWHERE,
         SEAL_FILE,
+        Acting,
         Replayed,
+        Signature,
         broken_seals,
+        broken_signature,
         missing_episodes,
+        read_key,
         read_seal,
+        read_signature,
         recompute,
         replay,
         seal,
+        sign,
+        unbroken_seal,
     )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
             "if it has a trace; leave --on out, or give an evaluation record"
         )
     policies = store.directory.parent / "policies"
-    for path, obs_stats in _files(policies):
+    for path, obs_stats in _files(policies, name):
         if _told_hash(path) in (wanted, None):
             found: Any = read_existing(path, record["env_id"], {}, obs_stats, own_code).policy
             if found.content_hash == wanted:
@@ -45,9 +46,12 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     )
 
 
-def _files(policies: Path) -> list[tuple[Path, Path | None]]:
-    """File and observation statistics of every policy of a run."""
-    return [kept for folder in sorted(policies.glob("*/")) if (kept := kept_policy(folder))]
+def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:
+    """File and observation statistics of every policy of a run, that of a name first."""
+    for folder in sorted(policies.glob("*/"), key=lambda own: (own.name != name, own.name)):
+        kept = kept_policy(folder)
+        if kept is not None:
+            yield kept
 
 
 def _told_hash(path: Path) -> str | None:

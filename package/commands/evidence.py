@@ -1,4 +1,4 @@
-"""``integ-gym evidence {show,query,verify,export,merge}``."""
+"""``integ-gym evidence {show,query,verify,seal,export,merge}``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import FITS, CommandParser, make_folder, width_of
 
-from . import verifying
+from . import sealing, verifying
 
 _EXAMPLES = """\
 examples:
@@ -35,6 +35,9 @@ examples:
   integ-gym evidence show runs/panel 3f9a
   integ-gym evidence verify runs/panel
   integ-gym evidence verify runs/panel --all --exact
+  integ-gym evidence verify runs/panel --policy
+  integ-gym evidence seal runs/panel --sign ~/.ssh/id_ed25519
+  integ-gym evidence verify runs/panel --public-key id_ed25519.pub
   integ-gym evidence export runs/panel --format csv --output summaries.csv
   integ-gym evidence merge runs/one runs/two --out runs/both
 
@@ -60,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
         description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
-    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export,merge}")
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,seal,export,merge}")
 
     def add(
         name: str, run: Callable[..., int], purpose: str, several: str | None = None
@@ -85,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
     command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")
     verifying.add_arguments(command)
 
+    command = add("seal", _seal, "seal a run, and sign the seal")
+    sealing.add_arguments(command)
+
     command = add("export", _export, "write all records without their traces")
     command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
     command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
@@ -108,6 +114,10 @@ def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
 
 def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     return verifying.verify(store, arguments)
+
+
+def _seal(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return sealing.seal_run(store, arguments)
 
 
 def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:

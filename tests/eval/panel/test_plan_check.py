@@ -9,6 +9,8 @@ import shutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from integ_gym.cli import main
 from integ_gym.evidence.schema.content_hash import with_hashes
@@ -109,6 +111,41 @@ def test_a_finished_run_is_whole_sealed_and_replayed(run, capsys):
     assert main(["report", str(run)]) == 0
 
 
+def test_policies_of_a_run_decide_again_as_they_did(run, capsys):
+    assert main(["evidence", "verify", str(run), "--all", "--exact", "--policy"]) == 0
+    told = capsys.readouterr().out
+    (line,) = (line for line in told.splitlines() if line.startswith("replayed: "))
+    evaluated = sum(pq.read_metadata(x).num_rows for x in run.glob("evidence/evaluate-*.parquet"))
+    assert line.startswith(f"replayed: {evaluated} of ")
+    assert f"{evaluated} of them to the last bit" in line
+    assert "of training, whose policy has changed since" in told
+
+
+def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
+    pinned = json.loads((run / "seal.json").read_text())["seal"]
+    assert pinned in (run / "report.html").read_text()
+    assert main(["report", str(run)]) == 0
+    assert pinned in (run / "report.html").read_text()
+    (run / "panel.json").write_text((run / "panel.json").read_text() + " ")
+    assert main(["report", str(run)]) == 0
+    assert "the seal does not hold, and is left out: panel.json" in capsys.readouterr().err
+    assert pinned not in (run / "report.html").read_text()
+
+
+def test_a_panel_is_signed_at_its_end(run, panel_directory, tmp_path, capsys):
+    key = tmp_path / "key"
+    encoding, form = serialization.Encoding, serialization.PrivateFormat.OpenSSH
+    made = Ed25519PrivateKey.generate()
+    key.write_bytes(made.private_bytes(encoding.PEM, form, serialization.NoEncryption()))
+    public = made.public_key().public_bytes(encoding.OpenSSH, serialization.PublicFormat.OpenSSH)
+    key.with_suffix(".pub").write_bytes(public)
+    assert _panel(run, panel_directory, "--sign", str(key)) == 0
+    assert "Signed by SHA256:" in capsys.readouterr().out
+    verify = ["evidence", "verify", str(run), "--depth", "sealed"]
+    assert main([*verify, "--public-key", str(key.with_suffix(".pub"))]) == 0
+    assert _panel(run, panel_directory, "--sign", str(tmp_path / "none")) == 2
+
+
 @pytest.mark.parametrize("attack", ATTACKS)
 def test_what_was_touched_is_named(run, attack, capsys):
     change, message = ATTACKS[attack]
@@ -139,9 +176,9 @@ def test_without_a_seal_that_depth_is_refused(run, capsys):
     assert "has no seal.json" in capsys.readouterr().err
 
 
-def _panel(run, panel_directory):
-    spec = panel_directory.parent / "small.toml"
-    return main(["panel", str(spec), "--out", str(run), "--no-progress", "--workers", "1"])
+def _panel(run, panel_directory, *further):
+    spec = str(panel_directory.parent / "small.toml")
+    return main(["panel", spec, "--out", str(run), "--no-progress", "--workers", "1", *further])
 
 
 @pytest.mark.parametrize("attack", [x for x in ATTACKS if x.startswith("edited")])
