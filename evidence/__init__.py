@@ -19,15 +19,14 @@ if TYPE_CHECKING:
         plain,
         record_table,
     )
+    from .exchange import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
     from .recorders import RecordEvidence, RecordVectorEvidence, now
     from .schema import SCHEMA_VERSION, EvidenceError, Finding
     from .store import (
         ASCII_BARS,
         BARS,
-        EXPORT_FORMATS,
         TABLE_FORMATS,
         EvidenceStore,
-        export,
         merge,
         open_run,
         print_table,

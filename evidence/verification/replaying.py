@@ -16,9 +16,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import ENVIRONMENTS, SCALAR
+from integ_gym.envs import ENVIRONMENTS
 
-from ..episodes import EpisodeContext, EvidenceRecord, records_of
+from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
 from ..recorders import RecordVectorEvidence
 from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
 from .findings import deviation, same
@@ -247,9 +247,7 @@ def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
         asked[lane, : record.fields["length"]] = record.trace[name]
     if setup.task.discrete is None:
         return asked[:, :, None]
-    actions = np.full(asked.shape, np.nan)
-    for choice in range(setup.task.discrete):
-        actions[asked == setup.task.command(SCALAR, float(choice)).control] = choice
+    actions = choices(setup.task, asked)
     for lane, record in enumerate(records):
         actions[lane, record.fields["length"] :] = 0.0
     return actions

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from integ_gym.evidence import (
     ASCII_BARS,
     BARS,
-    EXPORT_FORMATS,
     TABLE_FORMATS,
-    EvidenceError,
-    EvidenceRecord,
     EvidenceStore,
-    export,
     merge,
     open_run,
     print_table,
@@ -24,7 +19,7 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import FITS, CommandParser, make_folder, width_of
 
-from . import sealing, verifying
+from . import exporting, sealing, verifying
 
 _EXAMPLES = """\
 examples:
@@ -38,7 +33,9 @@ examples:
   integ-gym evidence verify runs/panel --policy
   integ-gym evidence seal runs/panel --sign ~/.ssh/id_ed25519
   integ-gym evidence verify runs/panel --public-key id_ed25519.pub
-  integ-gym evidence export runs/panel --format csv --output summaries.csv
+  integ-gym evidence export runs/panel --to csv --out summaries.csv
+  integ-gym evidence export runs/panel --to minari --out datasets --where "phase = 'evaluation'"
+  integ-gym evidence export runs/panel --to mcap --out logs --where "NOT success"
   integ-gym evidence merge runs/one runs/two --out runs/both
 
 RUN is the directory of a run, or its directory `evidence`.
@@ -91,9 +88,8 @@ def parser() -> argparse.ArgumentParser:
     command = add("seal", _seal, "seal a run, and sign the seal")
     sealing.add_arguments(command)
 
-    command = add("export", _export, "write all records without their traces")
-    command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
-    command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
+    command = add("export", _export, "write records in the format of another tool")
+    exporting.add_arguments(command)
 
     command = add("merge", _merge, "put the records of several runs together, each once", "+")
     command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
@@ -127,31 +123,7 @@ def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
 
 
 def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    records = store.records(trace=False)
-    if arguments.output is None:
-        export(records, sys.stdout, arguments.format)
-        return 0
-    count = _export_to(arguments.output, records, arguments.format)
-    print(f"{count} records written to {arguments.output}", file=sys.stderr)
-    return 0
-
-
-def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> int:
-    """Replace ``output`` once everything is written."""
-    if output.is_dir():
-        raise EvidenceError(f"cannot write {output}: it is a directory; give a file with --output")
-    part = output.with_name(f"{output.name}.part")
-    try:
-        with open(part, "w", encoding="utf-8", newline="") as file:
-            count = export(records, file, form)
-        os.replace(part, output)
-    except OSError as error:
-        raise EvidenceError(
-            f"cannot write {output}: {error.strerror}; give another --output"
-        ) from None
-    finally:
-        part.unlink(missing_ok=True)
-    return count
+    return exporting.run(store, arguments)
 
 
 def _can_print(text: str) -> bool:
