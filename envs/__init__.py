@@ -11,7 +11,14 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from . import numerics
     from .arithmetic import ARRAY, SCALAR, Component, Components, Ops, jax, jnp
-    from .catalogue import ENVIRONMENTS, environment_class, environment_setup, register_environments
+    from .catalogue import (
+        BRING_YOUR_OWN,
+        ENVIRONMENTS,
+        environment_class,
+        environment_setup,
+        is_integ_environment,
+        register_environments,
+    )
     from .engines import (
         CONSTRAINT_VIOLATION,
         ENGINES,
@@ -80,6 +87,7 @@ if TYPE_CHECKING:
     )
     from .testbeds import (
         Applied,
+        GymTestbed,
         Success,
         Testbed,
         make_checked,

@@ -8,7 +8,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import ENVIRONMENTS, PendulumSwingUp, Settings
+from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, PendulumSwingUp, Settings
 from integ_gym.support import CommandParser, named_value, report_errors, whole_number
 
 from .policy_files import told
@@ -68,7 +68,9 @@ def training_parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
     )
     made.add_argument(
-        "--env", dest="env_id", help=f"one of {', '.join(ENVIRONMENTS)}, or a MuJoCo task"
+        "--env",
+        dest="env_id",
+        help=f"one of {', '.join(ENVIRONMENTS)}, a MuJoCo task, or {BRING_YOUR_OWN}",
     )
     made.add_argument(
         "--out",

@@ -9,10 +9,12 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .registration import (
+        BRING_YOUR_OWN,
         ENVIRONMENTS,
         environment_class,
         environment_mixture,
         environment_setup,
+        is_integ_environment,
         register_environments,
     )
 else:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from integ_gym.support import unknown_name
 from ..environments import IntegEnv, make_setup
 from ..episode import Mixture, Setup, make_mixture
 
+_OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
 _ID = re.compile(r'^ENV_ID: Final = "(\w+)(-v\d+)"$', re.MULTILINE)
 
 
@@ -32,6 +34,10 @@ ENVIRONMENTS: Final = _declared()
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
 
+BRING_YOUR_OWN: Final = 'your own as "module:Id-v0", or as a testbed "module:Class"'
+"""What to say to somebody whose id is unknown."""
+
+
 def register_environments() -> None:
     """Register every id once; a second call changes nothing."""
     for env_id, stem in ENVIRONMENTS.items():
@@ -39,15 +45,54 @@ def register_environments() -> None:
             gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")
 
 
+def is_integ_environment(env_id: str) -> bool:
+    """Whether an id is of an :class:`IntegEnv`: one of ours, or ``"my_task:Settle-v0"``.
+
+    Raises:
+        ValueError: if the module that such an id names cannot be imported, or registers no such id.
+    """
+    return env_id in ENVIRONMENTS or _own_class(env_id) is not None
+
+
 def environment_class(env_id: str) -> type[IntegEnv]:
     """The single environment's class.
 
+    Args:
+        env_id: one of ours, or one that a module registers, in Gymnasium's notation
+            ``"module:Id-v0"``.
+
     Raises:
-        ValueError: for an id that is not one of ours, with the valid ones.
+        ValueError: for an id that is of no :class:`IntegEnv`, with the valid ones.
     """
-    if env_id not in ENVIRONMENTS:
-        raise ValueError(unknown_name("environment", env_id, ENVIRONMENTS))
-    return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
+    if env_id in ENVIRONMENTS:
+        return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
+    own = _own_class(env_id)
+    if own is None:
+        raise ValueError(f"{unknown_name('environment', env_id, ENVIRONMENTS)}; {BRING_YOUR_OWN}")
+    return own
+
+
+@cache
+def _own_class(env_id: str) -> type[IntegEnv] | None:
+    """The class of an id in Gymnasium's notation; None if it is none, or no :class:`IntegEnv`."""
+    named = _OWN_ID.fullmatch(env_id)
+    if named is None:
+        return None
+    module, name = named["module"], named["name"]
+    try:
+        importlib.import_module(module)
+    except Exception as error:  # whatever the user's module does while it is imported
+        raise ValueError(
+            f"cannot import {module!r} of {env_id!r}: {type(error).__name__}: {error}; start where "
+            "its file lies, or put its folder on PYTHONPATH"
+        ) from error
+    if name not in gym.registry:
+        raise ValueError(
+            f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
+        )
+    entry = gym.registry[name].entry_point
+    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    return made if isinstance(made, type) and issubclass(made, IntegEnv) else None
 
 
 def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:

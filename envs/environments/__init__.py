@@ -1,4 +1,5 @@
-"""Gymnasium environments around an episode: single, vector, functional, and rediscretized.
+"""Gymnasium environments around an episode: single, vector, functional, rediscretized,
+and any other whose discretization is stated.
 
 Knows how an episode is offered to whoever learns or evaluates; the ids are the catalogue's.
 """
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from .environment import IntegEnv, make_setup
     from .functional import FunctionalEnv, Params
     from .rediscretized import RediscretizedEnv, rediscretize
+    from .sequential_vector import SequentialVectorEnv
+    from .stated import Repeated, StatedEnv
     from .vector import IntegVectorEnv
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -105,8 +105,8 @@ def as_floats(values: Any) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except OverflowError:
-        large: Array = np.frompyfunc(_as_float, 1, 1)(np.array(values, dtype=object))
-        return large.astype(np.float64)
+        large = np.frompyfunc(_as_float, 1, 1)(np.array(values, dtype=object))
+        return np.asarray(large, dtype=np.float64)
 
 
 def _as_float(value: Any) -> float:

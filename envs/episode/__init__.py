@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         AWAY,
         DIVERGED,
         NOT_CONVERGED,
+        NOT_REPORTED,
         OK,
         STATUS_NAMES,
         EnvState,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .gym_testbed import GymTestbed
     from .interface import Applied, Success, Testbed
     from .making import make_checked, make_training_environments, testbed_of
 else:

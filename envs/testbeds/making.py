@@ -13,9 +13,10 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.support import Registry
 
-from ..catalogue import ENVIRONMENTS
+from ..catalogue import is_integ_environment
 from ..environments import DiscretizedVectorEnv
 from ..episode import DISCRETIZATION, Discretization, agrees
+from .classic_control import CLASSIC, ClassicControl
 from .integ_environments import IntegTestbed
 from .interface import Applied, Testbed
 from .mujoco_tasks import MujocoTestbed
@@ -27,8 +28,9 @@ def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
     """The testbed of an environment id; the same object for the same arguments.
 
     Args:
-        env_id: of one of integ-gym's environments or of a MuJoCo task of Gymnasium's; or
-            ``"module:Class"``, a testbed of a user's own.
+        env_id: of one of integ-gym's environments, of Gymnasium's classic control with a step to
+            set, or of one of its MuJoCo tasks; of a user's own, ``"module:Id-v0"`` for an
+            environment and ``"module:Class"`` for a testbed.
         arguments: that all discretizations have in common, JSON-serialisable.
 
     Raises:
@@ -41,11 +43,13 @@ def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
 @lru_cache(maxsize=64)
 def _found(env_id: str, arguments: str) -> Testbed:
     given = json.loads(arguments)
+    if is_integ_environment(env_id):
+        return IntegTestbed(env_id, **given)
+    if env_id in CLASSIC:
+        return ClassicControl(env_id, **given)
     if ":" in env_id:
         made: Testbed = _OWN.load(env_id)(**given)
         return made
-    if env_id in ENVIRONMENTS:
-        return IntegTestbed(env_id, **given)
     return MujocoTestbed(env_id, **given)
 
 
@@ -101,7 +105,7 @@ def make_training_environments(
         TypeError, ValueError: for what cannot be made.
     """
     mode = AutoresetMode.SAME_STEP.value
-    if env_id in ENVIRONMENTS:
+    if is_integ_environment(env_id):
         return gym.make_vec(  # type: ignore[return-value]
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )

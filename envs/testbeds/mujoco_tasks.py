@@ -11,11 +11,10 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.support import load, suggestion, unknown_name
 
-from ..catalogue import ENVIRONMENTS
-from ..environments import DiscretizedVectorEnv
+from ..catalogue import BRING_YOUR_OWN, ENVIRONMENTS
+from ..environments import DiscretizedVectorEnv, SequentialVectorEnv
 from ..environments.rediscretized import (
     RediscretizedEnv,
-    RediscretizedVectorEnv,
     TaskSetup,
     integrator_numbers,
     rediscretize,
@@ -24,9 +23,6 @@ from ..episode import Discretization
 from .interface import REFINEMENTS, Applied, Success
 
 ENGINE = "mujoco"
-
-OWN = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}
-"""Gymnasium's environments that ours are at their defaults."""
 
 
 class MujocoTestbed:
@@ -99,7 +95,7 @@ class MujocoTestbed:
             )
         chosen = {"integrator": discretization.integrator, "dt": discretization.dt}
         given = {**self.arguments, **arguments}
-        return RediscretizedVectorEnv(
+        return SequentialVectorEnv(
             partial(_made, self.env_id, given, **chosen), lanes, autoreset_mode
         )
 
@@ -123,13 +119,13 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         ValueError: for an environment that Gymnasium cannot make or that is no MuJoCo task, or one
             without a time limit.
     """
-    possible = f"give {', '.join(ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"
+    possible = f"give {', '.join(ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
     try:
         gym.spec(env_id)
     except gym.error.Error as error:
         raise ValueError(
             f"unknown environment: Gymnasium cannot make {env_id!r}: {_reason(error)}. "
-            f"{suggestion(env_id, ENVIRONMENTS)}, or a MuJoCo task such as Hopper-v5"
+            f"{suggestion(env_id, ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
         ) from error
     load("mujoco", "mujoco")
     load("imageio", "mujoco")
@@ -142,9 +138,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
             f"Gymnasium cannot make {env_id!r}: {_reason(error)}; {possible}"
         ) from error
     if not isinstance(env.unwrapped, MujocoEnv):
-        own = OWN.get(env_id)
-        hint = f"use {own}, which it is at its own discretization" if own else possible
-        raise ValueError(f"{env_id!r} is no MuJoCo task; {hint}")
+        raise ValueError(f"{env_id!r} is no MuJoCo task; {possible}")
     if env.spec is None or env.spec.max_episode_steps is None:
         raise ValueError(
             f"{env_id!r} has no time limit, so its episodes may never end; register it with "

@@ -6,7 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from integ_gym.envs import DISCRETIZATION, ENVIRONMENTS, Discretization, testbed_of
+from integ_gym.envs import (
+    DISCRETIZATION,
+    ENVIRONMENTS,
+    Discretization,
+    is_integ_environment,
+    testbed_of,
+)
 
 from ..panel.specification import Cell
 
@@ -72,7 +78,7 @@ def check_filmed(env_id: str) -> None:
     Raises:
         ValueError: for any but integ-gym's own.
     """
-    if env_id not in ENVIRONMENTS:
+    if not is_integ_environment(env_id):
         raise ValueError(
             f"films show {', '.join(ENVIRONMENTS)}; {env_id} has pictures of its own, see "
             'render_mode="rgb_array" of gymnasium.make'

@@ -172,12 +172,14 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
         return pa.nulls(len(episodes.heads), kind)
     if field.at == "step":
         numbers = np.append(numbers[1:], 0.0)
-    numbers = numbers.astype(kind.value_type.to_pandas_dtype(), copy=False)
     lengths = np.zeros(len(episodes.heads), dtype=np.int64)
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))
     unknown = _absent(numbers, ends) if field.at == "step" else np.isnan(numbers)
-    values = pa.array(numbers, mask=unknown if unknown.any() else None)
+    if unknown.all():
+        return pa.nulls(len(episodes.heads), kind)
+    known = np.nan_to_num(numbers).astype(kind.value_type.to_pandas_dtype(), copy=False)
+    values = pa.array(known, mask=unknown if unknown.any() else None)
     missing = None if episodes.traced.all() else pa.array(~episodes.traced)
     return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
 

@@ -28,7 +28,7 @@ def arguments(setup: Setup, lane: int) -> str:
 def engine_description(setup: Setup, _: int) -> str:
     """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
     settings, described = setup.settings, setup.engine.describe()
-    if settings.engine not in (NATIVE, None):
+    if settings.engine not in (NATIVE, None) and setup.fingerprinted is not None:
         measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
         described = {**described, "fingerprint": measured.to_json()}
     return json_text(described)

@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import ENVIRONMENTS
+from integ_gym.envs import is_integ_environment
 
 from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
 from ..recorders import RecordVectorEvidence
@@ -40,6 +40,8 @@ _NOT_REPLAYED = VOLATILE_NAMES | {
 
 _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
 """Fields that say how controls came about."""
+
+_OWN_CODE = "made with code of somebody's own, see --own-code"
 
 MOST_LANES = 256
 """Episodes that are played side by side."""
@@ -124,7 +126,9 @@ def _policy_key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
 def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | None:
     """Why a record cannot be played again here; None: it can."""
     fields = record.fields
-    if fields["env_id"] not in ENVIRONMENTS:
+    if ":" in fields["env_id"] and not own_code:
+        return _OWN_CODE
+    if not is_integ_environment(fields["env_id"]):
         return "of an environment whose state cannot be set"
     if not (record.trace or decided):
         return "without a trace"
@@ -135,7 +139,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     if fields["float_width"] != 64:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in _texts(json.loads(fields["arguments"]))):
-        return "made with code of somebody's own, see --own-code"
+        return _OWN_CODE
     return None
 
 

@@ -47,8 +47,9 @@ def parser() -> argparse.ArgumentParser:
     )
     add = made.add_argument
     add(
-        "--env", choices=list(ENVIRONMENTS), metavar="ID",
-        help=f"diagnose the plant of this environment: {', '.join(ENVIRONMENTS)}",
+        "--env", metavar="ID",
+        help=f"diagnose the plant of this environment: {', '.join(ENVIRONMENTS)}, or "
+        "module:Id-v0 of your own",
     )  # fmt: skip
     add("--plant", metavar="NAME", help="a plant, or module:Class of your own; default: all")
     add(

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs import ENVIRONMENTS
+from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
 from integ_gym.support import CommandParser, named_value, say, whole_number
 
@@ -48,7 +48,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--env", required=True, metavar="ID",
-        help=f"{', '.join(ENVIRONMENTS)}, or any MuJoCo task of Gymnasium's, such as Hopper-v5",
+        help=f"{', '.join(ENVIRONMENTS)}, any MuJoCo task of Gymnasium's, such as Hopper-v5, or "
+        f"{BRING_YOUR_OWN}",
     )  # fmt: skip
     add("--out", required=True, type=Path, metavar="DIR", help="where results go")
     add(
@@ -98,7 +99,7 @@ def main(argv: Sequence[str]) -> int:
         raise ValueError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
     if given.episodes < 1:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
-    if given.success_return is not None and given.env in ENVIRONMENTS:
+    if given.success_return is not None and is_integ_environment(given.env):
         raise ValueError(
             f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
             "units; leave it out"

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, ENVIRONMENTS, environment_setup
+from integ_gym.envs import DISCRETIZATION, environment_setup, is_integ_environment
 from integ_gym.support import replace_file
 
 from ..policy import BoxActions, MlpPolicy
@@ -154,7 +154,7 @@ def _statistics_of(own: Any) -> dict[str, Any] | None:
 
 def _told(policy: MlpPolicy, env_id: str) -> dict[str, Any]:
     """What a robot's software asks: order and scale of observations and actions."""
-    setup = environment_setup(env_id, {}) if env_id in ENVIRONMENTS else None
+    setup = environment_setup(env_id, {}) if is_integ_environment(env_id) else None
     bounds = policy.actions if isinstance(policy.actions, BoxActions) else None
     return {
         "observations": list(setup.task.observation_names) if setup else None,

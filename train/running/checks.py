@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from integ_gym.envs import ENVIRONMENTS
+from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS
 from integ_gym.support import check_values, nonnegative, unknown_name
 
 if TYPE_CHECKING:
@@ -81,7 +81,8 @@ def check_config(config: PPOConfig) -> None:
     """
     check_values(type(config), vars(config))
     if not (config.env_id in ENVIRONMENTS or config.env_id in gym.registry or ":" in config.env_id):
-        raise ValueError(unknown_name("environment", config.env_id, ENVIRONMENTS))
+        known = unknown_name("environment", config.env_id, ENVIRONMENTS)
+        raise ValueError(f"{known}; {BRING_YOUR_OWN}")
     for name in _GIVEN_BY_THE_TRAINER:
         if name in config.env_arguments:
             raise ValueError(f"`{name}` is not an environment argument; leave it out")

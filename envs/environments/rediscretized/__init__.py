@@ -10,6 +10,5 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .description import TaskSetup, integrator_numbers
     from .environment import RediscretizedEnv, rediscretize
-    from .vector import RediscretizedVectorEnv
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -10,7 +10,7 @@ import numpy as np
 from integ_gym.envs import ENGINES, NATIVE, Discretization, Plant, numerics
 
 from ..model import EngineAgreement
-from ..specification import Cell, PanelSpec, map_of
+from ..specification import Cell, PanelSpec, is_engine, map_of
 from .layout import PanelLayout
 from .matrix import Matrix
 
@@ -40,6 +40,8 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool)
             most engines do, but for those that evaluate forces once.
     """
     own = cell.discretization
+    if not is_engine(own.engine):
+        return None
     wanted = map_of(own)
     ours = VARIANTS.get(wanted, wanted)
     if ours != wanted and not _same_steps(ours, wanted, plant, own.dt):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from integ_gym.envs import ENGINES, Discretization, Timing
 
-from ..specification import Cell, Home, PanelSpec, SpecError
+from ..specification import Cell, Home, PanelSpec, SpecError, is_engine
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""
@@ -64,6 +64,7 @@ def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
 
 def _engine_seconds(discretization: Discretization, substeps: int) -> float:
     """What one decision takes beside that of an engine that advances all lanes at once, s."""
-    if ENGINES.load(discretization.engine).batched:
+    engine = discretization.engine
+    if not is_engine(engine) or ENGINES.load(engine).batched:
         return 0.0
     return FOREIGN_STEP_SECONDS * substeps

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
         training_arguments,
     )
     from .checks import TRAINERS
-    from .engine_cells import engine_versions, map_of
+    from .engine_cells import engine_versions, is_engine, map_of
     from .growth import grown, inputs, stages
     from .panel_spec import PanelSpec
     from .perturbations import standard_perturbations
     from .reading import BUILT_IN, built_in_spec, read_spec
+    from .sweeps import swept_name
     from .values import SpecError
 else:
     __getattr__, __dir__ = lazy_door(__name__)

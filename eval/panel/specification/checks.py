@@ -34,13 +34,13 @@ def check_parts(spec: PanelSpec) -> None:
         "seeds": spec.seeds,
         "train": [home.name for home in spec.train],
         "baselines": spec.baselines,
-        "perturbations": [p.name for p in spec.perturbations],
+        "perturbations": [p.name for p in spec.changes],
         "family": spec.family,
         "compare": spec.compare,
     }
     for label, values in named.items():
         check_unique(label, values)
-    for perturbation in spec.perturbations:
+    for perturbation in spec.changes:
         varied = set(perturbation.environment) & set(DISCRETIZATION)
         if varied:
             raise SpecError(

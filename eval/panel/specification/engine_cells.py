@@ -49,9 +49,14 @@ def map_of(discretization: Discretization) -> str:
     return str(maps.get(discretization.integrator, discretization.integrator))
 
 
+def is_engine(name: str) -> bool:
+    """Whether a name is of an engine of ours or a user's; a testbed's own is its package."""
+    return name in ENGINES.names() or ":" in name
+
+
 def engine_versions(engines: Iterable[str]) -> dict[str, str]:
     """Distribution and version behind each engine, this package itself left out."""
-    packages = {ENGINES.load(name).package for name in engines} - {"integ-gym"}
+    packages = {ENGINES.load(n).package if is_engine(n) else n for n in engines} - {"integ-gym"}
     return {package: package_version(package) or "unknown" for package in sorted(packages)}
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from .panel_spec import PanelSpec
 from .values import SpecError
 
-STAGES: Final = (5, 20)
+STAGES: Final = (4, 12)
 """Training seeds after which a page is written, while more are to come."""
 
 MOST_SEEDS: Final = 10_000

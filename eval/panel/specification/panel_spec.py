@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
@@ -12,6 +13,7 @@ from integ_gym.train import BASELINES
 
 from .cells import Cell, DiscretizationMixture, Home, Perturbation, nominal_setup
 from .engine_cells import engine_versions
+from .sweeps import Sweep
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""
@@ -47,6 +49,8 @@ class PanelSpec:
     baselines: tuple[str, ...] = ()
     """Policies without training that the rows are held against."""
     perturbations: tuple[Perturbation, ...] = ()
+    sweeps: tuple[Sweep, ...] = ()
+    """Arguments that are evaluated over several values, where perturbations are."""
     family: tuple[tuple[str, str], ...] = ()
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
@@ -112,6 +116,12 @@ class PanelSpec:
             return grid
         return (*grid, Cell(self.reference, "reference", role="reference"))
 
+    @cached_property
+    def changes(self) -> tuple[Perturbation, ...]:
+        """Perturbations, those of sweeps among them."""
+        swept = (p for sweep in self.sweeps for p in sweep.perturbations(self.nominal))
+        return (*self.perturbations, *swept)
+
     def trained_on(self) -> tuple[Discretization, ...]:
         """All discretizations that something is trained on."""
         return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
@@ -134,7 +144,7 @@ class PanelSpec:
                 "against each other, not against the truth."
             )
         found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
-        changed = {name for p in self.perturbations for name in p.environment}
+        changed = {name for p in self.changes for name in p.environment}
         if not changed - _DELAYS:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
@@ -157,7 +167,7 @@ class PanelSpec:
         columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
         perturbed = [
             Cell(d, "perturbation", perturbation=p)
-            for p in self.perturbations
+            for p in self.changes
             for d in dict.fromkeys((*own, self.reference))
             if d is not None
         ]
@@ -179,7 +189,8 @@ class PanelSpec:
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
-        told = [f.name for f in fields(self) if f.name not in _NO_RESULT]
+        silent = _NO_RESULT if self.sweeps else (*_NO_RESULT, "sweeps")
+        told = [f.name for f in fields(self) if f.name not in silent]
         plain = {name: _plain(getattr(self, name)) for name in told}
         return {**plain, "trainer": self._trainer(), "sources": self._sources()}
 
@@ -208,6 +219,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, DiscretizationMixture):
         members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
         return {"mixture": value.name, "members": members}
-    if isinstance(value, Perturbation):
+    if isinstance(value, (Perturbation, Sweep)):
         return asdict(value)
     return dict(value) if isinstance(value, Mapping) else value

@@ -19,6 +19,7 @@ from .discretizations import asks_for_installed, evaluated, trained
 from .engine_cells import absent_engines
 from .panel_spec import PanelSpec
 from .perturbations import perturbations_of
+from .sweeps import sweeps_of
 from .values import SpecError, check_keys, flag, integer, list_of, pair_of, positive, table, text
 
 BUILT_IN = ("quick", "engines")
@@ -51,7 +52,7 @@ LARGEST_FILE = 1 << 20
 """Bytes of a specification, at most."""
 
 _KEYS = (
-    *_VALUES, *_LISTS, "environment", "training", "train", "evaluate", "perturbations",
+    *_VALUES, *_LISTS, "environment", "training", "train", "evaluate", "perturbations", "sweep",
 )  # fmt: skip
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
@@ -129,5 +130,6 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         train=trained(data, of),
         grid=evaluated(data, of),
         perturbations=perturbations_of(data, nominal),
+        sweeps=sweeps_of(data, nominal),
         left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
     )

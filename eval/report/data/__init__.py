@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         time_matrix,
     )
     from .remedy import costs_of, mixtures_of, remedy_forest
+    from .sweeps import sweep_plots
     from .trust import CLASS_WORDS, Trust, trust_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from integ_gym.support import NONE, fixed
 
 from ...panel.model import Cell, Entry, Panel, Row
+from ...panel.specification import swept_name
 from .axes import RATE_AXIS
 from .forest import Block, Forest, Line, Mark
 
@@ -29,10 +30,15 @@ def checks_of(panel: Panel) -> Mapping[str, tuple[Check, ...]]:
 
 def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]]:
     checks: dict[str, list[Check]] = {}
+    swept = {
+        swept_name(sweep["argument"], value)
+        for sweep in panel.spec.get("sweeps", ())
+        for value in sweep["values"]
+    }
     for row in rows:
         for cell in panel.cells:
             after = panel.entry(row.name, cell.name)
-            if after is not None and not cell.plain:
+            if after is not None and not cell.plain and cell.perturbation not in swept:
                 label = cell.perturbation or cell.name
                 checks.setdefault(label, []).append(Check(_before(panel, after), after))
     return {label: tuple(found) for label, found in checks.items()}
@@ -41,7 +47,7 @@ def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]
 def _before(panel: Panel, after: Entry) -> Entry | None:
     """The same row and discretization without the perturbation."""
     cell = panel.cell(after.cell)
-    same = (other for other in panel.cells if other.plain and _alike(other, cell))
+    same = (other for other in panel.cells if other.plain and alike(other, cell))
     return next((panel.entry(after.row, other.name) for other in same), None)
 
 
@@ -73,7 +79,7 @@ def _line(check: Check) -> Line:
     )
 
 
-def _alike(one: Cell, other: Cell) -> bool:
+def alike(one: Cell, other: Cell) -> bool:
     """Whether two cells are of the same discretization."""
     names = (one.engine, one.integrator) == (other.engine, other.integrator)
     return names and close(one.dt, other.dt) and close(one.control_period, other.control_period)

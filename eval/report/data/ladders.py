@@ -69,34 +69,39 @@ class Series:
 
 @dataclass(frozen=True)
 class LadderPlot:
-    """One plot of success against the step, equal factors equally far apart.
+    """One plot of success against the step, equal factors equally far apart, or another argument.
 
     Attributes:
-        about: what happens to the control period.
-        ticks: place in [0, 1] and step, s, as it is written.
-        series: one for each scheme.
+        about: what happens to the control period, or where it was evaluated.
+        ticks: place in [0, 1] and value, as it is written.
+        series: one for each scheme, or row.
         truth: success on the reference; None where it is not drawn.
+        along: what the axis across is, with its unit.
     """
 
     about: str
     ticks: tuple[tuple[float, str], ...]
     series: tuple[Series, ...]
     truth: Estimate | None
+    along: str = "step, s"
 
 
 @dataclass(frozen=True)
 class LadderPlots:
-    """The plots of all rows that have a ladder.
+    """Plots of success against the step, or against another argument, in groups.
 
     Attributes:
-        schemes: styles of the schemes in them.
-        rows: names of rows, each with its plots.
-        follows: whether the control period follows the step in some.
+        title, about: what they are.
+        schemes: styles of the series in them.
+        rows: names of groups, a row's or an argument's, each with its plots.
+        paired: whether groups have two plots.
     """
 
+    title: str
+    about: str
     schemes: SeriesStyles
     rows: tuple[tuple[str, tuple[LadderPlot, ...]], ...]
-    follows: bool
+    paired: bool
 
 
 def ladder_plots(panel: Panel) -> LadderPlots | None:
@@ -106,7 +111,9 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
         return None
     schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
     rows = tuple((ladder.row.name, _plots(ladder, schemes)) for ladder in ladders)
-    return LadderPlots(schemes, rows, any(ladder.following for ladder in ladders))
+    about = "success of the same policies as the step shrinks; finer to the right"
+    paired = any(ladder.following for ladder in ladders)
+    return LadderPlots("Refinement ladder", about, schemes, rows, paired)
 
 
 def _plots(ladder: Ladder, schemes: SeriesStyles) -> tuple[LadderPlot, ...]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from integ_gym.envs import ENVIRONMENTS, SCALAR, Setup, environment_setup
+from integ_gym.envs import SCALAR, Setup, environment_setup, is_integ_environment
 
 from ...panel.model import Panel
 
@@ -42,8 +42,8 @@ def task_words(panel: Panel) -> TaskWords | None:
 
 
 def _setup(panel: Panel) -> Setup | None:
-    env_id, given = panel.spec.get("env_id"), panel.spec.get("environment", {})
-    if env_id not in ENVIRONMENTS:
+    env_id, given = str(panel.spec.get("env_id")), panel.spec.get("environment", {})
+    if not is_integ_environment(env_id):
         return None
     periods = [cell.control_period for cell in panel.columns]
     chosen = {"dt": periods[0], "control_period": periods[0]} if periods else {}

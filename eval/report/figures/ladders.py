@@ -1,4 +1,4 @@
-"""Figure of refinement ladders: success against the step."""
+"""Figures of refinement ladders and sweeps: success against the step, or another argument."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def draw_ladders(ladders: LadderPlots) -> Figure:
     """Every row's plots side by side, two rows across."""
     across = 2 if len(ladders.rows) > 1 else 1
     down = math.ceil(len(ladders.rows) / across)
-    unit = (2 if ladders.follows else 1) * (_WIDTH + _SIDE) + 0.3
+    unit = (2 if ladders.paired else 1) * (_WIDTH + _SIDE) + 0.3
     wide = max(0.3 + across * unit, 6.9)
     legend = scheme_entries(ladders.schemes)
     if any(plot.truth is not None for _, plots in ladders.rows for plot in plots):
@@ -47,8 +47,7 @@ def draw_ladders(ladders: LadderPlots) -> Figure:
     high = top + down * (_HEIGHT + _BELOW) + 0.1
     figure = blank_figure(wide, high)
     canvas = inch_canvas(figure)
-    about = "success of the same policies as the step shrinks; finer to the right"
-    draw_heading(canvas, 0.3, "Refinement ladder", about)
+    draw_heading(canvas, 0.3, ladders.title, ladders.about)
     draw_legend(canvas, legend, wide)
     for number, (row, plots) in enumerate(ladders.rows):
         x = 0.3 + (number % across) * unit
@@ -68,7 +67,7 @@ def _draw_plot(axes: Axes, plot: LadderPlot) -> None:
     axes.grid(axis="y", color=LINE, linewidth=0.7)
     axes.set_axisbelow(True)
     axes.set_title(plot.about, size=8, color=SOFT, loc="left", pad=3)
-    axes.set_xlabel("step, s", size=8, color=SOFT, labelpad=1)
+    axes.set_xlabel(plot.along, size=8, color=SOFT, labelpad=1)
     bare(axes)
     if plot.truth is not None:
         axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)

@@ -17,6 +17,7 @@ from ..data import (
     remedy_forest,
     return_matrix,
     success_matrix,
+    sweep_plots,
 )
 from .forest import draw_forest
 from .ladders import draw_ladders
@@ -29,6 +30,7 @@ FIGURES: Final[dict[str, tuple[Any, Any]]] = {
     "transfer_gaps": (gap_forest, draw_forest),
     "energy_residual": (energy_matrix, draw_matrix),
     "refinement_ladder": (ladder_plots, draw_ladders),
+    "sweeps": (sweep_plots, draw_ladders),
     "perturbations": (check_forest, draw_forest),
     "remedy": (remedy_forest, draw_forest),
 }

@@ -27,6 +27,7 @@ from ..data import (
     mixtures_of,
     ordered_verdicts,
     success_matrix,
+    sweep_plots,
     trust_of,
 )
 from ..episodes import Told, task_words, told_by
@@ -146,6 +147,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "costs": costs_of(panel),
         "rate_axis": RATE_AXIS,
         "ladders": ladder_plots(panel),
+        "sweeps": sweep_plots(panel),
         "checks": check_forest(panel),
         "frame": drawing,
         "trust": trusts,

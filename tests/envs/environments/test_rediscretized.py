@@ -12,7 +12,7 @@ from engine_cases import needs
 from gymnasium.utils.env_checker import check_env
 
 import integ_gym
-from integ_gym.envs.environments.rediscretized.vector import RediscretizedVectorEnv
+from integ_gym.envs.environments.sequential_vector import SequentialVectorEnv
 
 TASKS = ("HalfCheetah-v5", "Hopper-v5", "InvertedPendulum-v5", "Swimmer-v5", "Ant-v5")
 
@@ -231,7 +231,7 @@ def test_gymnasiums_checker_accepts_it(task, integrator):
 @pytest.mark.parametrize("task", TASKS)
 def test_what_is_not_known_is_left_out(task):
     env = integ_gym.rediscretize(gym.make(task))
-    lanes = RediscretizedVectorEnv(lambda: integ_gym.rediscretize(gym.make(task)), 1)
+    lanes = SequentialVectorEnv(lambda: integ_gym.rediscretize(gym.make(task)), 1)
     env.reset(seed=0)
     lanes.reset(seed=0)
     for action in _actions(env, 30):

@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import torch
 from hypothesis import given, settings
@@ -126,11 +127,13 @@ class Normed(nn.Module):
 
 
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter
+@pytest.mark.parametrize("dynamo", [False, True])
 @pytest.mark.parametrize(("module", "kind"), [(Foreign, MlpPolicy), (Normed, OnnxPolicy)])
-def test_what_torch_exports_is_judged(module, kind, tmp_path):
+def test_what_torch_exports_is_judged(module, kind, dynamo, tmp_path):
     torch.manual_seed(0)
     made, path = module(), tmp_path / "foreign.onnx"
-    torch.onnx.export(made, (torch.zeros(1, 3),), path, dynamo=False)
+    torch.onnx.export(made, (torch.zeros(1, 3),), path, dynamo=dynamo, verbose=False)
+    assert (tmp_path / "foreign.onnx.data").exists() == dynamo
     policy = read_onnx(path)
     assert isinstance(policy, kind)
     observations = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32)
@@ -138,6 +141,22 @@ def test_what_torch_exports_is_judged(module, kind, tmp_path):
     np.testing.assert_allclose(policy.act(observations), expected, atol=1e-5)
     again = pickle.loads(pickle.dumps(policy))
     np.testing.assert_array_equal(again.act(observations), policy.act(observations))
+
+
+@pytest.mark.filterwarnings("ignore")  # of torch's exporter
+@pytest.mark.parametrize("place", ["gone.data", "../foreign.data", "/dev/zero"])
+def test_weights_of_an_onnx_file_lie_beside_it(place, tmp_path):
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "foreign.data").write_bytes(bytes(4096))
+    path = tmp_path / "inner" / "foreign.onnx"
+    torch.onnx.export(Normed(), (torch.zeros(1, 3),), path, dynamo=False)
+    model = onnx.load(path)
+    for tensor in model.graph.initializer:
+        onnx.external_data_helper.set_external_data(tensor, place)
+        tensor.ClearField("raw_data")
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(PolicyFileError, match="no file beside it"):
+        read_onnx(path)
 
 
 class CleanActor(nn.Module):

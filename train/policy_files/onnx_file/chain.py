@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.support import load
+
 from .packages import ACTIVATION_OPS, onnx
 
 Array = NDArray[np.float64]
@@ -61,7 +63,7 @@ def _constants(graph: Any) -> dict[str, Any]:
             if value:
                 found[node.output[0]] = helper.to_array(value[0].t)
         elif node.op_type in _FOLDED and node.input and set(node.input) <= set(found):
-            evaluator = onnx().reference.ReferenceEvaluator(node)
+            evaluator = load("onnx.reference", "onnx").ReferenceEvaluator(node)
             (made,) = evaluator.run(None, {name: found[name] for name in node.input})
             found[node.output[0]] = made
     return found

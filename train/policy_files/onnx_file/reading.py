@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.support import load
+
 from ...policy import MlpPolicy
 from ..error import PolicyFileError
 from ..own_hash import check_own_hash
@@ -90,8 +92,36 @@ def _loaded(path: Path) -> tuple[bytes, Any]:
         raise
     except Exception as error:  # a damaged file can fail in any way inside protobuf
         raise PolicyFileError(f"{path}: is not a readable ONNX file; export it again") from error
-    if any(one.external_data for one in model.graph.initializer):
+    apart = [tensor for tensor in model.graph.initializer if tensor.external_data]
+    if not apart:
+        return content, model
+    _join(path, apart)
+    return model.SerializeToString(), model
+
+
+def _join(path: Path, tensors: list[Any]) -> None:
+    """Read weights that are kept beside the file, as torch exports them.
+
+    Raises:
+        PolicyFileError: in one sentence, if they lie elsewhere, are missing or too large.
+    """
+    helper = load("onnx.external_data_helper", "onnx")
+    places = {helper.ExternalDataInfo(tensor).location for tensor in tensors}
+    for place in sorted(places):
+        beside = path.parent / place
+        if Path(place).name != place or beside.is_symlink() or not beside.is_file():
+            raise PolicyFileError(
+                f"{path}: keeps its weights in {place!r}, which is no file beside it; move them "
+                "together, or export it as one file"
+            )
+    if sum((path.parent / place).stat().st_size for place in places) > MAX_BYTES:
         raise PolicyFileError(
-            f"{path}: keeps its weights in other files, which are not read; export it as one file"
+            f"{path}: its weights are larger than {MAX_BYTES} bytes; give a smaller network"
         )
-    return content, model
+    try:
+        for tensor in tensors:
+            helper.load_external_data_for_tensor(tensor, str(path.parent))
+    except Exception as error:  # a damaged file can fail in any way inside the reader
+        raise PolicyFileError(
+            f"{path}: the weights beside it do not fit it; export both again"
+        ) from error

@@ -65,7 +65,7 @@ def _draw_plot(axes: Axes, plot: LadderPlot, up: str) -> None:
     words = [text if up else "" for _, text in RATE_AXIS.ticks]
     axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], words)
     axes.set_xticks([share for share, _ in plot.ticks], [text for _, text in plot.ticks])
-    framed(axes, "step, s", up)
+    framed(axes, plot.along, up)
     if plot.truth is not None:
         axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)
     for series in plot.series:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import sys
 
@@ -11,7 +10,8 @@ import pytest
 from house import ROOT
 from small_panel import small_data
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
+from integ_gym.envs.catalogue import registration
+from integ_gym.envs.catalogue.registration import environment_setup
 from integ_gym.envs.testbeds import making
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
@@ -36,10 +36,9 @@ def settle(request, tmp_path, monkeypatch) -> str:
         (tmp_path / name).write_text(text, encoding="utf-8")
         monkeypatch.delitem(sys.modules, name.removesuffix(".py"), raising=False)
     monkeypatch.syspath_prepend(tmp_path)
-    importlib.import_module("my_task")
-    monkeypatch.setitem(ENVIRONMENTS, "Settle-v0", "my_task:Settle")
     making._found.cache_clear()
-    yield "Settle-v0"
+    registration._own_class.cache_clear()
+    yield "my_task:Settle-v0"
     gym.registry.pop("Settle-v0", None)
     for name, _ in BLOCKS:
         sys.modules.pop(name.removesuffix(".py"), None)
@@ -72,3 +71,16 @@ def test_a_specification_leaves_out_what_cannot_be(settle):
     heavier = [p.environment for p in spec.perturbations if "mass" in p.environment]
     assert heavier == [{"mass": 1.2}] * ("mass" in environment_setup(settle, {}).arguments())
     assert sum("action_latency" in p.environment for p in spec.perturbations) == 1
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ("my_task:Settles-v0", "registers no environment 'Settles-v0'; call gymnasium.register"),
+        ("no_task:Settle-v0", "cannot import 'no_task' of .*ModuleNotFoundError.*PYTHONPATH"),
+        ("Settle-v0", 'your own as "module:Id-v0", or as a testbed "module:Class"'),
+    ],
+)
+def test_an_id_that_is_unknown_is_told_how_to_bring_ones_own(settle, env_id, message):
+    with pytest.raises(ValueError, match=message):
+        check_spec(_specification(env_id))

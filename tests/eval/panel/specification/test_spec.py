@@ -26,7 +26,7 @@ def test_quick_panel_is_what_it_says():
         "explicit_euler dt=0.05", "symplectic_euler dt=0.05", "rk4 dt=0.05", "reference dt=0.05",
         "explicit_euler dt=0.0125", "implicit_euler dt=0.00625",
     ]  # fmt: skip
-    assert {len(spec.seeds_of(home)) for home in spec.train} == {56, 10}
+    assert {len(spec.seeds_of(home)) for home in spec.train} == {42, 10}
     assert len(spec.seeds_of(single[1])) == 56
     assert len(spec.seeds_of(mixture)) == 10
     assert {d.name: share for d, share in mixture.shares.items()} == {

@@ -1,0 +1,131 @@
+"""An environment with what integ-gym's own tell, as far as it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from ...episode import AWAY, NOT_REPORTED, Discretization
+from ..lanes import as_floats
+from .setup import stated_setup
+
+Array = npt.NDArray[np.float64]
+
+SURVIVAL = "not terminated within the time limit"
+
+
+class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """An environment whose discretization is stated, with success and time in ``info``.
+
+    Energy, work and losses are left out: they are not known. Actions are brought into the action
+    space; in place of one that is not finite the last one holds, at first the one nearest to 0.
+
+    Args:
+        env: with a time limit; one step is one decision.
+        applied: its discretization, read back from it.
+        success_return: an episode succeeds if its return reaches this; None: if it is not
+            terminated.
+        arguments: that it was made with, for evidence.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+        state_components: nothing: the state is not known.
+    """
+
+    state_components: tuple[float, ...] = ()
+    final_state: tuple[float, ...] = ()
+    status_code = final_status = NOT_REPORTED
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        applied: Discretization,
+        success_return: float | None = None,
+        arguments: Mapping[str, Any] | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, applied=applied, success_return=success_return, arguments=arguments
+        )
+        super().__init__(env)
+        self._wanted = success_return
+        goal = SURVIVAL if success_return is None else f"return of at least {success_return:g}"
+        self.setup = stated_setup(env, applied, goal, arguments or {})
+        self._names = [name for name, _ in self.setup.plant.controls]
+        self._steps = 0
+        self._control = self._within(np.zeros(len(self._names)))
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._steps, self._return = 0, 0.0
+        self._since = 0.0 if self._wanted is None else AWAY
+        self._control = self._within(np.zeros(len(self._names)))
+        return observation, {**info, **self._info(self._control, self._control, False, False)}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one decision."""
+        asked = as_floats(action).ravel()
+        valid = bool(np.isfinite(asked).all())
+        asked = asked if valid else self._control
+        self._control = self._within(asked)
+        observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
+        self._steps += 1
+        self._return += float(reward)
+        self._note_goal(bool(terminated))
+        ended = bool(terminated or truncated)
+        success = ended and self._since >= 0.0
+        told = self._info(asked, self._control, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    def _note_goal(self, terminated: bool) -> None:
+        """Keep since when the goal has held."""
+        if self._wanted is None:
+            self._since = AWAY if terminated else 0.0
+        elif self._return < self._wanted:
+            self._since = AWAY
+        elif self._since < 0.0:
+            self._since = self._time
+
+    @property
+    def _time(self) -> float:
+        return self._steps * self.setup.timing.control_period
+
+    def _within(self, control: Array) -> Array:
+        """The nearest action of the space, as numbers."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return np.clip(np.rint(control), space.start, space.start + space.n - 1)
+        return np.clip(control, space.low.ravel(), space.high.ravel())
+
+    def _typed(self, control: Array) -> Any:
+        """Numbers as an action of the space."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return int(control[0])
+        return control.reshape(space.shape).astype(space.dtype)
+
+    def _info(self, asked: Array, given: Array, fell_back: bool, success: bool) -> dict[str, Any]:
+        controls = {}
+        pairs = zip(self._names, asked.tolist(), given.tolist(), strict=True)
+        for name, commanded, applied in pairs:
+            controls[f"{name}_commanded"], controls[f"{name}_applied"] = commanded, applied
+        return {
+            "time": self._time,
+            "saturated": bool((asked != given).any()),
+            "fallback_used": fell_back,
+            "sensor_time": self._time,
+            "goal_since": self._since,
+            "success": success,
+            **controls,
+        }

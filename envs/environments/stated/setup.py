@@ -1,0 +1,140 @@
+"""What is known of an environment whose maker states its discretization."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from integ_gym.support import package_version
+
+from ...episode import Discretization, Settings, Timing
+
+
+@dataclass(frozen=True)
+class UnknownPlant:
+    """A plant of which the name alone is known."""
+
+    name: str
+    controls: tuple[tuple[str, str], ...]
+    """Name and unit of each number of an action."""
+    coordinates: tuple[str, ...] = ()
+    coordinate_units: tuple[str, ...] = ()
+    velocities: tuple[str, ...] = ()
+    velocity_units: tuple[str, ...] = ()
+    frame: str = "not known"
+
+
+@dataclass(frozen=True)
+class StatedTask:
+    """What is asked, as far as it is told apart in evidence."""
+
+    goal: str
+    observation_names: tuple[str, ...]
+    observation_units: tuple[str, ...]
+    discrete: int | None
+    goal_stay: float = 0.0
+
+
+@dataclass(frozen=True)
+class StatedEngine:
+    """What advances it, by the name of its package."""
+
+    package: str
+    width: int | None = None
+    reports: bool = False
+
+    @property
+    def version(self) -> str:
+        """The package's version."""
+        return package_version(self.package) or "unknown"
+
+    def solver(self) -> dict[str, Any]:
+        """Nothing is known of it."""
+        return {}
+
+    def describe(self) -> dict[str, Any]:
+        """That losses are not accounted for."""
+        return {"losses_accounted": False}
+
+
+@dataclass(frozen=True)
+class StatedSetup:
+    """The counterpart of :class:`integ_gym.envs.episode.settings.Setup`."""
+
+    settings: Settings
+    timing: Timing
+    plant: UnknownPlant
+    task: StatedTask
+    engine: StatedEngine
+    action_space: spaces.Space[Any]
+    environment: tuple[tuple[str, Any], ...]
+    """Arguments of the environment."""
+    fingerprinted: None = None
+    """No plant of ours: its integrators are known by name alone."""
+
+    def arguments(self) -> dict[str, Any]:
+        """Discretization and arguments."""
+        chosen = ("engine", "integrator", "dt", "control_period", "duration")
+        return {**{n: getattr(self.settings, n) for n in chosen}, **dict(self.environment)}
+
+    def units(self) -> dict[str, str]:
+        """SI unit of every argument; empty where it is not stated."""
+        seconds = ("dt", "control_period", "duration")
+        return {name: "s" if name in seconds else "" for name in self.arguments()}
+
+
+def stated_setup(
+    env: gym.Env[Any, Any],
+    applied: Discretization,
+    goal: str,
+    arguments: Mapping[str, Any],
+) -> StatedSetup:
+    """What is known of an environment.
+
+    Args:
+        env: with a time limit.
+        applied: its discretization.
+        goal: success in words.
+        arguments: that it was made with.
+
+    Raises:
+        TypeError: for spaces of another kind than `Box`, and `Discrete` actions.
+        ValueError: without a time limit.
+    """
+    action, observation = env.action_space, env.observation_space
+    if not isinstance(observation, spaces.Box) or not isinstance(
+        action, (spaces.Box, spaces.Discrete)
+    ):
+        raise TypeError(
+            f"a testbed's environment must have a Box of observations and a Box or Discrete of "
+            f"actions, got {observation} and {action}"
+        )
+    limit = env.spec.max_episode_steps if env.spec else None
+    if limit is None:
+        raise ValueError(
+            f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
+            "wrap it in gymnasium.wrappers.TimeLimit"
+        )
+    period = applied.control_period
+    discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
+    count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
+    size = int(np.prod(observation.shape or (1,)))
+    return StatedSetup(
+        settings=Settings(
+            integrator=applied.integrator, dt=applied.dt, control_period=period,
+            engine=applied.engine, duration=limit * period, start="the environment's own",
+        ),
+        timing=Timing.of(applied.dt, period, 0.0, None, limit * period),
+        plant=UnknownPlant(
+            type(env.unwrapped).__name__, tuple((f"action{k}", "") for k in range(count))
+        ),
+        task=StatedTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
+        engine=StatedEngine(applied.engine),
+        action_space=action,
+        environment=tuple(sorted(arguments.items())),
+    )  # fmt: skip
