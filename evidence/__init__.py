@@ -19,15 +19,14 @@ if TYPE_CHECKING:
         plain,
         record_table,
     )
+    from .exchange import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
     from .recorders import RecordEvidence, RecordVectorEvidence, now
     from .schema import SCHEMA_VERSION, EvidenceError, Finding
     from .store import (
         ASCII_BARS,
         BARS,
-        EXPORT_FORMATS,
         TABLE_FORMATS,
         EvidenceStore,
-        export,
         merge,
         open_run,
         print_table,
@@ -36,13 +35,20 @@ if TYPE_CHECKING:
     from .verification import (
         ELSEWHERE,
         SEAL_FILE,
+        Acting,
         Replayed,
+        Signature,
         broken_seals,
+        broken_signature,
         missing_episodes,
+        read_key,
         read_seal,
+        read_signature,
         recompute,
         replay,
         seal,
+        sign,
+        unbroken_seal,
     )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         cannot_write,
         file_hash,
         make_folder,
+        new_path,
         remove_leftovers,
         replace_file,
         write_json,

@@ -6,10 +6,11 @@ import errno
 import hashlib
 import json
 import os
+import shutil
 import time
 import uuid
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,30 @@ def write_once(path: Path, write: Callable[[Path], None]) -> None:
         _synchronise(temporary)
         _publish(temporary, path)
     finally:
+        temporary.unlink(missing_ok=True)
+    _synchronise(path.parent)
+
+
+@contextmanager
+def new_path(path: Path) -> Iterator[Path]:
+    """A path beside another, for a file or folder that gets its name once all is in it.
+
+    Raises:
+        FileExistsError: if there is something of that name; it is left as it is.
+        OSError: if nothing can be written there.
+    """
+    if path.exists():
+        raise FileExistsError(str(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
+    try:
+        yield temporary
+        if path.exists():
+            raise FileExistsError(str(path))
+        temporary.rename(path)
+    finally:
+        if temporary.is_dir():
+            shutil.rmtree(temporary)
         temporary.unlink(missing_ok=True)
     _synchronise(path.parent)
 

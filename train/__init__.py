@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from .monitoring import DiscretizationCallback, discretization_gap
     from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
+        HASH_KEY,
         HOW_TO_STATE,
         POLICY_FILE,
         STOCK,
         PolicyFileError,
         Stated,
         TrainedPolicy,
+        card_hash,
         has_sidecar,
         onnx_card,
         read_sb3_model,

@@ -13,10 +13,7 @@ from integ_gym.envs import environment_setup, testbed_of
 from integ_gym.evidence import EvidenceRecord, EvidenceStore
 from integ_gym.train import BASELINES, Policy, make_baseline
 
-from ..panel.existing import read_existing
-
-_WEIGHTS = (".zip", ".onnx", ".pt", ".pth", ".cleanrl_model", ".safetensors")
-"""Endings of a policy's file, the first that is there being read."""
+from ..panel.existing import kept_policy, read_existing
 
 
 def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = False) -> Policy:
@@ -33,11 +30,9 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
             "if it has a trace; leave --on out, or give an evaluation record"
         )
     policies = store.directory.parent / "policies"
-    for path in _files(policies):
+    for path, obs_stats in _files(policies, name):
         if _told_hash(path) in (wanted, None):
-            found: Any = read_existing(
-                path, record["env_id"], {}, next(path.parent.glob("obs_stats.*"), None), own_code
-            ).policy
+            found: Any = read_existing(path, record["env_id"], {}, obs_stats, own_code).policy
             if found.content_hash == wanted:
                 named: Policy = replace(found, policy_id=name)
                 return named
@@ -51,11 +46,12 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     )
 
 
-def _files(policies: Path) -> Iterator[Path]:
-    """The file of every policy of a run."""
-    for folder in sorted(policies.glob("*/")):
-        found = (folder / f"policy{ending}" for ending in _WEIGHTS)
-        yield from [path for path in found if path.exists()][:1]
+def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:
+    """File and observation statistics of every policy of a run, that of a name first."""
+    for folder in sorted(policies.glob("*/"), key=lambda own: (own.name != name, own.name)):
+        kept = kept_policy(folder)
+        if kept is not None:
+            yield kept
 
 
 def _told_hash(path: Path) -> str | None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import seal
 from integ_gym.support import check_spawning, cores, require
 from integ_gym.train import Stated
 
@@ -73,9 +72,7 @@ def run_panel(
             new = complete(stage, directory, workers=workers, progress=progress)
             if new and stage is not given:
                 write_artefact(stage, directory, command, workers or cores(), of=given)
-        panel = write_artefact(given, directory, command, workers or cores())
-        seal(directory.path)
-    return panel
+        return write_artefact(given, directory, command, workers or cores())
 
 
 def evaluate(
@@ -138,7 +135,7 @@ def evaluate(
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
     on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
-    panel = evaluate_existing(
+    return evaluate_existing(
         existing,
         spec,
         Path(out),
@@ -147,5 +144,3 @@ def evaluate(
         progress=progress,
         on_doubt=on_doubt,
     )
-    seal(Path(out))
-    return panel

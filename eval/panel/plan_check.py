@@ -9,7 +9,8 @@ from typing import Any
 from integ_gym.evidence import EvidenceStore, Finding
 from integ_gym.train import POLICY_FILE, read_trained
 
-from .running import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
+from .existing import hashes_of
+from .running import MANIFEST, RunDirectory, RunDirectoryError, is_card_of, read_manifest
 
 _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
@@ -62,26 +63,38 @@ def _of_files(directory: RunDirectory) -> Iterator[Finding]:
 
 def _of_policies(directory: RunDirectory) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
-    for policy, expected in _hashes(directory).items():
-        file = directory.policies / policy / POLICY_FILE
-        name = f"policies/{policy}"
-        if not file.with_suffix(".json").exists():
-            if policy in _trained(directory):
-                yield Finding(name, None, "is missing")
+    evaluated = _evaluated(directory)
+    trained = {
+        unit.removeprefix("train-"): held for unit, held in directory.markers("train-").items()
+    }
+    for policy in {**evaluated, **trained}:
+        folder, name = directory.policies / policy, f"policies/{policy}"
+        if policy in trained and not (folder / POLICY_FILE).exists():
+            yield Finding(name, None, "is missing")
             continue
         try:
-            _, card = read_trained(file)
+            same = (
+                _is_trained(folder, trained[policy])
+                if policy in trained
+                else _is_given(folder, evaluated[policy])
+            )
         except ValueError as error:
             yield Finding(name, None, str(error))
             continue
-        if card["content_hash"] != expected:
+        if not same:
             yield Finding(name, None, "is not the policy that this run was made with")
 
 
-def _trained(directory: RunDirectory) -> dict[str, str]:
-    """Policy to the hash that its training ended with."""
-    markers = directory.markers("train-")
-    return {unit.removeprefix("train-"): held["policy"] for unit, held in markers.items()}
+def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
+    """Whether policy and side-car are those that a training unit ended with."""
+    _, card = read_trained(folder / POLICY_FILE)
+    return is_card_of(card, marker)
+
+
+def _is_given(folder: Path, expected: str) -> bool:
+    """Whether a policy that was evaluated, if it came as a file, has the expected hash."""
+    hashes = hashes_of(folder)
+    return not hashes or expected in hashes
 
 
 def _evaluated(directory: RunDirectory) -> dict[str, str]:
@@ -91,10 +104,6 @@ def _evaluated(directory: RunDirectory) -> dict[str, str]:
         for held in directory.markers("evaluate-").values()
         for policy, policy_hash in held["policies"].items()
     }
-
-
-def _hashes(directory: RunDirectory) -> dict[str, str]:
-    return {**_evaluated(directory), **_trained(directory)}
 
 
 def _of_records(directory: RunDirectory, planned: Mapping[str, Any]) -> Iterator[Finding]:

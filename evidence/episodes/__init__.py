@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .context import EpisodeContext
+    from .decisions import choices, told_setup
     from .episode_log import EpisodeHead, EpisodeLog
     from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout

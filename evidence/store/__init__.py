@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .exporting import EXPORT_FORMATS, export
     from .merging import Merged, merge
+    from .parquet_file import check_schema, parts, read
     from .printing import TABLE_FORMATS, print_table
     from .showing import ASCII_BARS, BARS, show
     from .store import EvidenceStore, open_run

@@ -27,6 +27,11 @@ class EvidenceStore:
     def __init__(self, directory: str | Path) -> None:
         self.directory = Path(directory)
 
+    @property
+    def run(self) -> Path:
+        """The directory of the run that the records are of."""
+        return self.directory.parent if self.directory.name == "evidence" else self.directory
+
     def files(self) -> list[Path]:
         """The committed files, sorted."""
         return sorted(self.directory.glob("*.parquet"))

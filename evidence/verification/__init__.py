@@ -10,7 +10,8 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .gaps import missing_episodes
     from .recomputing import recompute
-    from .replaying import ELSEWHERE, Replayed, replay
-    from .sealing import SEAL_FILE, broken_seals, read_seal, seal
+    from .replaying import ELSEWHERE, Acting, Replayed, replay
+    from .sealing import SEAL_FILE, broken_seals, read_seal, seal, unbroken_seal
+    from .signing import Signature, broken_signature, read_key, read_signature, sign
 else:
     __getattr__, __dir__ = lazy_door(__name__)

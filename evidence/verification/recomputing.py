@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from functools import lru_cache, partial
+from functools import partial
 from math import gcd
 from typing import Any, NamedTuple
 
@@ -15,14 +15,18 @@ import numpy.typing as npt
 from integ_gym.envs import (
     ARRAY,
     ENVIRONMENTS,
-    NATIVE,
     STATUS_NAMES,
-    TRUTH,
-    environment_setup,
     split_state,
 )
 
-from ..episodes import EpisodeContext, EpisodeFacts, EvidenceRecord, Replays, failure_label
+from ..episodes import (
+    EpisodeContext,
+    EpisodeFacts,
+    EvidenceRecord,
+    Replays,
+    failure_label,
+    told_setup,
+)
 from ..schema import Finding, in_words
 from .findings import deviation, same
 
@@ -127,7 +131,7 @@ def _course(record: EvidenceRecord) -> _Course | None:
     fields = record.fields
     if fields["env_id"] not in ENVIRONMENTS:
         return None
-    setup = _setup(fields["env_id"], fields["arguments"])
+    setup = told_setup(fields["env_id"], fields["arguments"])
     q, v = split_state(tuple(_states(record)))
     time = record.trace["time"]
     there = np.broadcast_to(np.asarray(setup.task.at_goal(ARRAY, q, v)), time.shape)
@@ -150,13 +154,6 @@ def _course(record: EvidenceRecord) -> _Course | None:
         success=truncated and stayed and not terminated,
         terminated=terminated,
     )
-
-
-@lru_cache(maxsize=256)
-def _setup(env_id: str, arguments: str) -> Any:
-    """The task with its goal and its times; no code that a record names is loaded for it."""
-    values = {name: given["value"] for name, given in json.loads(arguments).items()}
-    return environment_setup(env_id, {**values, "engine": NATIVE, "integrator": TRUTH})
 
 
 def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterator[Finding]:

@@ -1,10 +1,14 @@
-"""Episodes simulated again from the controls in their traces, and held against their records."""
+"""Episodes simulated again, and held against their records.
+
+Controls are those of the trace, or what the policy decides again.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -12,9 +16,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import SCALAR, is_integ_environment
+from integ_gym.envs import is_integ_environment
 
-from ..episodes import EpisodeContext, EvidenceRecord, records_of
+from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
 from ..recorders import RecordVectorEvidence
 from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
 from .findings import deviation, same
@@ -25,11 +29,17 @@ Array = npt.NDArray[Any]
 ELSEWHERE = 1e-6
 """Relative tolerance where other versions, another processor or another engine computed."""
 
+Acting = Callable[[Array], Any]
+"""From observations of shape (n, obs_dim) to n actions, of one policy."""
+
 _NOT_REPLAYED = VOLATILE_NAMES | {
-    *("seed", "rng_key", "saturated_share", "fallback_count", "recovery_count", "failure_reason"),
+    *("seed", "rng_key", "failure_reason"),
     *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
 }
-"""Fields that say how controls and starts came about, or that a replay is told."""
+"""Fields that say how starts came about, or that a replay is told."""
+
+_OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
+"""Fields that say how controls came about."""
 
 _OWN_CODE = "made with code of somebody's own, see --own-code"
 
@@ -57,9 +67,21 @@ class Replayed:
         """Count records that cannot be played again."""
         self.skipped[reason] = self.skipped.get(reason, 0) + count
 
+    def add(self, other: Replayed) -> None:
+        """Take what came of further replays."""
+        self.records += other.records
+        self.exact += other.exact
+        self.findings += other.findings
+        for reason, count in other.skipped.items():
+            self.skip(reason, count)
+
 
 def replay(
-    records: Sequence[tuple[str, EvidenceRecord]], *, exact: bool = False, own_code: bool = False
+    records: Sequence[tuple[str, EvidenceRecord]],
+    *,
+    exact: bool = False,
+    own_code: bool = False,
+    policy: Callable[[EvidenceRecord], Acting] | None = None,
 ) -> Replayed:
     """Play episodes again from their first states, with the controls of their traces.
 
@@ -67,37 +89,53 @@ def replay(
         records: file and record.
         exact: whether every bit must be the same, and not numbers within `ELSEWHERE`.
         own_code: whether classes that a record names as ``"module:Class"`` may be loaded.
+        policy: what acted in a record, which then decides again; a `ValueError` says that it
+            cannot be had. Its decisions are the same to the last bit where all its episodes of a
+            cell are among ``records``, for it sees them together.
     """
     done = Replayed()
     able = []
     for file, record in records:
-        reason = _hindrance(record, own_code)
+        reason = _hindrance(record, own_code, policy is not None)
         if reason is None:
             able.append((file, record))
         else:
             done.skip(reason)
-    able.sort(key=_key)
-    for _, group in groupby(able, _key):
-        alike = list(group)
+    key = _key if policy is None else _policy_key
+    able.sort(key=key)
+    for _, group in groupby(able, key):
+        alike = sorted(group, key=lambda item: item[1].fields["episode_index"])
+        if policy is not None:
+            _play(alike, exact, done, policy)
+            continue
         for first in range(0, len(alike), MOST_LANES):
             _play(alike[first : first + MOST_LANES], exact, done)
     return done
 
 
-def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, str]:
+def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
     fields = item[1].fields
     return fields["env_id"], fields["arguments"]
 
 
-def _hindrance(record: EvidenceRecord, own_code: bool) -> str | None:
+def _policy_key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
+    fields = item[1].fields
+    return *_key(item), fields["cell"], fields["policy_id"], fields["policy_hash"]
+
+
+def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | None:
     """Why a record cannot be played again here; None: it can."""
     fields = record.fields
     if ":" in fields["env_id"] and not own_code:
         return _OWN_CODE
     if not is_integ_environment(fields["env_id"]):
         return "of an environment whose state cannot be set"
-    if not record.trace:
+    if not (record.trace or decided):
         return "without a trace"
+    if decided and not fields["policy_hash"]:
+        return "of training, whose policy has changed since"
+    if decided and fields["observation_noise"] and not _is_first(record):
+        return "whose noise cannot be drawn again"
     if fields["float_width"] != 64:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in _texts(json.loads(fields["arguments"]))):
@@ -105,32 +143,77 @@ def _hindrance(record: EvidenceRecord, own_code: bool) -> str | None:
     return None
 
 
+def _is_first(record: EvidenceRecord) -> bool:
+    """Whether it is the first episode of a seed, so that the seed gives all that was drawn."""
+    return record.fields["seed"] is not None and record.fields["rng_key"].endswith("/0")
+
+
 def _texts(arguments: Mapping[str, Any]) -> list[str]:
     return [str(given["value"]) for given in arguments.values()]
 
 
-def _play(alike: Sequence[tuple[str, EvidenceRecord]], exact: bool, done: Replayed) -> None:
-    """Play episodes of one setup side by side."""
+def _play(
+    alike: Sequence[tuple[str, EvidenceRecord]],
+    exact: bool,
+    done: Replayed,
+    policy: Callable[[EvidenceRecord], Acting] | None = None,
+) -> None:
+    """Play episodes of one setup side by side; those of one policy, if it decides."""
     records = [record for _, record in alike]
+    try:
+        act = None if policy is None else policy(records[0])
+    except ValueError as error:
+        done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
+        return
     try:
         env = _made(records)
     except (ModuleNotFoundError, TypeError, ValueError) as error:
-        done.skip(f"that cannot be made here: {' '.join(str(error).split())}", len(records))
+        done.skip(f"that cannot be made here: {_line(error)}", len(records))
         return
     contexts = [_context(record) for record in records]
     indices = [record.fields["episode_index"] for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
-    actions = _actions(env.unwrapped.setup, records)
-    recorder.reset(options={"state": np.array([r.fields["initial_state"] for r in records])})
-    for step in range(actions.shape[1]):
-        recorder.step(actions[:, step])
+    if act is None:
+        _repeat(recorder, records)
+    else:
+        _decide(recorder, records, act)
     table = recorder.take(
         [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
     )
     recorder.close()
     played = {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
+    differences = partial(_differences, decided=act is not None)
     for file, record in alike:
-        _compare(file, record, played.get(record.fields["record_id"]), exact, done)
+        again = played.get(record.fields["record_id"])
+        _compare(file, record, again, exact, done, differences)
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _repeat(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -> None:
+    """Do what was done."""
+    actions = _actions(recorder.unwrapped.setup, records)  # type: ignore[attr-defined]
+    _start(recorder, records)
+    for step in range(actions.shape[1]):
+        recorder.step(actions[:, step])
+
+
+def _decide(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting) -> None:
+    """Do what the policy does, from starts and noise that are drawn again where they can be."""
+    if all(map(_is_first, records)):
+        observation, _ = recorder.reset(seed=[record.fields["seed"] for record in records])
+    else:
+        observation = _start(recorder, records)
+    for _ in range(max(record.fields["length"] for record in records)):
+        actions = np.asarray(act(observation), dtype=np.float64)
+        observation = recorder.step(actions.reshape(recorder.action_space.shape))[0]
+
+
+def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -> Any:
+    states = np.array([record.fields["initial_state"] for record in records])
+    return recorder.reset(options={"state": states})[0]
 
 
 def _made(records: Sequence[EvidenceRecord]) -> Any:
@@ -168,42 +251,46 @@ def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
         asked[lane, : record.fields["length"]] = record.trace[name]
     if setup.task.discrete is None:
         return asked[:, :, None]
-    actions = np.full(asked.shape, np.nan)
-    for choice in range(setup.task.discrete):
-        actions[asked == setup.task.command(SCALAR, float(choice)).control] = choice
+    actions = choices(setup.task, asked)
     for lane, record in enumerate(records):
         actions[lane, record.fields["length"] :] = 0.0
     return actions
 
 
 def _compare(
-    file: str, record: EvidenceRecord, again: EvidenceRecord | None, exact: bool, done: Replayed
+    file: str,
+    record: EvidenceRecord,
+    again: EvidenceRecord | None,
+    exact: bool,
+    done: Replayed,
+    differences: Callable[..., Iterator[tuple[str, Any, Any]]],
 ) -> None:
     name, done.records = str(record.fields["record_id"]), done.records + 1
     if again is None:
         message = "the episode does not end within its length when it is played again"
         done.findings.append(Finding(file, name, message))
         return
-    differing = list(_differences(record, again, 0.0))
+    differing = list(differences(record, again, 0.0))
     done.exact += not differing
     if differing and not exact:
-        differing = list(_differences(record, again, ELSEWHERE))
+        differing = list(differences(record, again, ELSEWHERE))
     done.findings += [deviation(file, name, *values) for values in differing]
 
 
 def _differences(
-    record: EvidenceRecord, again: EvidenceRecord, tolerance: float
+    record: EvidenceRecord, again: EvidenceRecord, tolerance: float, decided: bool
 ) -> Iterator[tuple[str, Any, Any]]:
     """Field or place in the trace, recorded and computed value."""
     fields = record.fields
+    left_out = _NOT_REPLAYED if decided else _NOT_REPLAYED | _OF_ACTIONS
     for own in SUMMARY_FIELDS:
-        if own.name in _NOT_REPLAYED or own.since > fields["schema_version"]:
+        if own.name in left_out or own.since > fields["schema_version"]:
             continue
         recorded, computed = fields[own.name], again.fields[own.name]
         if not _alike(recorded, computed, tolerance):
             yield own.name, recorded, computed
     for column, values in record.trace.items():
-        if column.startswith("sensed_") and fields["observation_noise"]:
+        if column.startswith("sensed_") and fields["observation_noise"] and not decided:
             continue
         place = _first_difference(values, again.trace.get(column), tolerance)
         if place is not None:

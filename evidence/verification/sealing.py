@@ -1,7 +1,7 @@
 """The seal of a finished run: the SHA-256 of each of its files, in one file with a hash of its own.
 
-That hash pins the whole run. It proves that files are those that were sealed, not who sealed them;
-a signature says that as well.
+That hash pins the whole run: its page quotes it and is not covered itself. It proves that files are
+those that were sealed, not who sealed them; a signature says that as well.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +18,35 @@ from integ_gym.support import Kinds, file_hash, read_object, write_json
 from ..schema import EvidenceError, Finding
 
 SEAL_FILE = "seal.json"
+SIGNATURE_FILE = f"{SEAL_FILE}.sig"
 FORMAT = "integ-gym seal 1"
 
-_SEALED = ("*.json", "evidence/*.parquet", "policies/*/*", "units/*.json")
+_SEALED = ("*.json", "*.parquet", "evidence/*.parquet", "policies/*/*", "units/*.json")
 """What decides a result; the page and the figures are made of it."""
 
 _KINDS: Kinds = {"format": str, "files": dict, "seal": str}
 
 
 def seal(run: Path) -> str:
-    """Write the seal of a run's directory.
+    """Write the seal of a run's directory; a signature of another seal is removed.
 
     Returns:
         The hash that pins the run, 64 hexadecimal digits.
     """
     files = _hashes(run)
     pinned = _pin(files)
-    write_json(run / SEAL_FILE, {"format": FORMAT, "seal": pinned, "files": files})
+    content = {"format": FORMAT, "seal": pinned, "files": files}
+    if not _holds(run, content):
+        (run / SIGNATURE_FILE).unlink(missing_ok=True)
+        write_json(run / SEAL_FILE, content)
     return pinned
+
+
+def _holds(run: Path, content: dict[str, Any]) -> bool:
+    """Whether this is the seal that a run has."""
+    with suppress(EvidenceError):
+        return read_seal(run) == content
+    return False
 
 
 def read_seal(run: Path) -> dict[str, Any] | None:
@@ -73,6 +85,15 @@ def broken_seals(run: Path) -> Iterator[Finding]:
             yield Finding(name, None, "is not of the sealed run")
         elif now[name] != held["files"][name]:
             yield Finding(name, None, "was changed after the run was sealed")
+
+
+def unbroken_seal(run: Path) -> str | None:
+    """The hash that pins a run; None if it is not sealed, or its files are not those any more."""
+    try:
+        held = read_seal(run)
+    except EvidenceError:
+        return None
+    return None if held is None or any(broken_seals(run)) else str(held["seal"])
 
 
 def _hashes(run: Path) -> dict[str, str]:

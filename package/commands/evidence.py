@@ -1,22 +1,17 @@
-"""``integ-gym evidence {show,query,verify,export,merge}``."""
+"""``integ-gym evidence {show,query,verify,seal,export,merge}``."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from integ_gym.evidence import (
     ASCII_BARS,
     BARS,
-    EXPORT_FORMATS,
     TABLE_FORMATS,
-    EvidenceError,
-    EvidenceRecord,
     EvidenceStore,
-    export,
     merge,
     open_run,
     print_table,
@@ -24,7 +19,7 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import FITS, CommandParser, make_folder, width_of
 
-from . import verifying
+from . import exporting, sealing, verifying
 
 _EXAMPLES = """\
 examples:
@@ -35,7 +30,12 @@ examples:
   integ-gym evidence show runs/panel 3f9a
   integ-gym evidence verify runs/panel
   integ-gym evidence verify runs/panel --all --exact
-  integ-gym evidence export runs/panel --format csv --output summaries.csv
+  integ-gym evidence verify runs/panel --policy
+  integ-gym evidence seal runs/panel --sign ~/.ssh/id_ed25519
+  integ-gym evidence verify runs/panel --public-key id_ed25519.pub
+  integ-gym evidence export runs/panel --to csv --out summaries.csv
+  integ-gym evidence export runs/panel --to minari --out datasets --where "phase = 'evaluation'"
+  integ-gym evidence export runs/panel --to mcap --out logs --where "NOT success"
   integ-gym evidence merge runs/one runs/two --out runs/both
 
 RUN is the directory of a run, or its directory `evidence`.
@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
         description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
-    commands = made.add_subparsers(required=True, metavar="{show,query,verify,export,merge}")
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,seal,export,merge}")
 
     def add(
         name: str, run: Callable[..., int], purpose: str, several: str | None = None
@@ -85,9 +85,11 @@ def parser() -> argparse.ArgumentParser:
     command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")
     verifying.add_arguments(command)
 
-    command = add("export", _export, "write all records without their traces")
-    command.add_argument("--format", choices=EXPORT_FORMATS, default="csv")
-    command.add_argument("--output", metavar="FILE", type=Path, help="default: standard output")
+    command = add("seal", _seal, "seal a run, and sign the seal")
+    sealing.add_arguments(command)
+
+    command = add("export", _export, "write records in the format of another tool")
+    exporting.add_arguments(command)
 
     command = add("merge", _merge, "put the records of several runs together, each once", "+")
     command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
@@ -110,6 +112,10 @@ def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     return verifying.verify(store, arguments)
 
 
+def _seal(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return sealing.seal_run(store, arguments)
+
+
 def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
     done = merge(stores, EvidenceStore(make_folder(arguments.out) / "evidence"))
     print(f"{done.records} records written to {arguments.out}, {done.doubled} were there already")
@@ -117,31 +123,7 @@ def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
 
 
 def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    records = store.records(trace=False)
-    if arguments.output is None:
-        export(records, sys.stdout, arguments.format)
-        return 0
-    count = _export_to(arguments.output, records, arguments.format)
-    print(f"{count} records written to {arguments.output}", file=sys.stderr)
-    return 0
-
-
-def _export_to(output: Path, records: Iterable[EvidenceRecord], form: str) -> int:
-    """Replace ``output`` once everything is written."""
-    if output.is_dir():
-        raise EvidenceError(f"cannot write {output}: it is a directory; give a file with --output")
-    part = output.with_name(f"{output.name}.part")
-    try:
-        with open(part, "w", encoding="utf-8", newline="") as file:
-            count = export(records, file, form)
-        os.replace(part, output)
-    except OSError as error:
-        raise EvidenceError(
-            f"cannot write {output}: {error.strerror}; give another --output"
-        ) from None
-    finally:
-        part.unlink(missing_ok=True)
-    return count
+    return exporting.run(store, arguments)
 
 
 def _can_print(text: str) -> bool:

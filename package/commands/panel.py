@@ -19,7 +19,7 @@ from integ_gym.eval import (
     run_panel,
     specified,
 )
-from integ_gym.evidence import read_seal
+from integ_gym.evidence import read_key, read_seal, sign
 from integ_gym.support import CommandParser, beside, say, whole_number, width_of
 
 from .panel_power import print_power
@@ -83,6 +83,10 @@ def parser() -> argparse.ArgumentParser:
         help="train with so many seeds of the specification's, or with more; a finished directory "
         "keeps what it has",
     )  # fmt: skip
+    add(
+        "--sign", type=Path, metavar="KEY",
+        help="sign the seal with this private key, as ssh-keygen -t ed25519 makes them",
+    )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
@@ -115,6 +119,7 @@ def main(argv: Sequence[str]) -> int:
         return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")
+    key = None if arguments.sign is None else read_key(arguments.sign)
     panel = run_panel(
         spec,
         arguments.out,
@@ -136,4 +141,6 @@ def main(argv: Sequence[str]) -> int:
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
+    if key is not None:
+        print(f"Signed by {sign(arguments.out, key).fingerprint}")
     return 0

@@ -18,6 +18,7 @@ SHORT = {
     "panel_cost": ["--only", "single", "--steps", "4096", "--runs", "1"],
     "reference_cost": [],
     "trainer_equivalence": ["--only", "cart-pole", "--seeds", "2", "--steps", "4096"],
+    "verification_cost": ["--records", "40"],
 }
 OF_A_RUN = {"closed_loops", "panel_tables"}
 """Tested beside what they read."""

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
     from .error import PolicyFileError
     from .onnx_file import onnx_card
+    from .own_hash import HASH_KEY, card_hash
     from .reading import read_weights
     from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip
     from .sidecar import (

@@ -1,8 +1,8 @@
 """The files of a trained policy: SB3's zip, its actor as `safetensors`, and a JSON side-car.
 
 The side-car says how the policy came about. It is written last, so a policy without one is not
-finished; and it holds the policy's content hash, so files that do not belong together are found
-out.
+finished; and it holds the policy's content hash and one of its own, so that files that do not
+belong together and edits are found out.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from integ_gym.support import replace_file
 from ..policy import MlpPolicy
 from .error import PolicyFileError
 from .onnx_file import OnnxPolicy
+from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_archive
@@ -29,7 +30,8 @@ from .sb3_zip import read_archive
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
 SIDECAR_FILE = "policy.json"
-FORMAT = "integ-gym policy 1"
+
+_RESTORE = "restore it from a copy, or say what is right with integ_gym.write_sidecar"
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def write_policy(
 
     A process killed in between leaves no file half-written and no side-car beside a zip that it
     does not describe. ``format``, ``policy_file``, ``weights_file``, ``content_hash`` and
-    ``action_bounds`` are added to the card from the zip itself.
+    ``action_bounds`` are added to the card from the zip itself, and ``card_hash`` from all of it.
 
     Args:
         out_dir: folder that exists; a policy in it is replaced.
@@ -95,14 +97,16 @@ def write_policy(
         policy = read_archive(io.BytesIO(zip_bytes), zip_path.stem, None, bounds)
     except ValueError as error:
         raise PolicyFileError(f"training left a policy that cannot be used: {error}") from error
-    full = {
-        "format": FORMAT,
-        "policy_file": POLICY_FILE,
-        "weights_file": WEIGHTS_FILE,
-        "content_hash": policy.content_hash,
-        "action_bounds": bounds,
-        **card,
-    }
+    full = hashed(
+        {
+            "format": FORMAT,
+            "policy_file": POLICY_FILE,
+            "weights_file": WEIGHTS_FILE,
+            "content_hash": policy.content_hash,
+            "action_bounds": bounds,
+            **card,
+        }
+    )
     text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     weights = safetensors_bytes(policy)
     sidecar_path.unlink(missing_ok=True)
@@ -144,7 +148,7 @@ def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
     except ValueError as error:
         raise PolicyFileError(f"{path}: is not readable JSON; train the policy again") from error
     found = card.get("format") if isinstance(card, dict) else None
-    if found != FORMAT:
+    if found not in (FORMAT, UNHASHED_FORMAT):
         raise PolicyFileError(
             f"{path}: has format {found!r} where {FORMAT!r} was expected; "
             "give the side-car that the trainer wrote"
@@ -161,10 +165,11 @@ def read_trained(
         policy: path of its file.
 
     Raises:
-        PolicyFileError: in one sentence, if a file cannot be read or the two do not belong
-            together.
+        PolicyFileError: in one sentence, if a file cannot be read, the two do not belong together,
+            or the side-car was edited.
     """
     card = read_sidecar(policy)
+    check_own_hash(card, Path(policy).with_suffix(".json"), _RESTORE)
     bounds = card.get("action_bounds")
     if not _are_bounds(bounds):
         raise PolicyFileError(

@@ -15,10 +15,10 @@ from integ_gym.support import replace_file
 from ..policy import BoxActions, MlpPolicy
 from .error import PolicyFileError
 from .onnx_file import OnnxPolicy, onnx_bytes
+from .own_hash import FORMAT, hashed
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_observation_statistics, read_sb3_model
-from .sidecar import FORMAT
 from .stated_home import Stated, stated_arguments
 
 
@@ -76,7 +76,7 @@ def write_sidecar(
     }
     card["content_hash"] = read_weights(file, card).content_hash
     path = file.with_suffix(".json")
-    text = json.dumps(card, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(hashed(card), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     replace_file(path, text.encode())
     return path
 

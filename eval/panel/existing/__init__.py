@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .evaluate import evaluate_existing
     from .given import given_policy, is_reference
     from .planning import plan
-    from .policy import read_existing, read_policy_file
+    from .policy import hashes_of, kept_policy, read_existing, read_policy_file
 else:
     __getattr__, __dir__ = lazy_door(__name__)

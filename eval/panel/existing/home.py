@@ -13,7 +13,7 @@ from integ_gym.envs import (
     Mixture,
     make_training_environments,
 )
-from integ_gym.train import HOW_TO_STATE, STOCK, Stated, stated_arguments
+from integ_gym.train import HASH_KEY, HOW_TO_STATE, STOCK, Stated, stated_arguments
 
 from ..specification import DiscretizationMixture, Home
 
@@ -119,7 +119,7 @@ def provenance(
         if card.get("home", "said by `config`") is None:
             arguments |= told
         else:
-            origin, known = "the side-car beside the policy", True
+            origin, known = _of_card(card), True
     environments = _closed(env_id, {**_stepped(arguments), **given})
     home = _home(environments.mixture) if known else None
     if card is not None and "integrator" in told:
@@ -140,6 +140,12 @@ def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
     if "integrator" in told:
         return "stated"
     return f"no side-car says it, and none was stated; {HOW_TO_STATE}"
+
+
+def _of_card(card: Mapping[str, Any]) -> str:
+    if HASH_KEY in card:
+        return "the side-car beside the policy"
+    return "the side-car beside the policy, of before they had a hash: an edit of it goes unseen"
 
 
 def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:

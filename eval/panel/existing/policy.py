@@ -24,6 +24,9 @@ from integ_gym.train import (
 from ..specification import Home
 from .home import Provenance, provenance
 
+_WEIGHTS = (".zip", ".onnx", ".pt", ".pth", ".cleanrl_model", ".safetensors")
+"""Endings of a policy's file, the first that is there being read."""
+
 
 @dataclass(frozen=True)
 class Existing:
@@ -103,6 +106,29 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
         policy, card = read_trained(path)
         return (policy if obs_stats is None else read_weights(path, card, obs_stats)), card, files
     return read_weights(path, None, obs_stats), card, files
+
+
+def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
+    """File and observation statistics of a policy in its folder of a run; None without a file."""
+    found = (folder / f"policy{ending}" for ending in _WEIGHTS)
+    file = next((path for path in found if path.exists()), None)
+    return None if file is None else (file, next(folder.glob("obs_stats.*"), None))
+
+
+def hashes_of(folder: Path) -> set[str]:
+    """Hashes that the policy in a folder of a run can have in evidence; empty without a file.
+
+    Whether its outputs are actions or values of actions is for the environment to say.
+
+    Raises:
+        PolicyFileError: see :func:`read_policy_file`.
+    """
+    kept = kept_policy(folder)
+    if kept is None:
+        return set()
+    policy, _, _ = read_policy_file(*kept)
+    fitted = (_fitted(policy, space) for space in (spaces.Box(-1.0, 1.0), spaces.Discrete(2)))
+    return {one.content_hash for one in fitted}
 
 
 def _fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:

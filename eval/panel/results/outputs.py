@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence import EvidenceStore, seal
 from integ_gym.train import POLICY_FILE
 
 from ...report.figures import write_figures
@@ -117,7 +117,7 @@ def write_outputs(
     /,
     **told: Any,
 ) -> Panel:
-    """Write ``panel.json``, the figures and the page.
+    """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.
 
     Args:
         spec: of the panel.
@@ -144,6 +144,8 @@ def write_outputs(
     )
     write_panel(panel, directory.path)
     write_figures(panel, directory.path / "figures")
+    if not told.get("undecided"):
+        seal(directory.path)
     write_report(panel, directory.path)
     return panel
 

@@ -17,7 +17,7 @@ from .expected_time import check_cost
 from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units
-from .units import Unit, baseline_of, units_of
+from .units import Unit, baseline_of, is_card_of, units_of
 from .work import PanelError
 
 
@@ -100,10 +100,10 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
         return Subject(baseline_of(spec, unit.row), cells, starts=spec.start_sets[0])
     policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
     marker = directory.marker(unit.training)
-    if marker is None or marker.get("policy") != card["content_hash"]:
+    if marker is None or not is_card_of(card, marker):
         raise PanelError(
-            f"policies/{unit.policy} is not the policy that this panel trained; restore it, or "
-            "give another directory with --out"
+            f"policies/{unit.policy} is not the policy that this panel trained, or its side-car is "
+            "not what it was; restore it, or give another directory with --out"
         )
     own = replace(policy, policy_id=unit.policy)
     return Subject(own, cells, unit.home, unit.seed, unit.seed or 0)

@@ -8,7 +8,7 @@ from typing import Any
 
 from integ_gym.evidence import EpisodeContext
 from integ_gym.support import require
-from integ_gym.train import PPOConfig, TrainedPolicy, TrainingEvidence, train_ppo
+from integ_gym.train import PPOConfig, TrainedPolicy, TrainingEvidence, card_hash, train_ppo
 
 from ..specification import PanelSpec
 from .run_directory import RunDirectory, package_versions
@@ -69,7 +69,8 @@ def train_units(
 
     def mark(place: int, trained: TrainedPolicy) -> None:
         unit, seconds = waiting[place], float(trained.card["wall_seconds"])
-        directory.finish(unit.training, keys[unit], start, seconds, policy=trained.content_hash)
+        hashes = {"policy": trained.content_hash, "card": card_hash(trained.card)}
+        directory.finish(unit.training, keys[unit], start, seconds, **hashes)
 
     train, options = _trainer(spec)
     train(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
-from integ_gym.train import POLICY_FILE, Policy, PPOConfig, make_baseline
+from integ_gym.train import POLICY_FILE, Policy, PPOConfig, card_hash, make_baseline
 
 from ..specification import Home, PanelSpec, engine_versions, file_name, training_arguments
 from .run_directory import RunDirectory, key_of
@@ -87,3 +89,13 @@ def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
     """
     policy = directory.policies / unit.policy / POLICY_FILE
     return directory.finished(unit.training, key, policy) is not None
+
+
+def is_card_of(card: Mapping[str, Any], marker: Mapping[str, Any]) -> bool:
+    """Whether a side-car is the one that a training unit ended with.
+
+    Markers of before side-cars had a hash of themselves tell the policy's alone.
+    """
+    if marker.get("policy") != card.get("content_hash"):
+        return False
+    return "card" not in marker or marker["card"] == card_hash(card)

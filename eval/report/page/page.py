@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+from integ_gym.evidence import unbroken_seal
 from integ_gym.support import (
     VIRIDIS,
     page_environment,
@@ -71,11 +72,11 @@ def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
     ModuleNotFoundError
         If jinja2 is not installed, with the command that installs it.
     """
-    html = render(panel, told_by(panel, directory))
+    html = render(panel, told_by(panel, directory), unbroken_seal(Path(directory)))
     return replace_file(Path(directory) / FILE_NAME, html.encode())
 
 
-def render(panel: Panel, told: Told | None = None) -> str:
+def render(panel: Panel, told: Told | None = None, seal: str | None = None) -> str:
     """The report's HTML.
 
     Parameters
@@ -84,13 +85,15 @@ def render(panel: Panel, told: Told | None = None) -> str:
         What ``panel.json`` holds.
     told
         What the evidence tells of single episodes, if there is any.
+    seal
+        The hash that pins the run, which the page quotes and does not belong to.
 
     Raises
     ------
     ModuleNotFoundError
         As `write_report`.
     """
-    text: str = _template().render(_context(panel, told))
+    text: str = _template().render(_context(panel, told), seal=seal)
     return text
 
 

@@ -9,10 +9,13 @@ import shutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from integ_gym.cli import main
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
+from integ_gym.train.policy_files.own_hash import hashed
 
 
 @pytest.fixture
@@ -59,6 +62,19 @@ def _marker_too(run):
     marker.write_text(json.dumps(held))
 
 
+def _edited(run, mend=lambda card: card):
+    """Another home and another limit of the motor, in a side-car."""
+    file = next(run.glob("policies/*/policy.json"))
+    card = json.loads(file.read_text())
+    card["config"]["env_arguments"] |= {"integrator": "rk4", "max_torque": 9.0}
+    file.write_text(json.dumps(mend(card)))
+
+
+def _unhashed(card):
+    """As side-cars were before they had a hash of themselves."""
+    return {k: x for k, x in card.items() if k != "card_hash"} | {"format": "integ-gym policy 1"}
+
+
 def _evaluation(run):
     return next(run.glob("evidence/evaluate-*.parquet"))
 
@@ -80,6 +96,9 @@ ATTACKS = {
     "deleted file": (lambda run: _evaluation(run).unlink(), "is missing"),
     "another run's file": (_foreign, "belongs to no finished unit"),
     "swapped policy": (_another_policy, "is not the policy that this run was made with"),
+    "edited home": (_edited, "was edited after it was written"),
+    "edited home, hash mended": (lambda run: _edited(run, hashed), "is not the policy that this"),
+    "edited home, hash removed": (lambda run: _edited(run, _unhashed), "is not the policy that"),
     "flipped byte": (_byte, ""),
 }  # fmt: skip
 
@@ -90,6 +109,41 @@ def test_a_finished_run_is_whole_sealed_and_replayed(run, capsys):
     for depth in ("whole: ", "sealed: ", "replayed: "):
         assert depth in told
     assert main(["report", str(run)]) == 0
+
+
+def test_policies_of_a_run_decide_again_as_they_did(run, capsys):
+    assert main(["evidence", "verify", str(run), "--all", "--exact", "--policy"]) == 0
+    told = capsys.readouterr().out
+    (line,) = (line for line in told.splitlines() if line.startswith("replayed: "))
+    evaluated = sum(pq.read_metadata(x).num_rows for x in run.glob("evidence/evaluate-*.parquet"))
+    assert line.startswith(f"replayed: {evaluated} of ")
+    assert f"{evaluated} of them to the last bit" in line
+    assert "of training, whose policy has changed since" in told
+
+
+def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
+    pinned = json.loads((run / "seal.json").read_text())["seal"]
+    assert pinned in (run / "report.html").read_text()
+    assert main(["report", str(run)]) == 0
+    assert pinned in (run / "report.html").read_text()
+    (run / "panel.json").write_text((run / "panel.json").read_text() + " ")
+    assert main(["report", str(run)]) == 0
+    assert "the seal does not hold, and is left out: panel.json" in capsys.readouterr().err
+    assert pinned not in (run / "report.html").read_text()
+
+
+def test_a_panel_is_signed_at_its_end(run, panel_directory, tmp_path, capsys):
+    key = tmp_path / "key"
+    encoding, form = serialization.Encoding, serialization.PrivateFormat.OpenSSH
+    made = Ed25519PrivateKey.generate()
+    key.write_bytes(made.private_bytes(encoding.PEM, form, serialization.NoEncryption()))
+    public = made.public_key().public_bytes(encoding.OpenSSH, serialization.PublicFormat.OpenSSH)
+    key.with_suffix(".pub").write_bytes(public)
+    assert _panel(run, panel_directory, "--sign", str(key)) == 0
+    assert "Signed by SHA256:" in capsys.readouterr().out
+    verify = ["evidence", "verify", str(run), "--depth", "sealed"]
+    assert main([*verify, "--public-key", str(key.with_suffix(".pub"))]) == 0
+    assert _panel(run, panel_directory, "--sign", str(tmp_path / "none")) == 2
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
@@ -122,12 +176,22 @@ def test_without_a_seal_that_depth_is_refused(run, capsys):
     assert "has no seal.json" in capsys.readouterr().err
 
 
-def _panel(run, panel_directory):
-    spec = panel_directory.parent / "small.toml"
-    return main(["panel", str(spec), "--out", str(run), "--no-progress", "--workers", "1"])
+def _panel(run, panel_directory, *further):
+    spec = str(panel_directory.parent / "small.toml")
+    return main(["panel", spec, "--out", str(run), "--no-progress", "--workers", "1", *further])
 
 
-@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy"])
+@pytest.mark.parametrize("attack", [x for x in ATTACKS if x.startswith("edited")])
+def test_no_panel_takes_policies_that_were_touched(run, panel_directory, attack, tmp_path, capsys):
+    ATTACKS[attack][0](run)
+    spec = str(panel_directory.parent / "small.toml")
+    given = ["panel", spec, "--policies", str(run), "--out", str(tmp_path / "other")]
+    assert main([*given, "--no-progress", "--workers", "1"]) == 2
+    assert "restore it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy",
+                                    "edited home"])  # fmt: skip
 def test_a_panel_builds_on_nothing_that_was_touched(run, panel_directory, attack, capsys):
     ATTACKS[attack][0](run)
     assert _panel(run, panel_directory) == 2

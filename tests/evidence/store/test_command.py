@@ -151,7 +151,7 @@ def test_export(two_environments, tmp_path, capsys):
     assert list(rows[0]) == [field.name for field in SUMMARY_FIELDS]
     assert len(json.loads(rows[0]["initial_state"])) == 4
     output = tmp_path / "records.jsonl"
-    argv = ["export", str(two_environments), "--format", "jsonl", "--output", str(output)]
+    argv = ["export", str(two_environments), "--to", "jsonl", "--out", str(output)]
     assert main(argv) == 0
     lines = [json.loads(line) for line in output.read_text(encoding="utf-8").splitlines()]
     records = {record["record_id"]: record for record in open_run(two_environments).records()}
@@ -231,8 +231,9 @@ def test_bad_input_is_refused_with_one_sentence(two_environments, tmp_path, reco
     ):
         assert "one statement that reads" in _refused(capsys, "query", two_environments, sql)
     assert list(tmp_path.iterdir()) == []
-    error = _refused(capsys, "export", two_environments, "--output", nowhere / "x.csv")
-    assert "give another --output" in error
+    nowhere.write_text("")
+    error = _refused(capsys, "export", two_environments, "--out", nowhere / "x.csv")
+    assert "give another --out" in error
 
 
 def test_unreadable_and_foreign_files_are_refused(store, capsys):
@@ -241,10 +242,8 @@ def test_unreadable_and_foreign_files_are_refused(store, capsys):
     other.write_bytes(b"nothing")
     assert "cannot read" in _refused(capsys, "show", store.directory, "a")
     output = store.directory / "export.csv"
-    output.write_text("as before")
-    assert "move it away" in _refused(capsys, "export", store.directory, "--output", output)
-    assert output.read_text() == "as before"
-    assert sorted(file.suffix for file in store.directory.iterdir()) == [".csv", *[".parquet"] * 2]
+    assert "move it away" in _refused(capsys, "export", store.directory, "--out", output)
+    assert [file.suffix for file in store.directory.iterdir()] == [".parquet"] * 2
     metadata = table.schema.metadata | {VERSION_KEY: b"9"}
     pq.write_table(table.replace_schema_metadata(metadata), other)
     error = _refused(capsys, "query", store.directory, "SELECT 1")
@@ -266,7 +265,7 @@ def test_missing_extra_is_named(two_environments, monkeypatch, capsys, package):
     assert 'pip install "integ-gym[evidence]"' in error
 
 
-@pytest.mark.parametrize("argv", [[], ["shw"], ["query", "run"], ["export", "x", "--format", "x"]])
+@pytest.mark.parametrize("argv", [[], ["shw"], ["query", "run"], ["export", "x", "--to", "x"]])
 def test_wrong_usage(argv, capsys):
     with pytest.raises(SystemExit) as ended:
         main(argv)

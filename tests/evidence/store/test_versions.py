@@ -14,12 +14,12 @@ import pytest
 
 from integ_gym.cli import main as run
 from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.exchange.exporting import TEXT_FORMATS, export
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.schema.errors import EvidenceError
 from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS
-from integ_gym.evidence.store.exporting import EXPORT_FORMATS, export
 from integ_gym.evidence.store.showing import show
 from integ_gym.evidence.store.store import EvidenceStore
 
@@ -140,10 +140,10 @@ def test_an_older_file_is_queried_with_null_for_what_it_lacks(old):
         old.query("SELECT replay_elsewhere FROM records")
 
 
-@pytest.mark.parametrize("form", EXPORT_FORMATS)
+@pytest.mark.parametrize("form", TEXT_FORMATS)
 def test_an_older_file_is_exported(old, form):
     file = io.StringIO()
-    assert export(old.records(trace=False), file, form) == 3
+    assert export(old, form, file) == (3, {})
     file.seek(0)
     if form == "csv":
         rows = list(csv.DictReader(file))
@@ -174,7 +174,7 @@ def test_the_commands_take_an_older_file(old, tmp_path, capsys):
         ["verify", directory],
         ["show", directory, record_id],
         ["query", directory, "SELECT record_id, cell_status FROM records"],
-        ["export", directory, "--output", str(output)],
+        ["export", directory, "--out", str(output)],
     ):
         assert run(["evidence", *argv]) == 0, argv
     assert "records: 3, files: 1" in capsys.readouterr().out
@@ -203,7 +203,7 @@ def test_both_versions_in_one_store(both):
     assert [record["schema_version"] for record in records] == [1] * 3 + [SCHEMA_VERSION] * 3
     assert {frozenset(record.fields) for record in records} == {frozenset(records[0].fields)}
     file = io.StringIO()
-    assert export(records, file, "csv") == 6
+    assert export(both, "csv", file) == (6, {})
     file.seek(0)
     assert [row["cell_status"] for row in csv.DictReader(file)] == [""] * 3 + ["achievable"] * 3
 

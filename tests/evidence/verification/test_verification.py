@@ -214,3 +214,46 @@ def test_a_seal_that_was_made_to_fit_is_another(sealed):
     (sealed / SEAL_FILE).write_text("[]")
     with pytest.raises(EvidenceError, match=r"a list where an object was expected; restore it"):
         read_seal(sealed)
+
+
+def _lean(observations):
+    """What a policy would do: the same for the same observation, on any machine."""
+    return np.clip(-3.0 * observations[:, 1:2], -2.0, 2.0).astype(np.float32)
+
+
+def _acted(directory, episodes=3, **settings):
+    context = EpisodeContext("run", "cell", policy_id="lean", policy_hash="1", trace_every=2)
+    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=2.0, **settings), directory, context)
+    for seed in range(episodes):
+        observation, _ = env.reset(seed=seed)
+        ended = False
+        while not ended:
+            observation, _, terminated, truncated, _ = env.step(_lean(observation[None])[0])
+            ended = terminated or truncated
+    env.close()
+    return EvidenceStore(directory)
+
+
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+def test_a_policy_decides_again_without_a_trace_and_with_noise(settings, tmp_path):
+    store = _acted(tmp_path, **settings)
+    done = _replayed(store, exact=True, policy=lambda record: _lean)
+    assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
+
+
+def test_what_another_policy_did_is_named(tmp_path):
+    store = _acted(tmp_path)
+    done = _replayed(store, policy=lambda record: lambda x: 0.9 * _lean(x))
+    assert {finding.record_id for finding in done.findings} == {
+        record["record_id"] for record in store.records(trace=False)
+    }
+
+
+def test_a_policy_that_is_not_there_decides_nothing(tmp_path, play):
+    def none(record):
+        raise ValueError("it is gone")
+
+    done = _replayed(_acted(tmp_path / "acted"), policy=none)
+    assert done.skipped == {"whose policy cannot decide again: it is gone": 3}
+    done = _replayed(_recorded(tmp_path / "recorded", play), policy=none)
+    assert done.skipped == {"of training, whose policy has changed since": 4}

@@ -14,6 +14,7 @@ from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trai
 from integ_gym.commands.train import main
 from integ_gym.train.policy_files import sidecar
 from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy_files.own_hash import hashed
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_trained
 
 torch = pytest.importorskip("torch")
@@ -70,9 +71,10 @@ def test_a_sidecar_of_another_policy_is_found_out(small: TrainedPolicy, tmp_path
     path = tmp_path / "policy.json"
     for text, message in (
         (
-            json.dumps({**small.card, "content_hash": "0" * 64}),
+            json.dumps(hashed({**small.card, "content_hash": "0" * 64})),
             r"is not the policy that policy\.js",
         ),
+        (json.dumps({**small.card, "seed": 9}), "was edited after it was written"),
         (json.dumps({**small.card, "format": "other"}), "has format 'other' where 'integ-gym poli"),
         ("[]", "has format None where"),
         ("{", "is not readable JSON"),

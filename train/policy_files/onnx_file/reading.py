@@ -12,6 +12,7 @@ from integ_gym.support import load
 
 from ...policy import MlpPolicy
 from ..error import PolicyFileError
+from ..own_hash import check_own_hash
 from .chain import NotAChain, steps_of
 from .network import policy_of
 from .packages import FORMAT, METADATA, onnx
@@ -55,7 +56,7 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
     """What a file's metadata says, as a side-car does; None without any of ours.
 
     Raises:
-        PolicyFileError: in one sentence, if it cannot be read.
+        PolicyFileError: in one sentence, if it cannot be read or was edited.
     """
     _, model = _loaded(path)
     for prop in model.metadata_props:
@@ -69,6 +70,7 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
                     f"{path}: its metadata `{METADATA}` is not of format {FORMAT!r}; write the "
                     "file again with integ_gym.save_policy"
                 )
+            check_own_hash(card, path, "write the file again with integ_gym.save_policy")
             return card
     return None
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ..own_hash import hashed
 from .packages import ACTIVATION_OPS, FORMAT, IR_VERSION, METADATA, OPSET, onnx
 
 INPUT, OUTPUT = "observations", "actions"
@@ -111,7 +112,7 @@ class _Graph:
             ir_version=IR_VERSION,
             producer_name="integ-gym",
         )
-        told = {"format": FORMAT, **card}
+        told = hashed({"format": FORMAT, **card})
         helper.set_model_props(model, {METADATA: json.dumps(told, allow_nan=False)})
         onnx().checker.check_model(model)
         content: bytes = model.SerializeToString()

@@ -16,6 +16,7 @@ from integ_gym.cli import main
 from integ_gym.eval.panel.existing.planning import plan
 from integ_gym.eval.panel.existing.policy import read_existing, row_name
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.own_hash import hashed
 from integ_gym.train.policy_files.sidecar import has_sidecar
 
 
@@ -202,12 +203,12 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
 
 
 def _with_card(tmp_path, panel_directory, change) -> Path:
-    """A copy of a trained policy whose side-car is changed."""
+    """A copy of a trained policy whose side-car, with its hash, says something else."""
     source = panel_directory / "policies" / "rk4-dt-0.05-seed0"
     (tmp_path / "mine.zip").write_bytes((source / "policy.zip").read_bytes())
     card = json.loads((source / "policy.json").read_text(encoding="utf-8"))
     change(card)
-    (tmp_path / "mine.json").write_text(json.dumps(card))
+    (tmp_path / "mine.json").write_text(json.dumps(hashed(card)))
     return tmp_path / "mine.zip"
 
 
@@ -245,6 +246,26 @@ def test_a_damaged_side_car_is_refused(panel_directory, tmp_path, capsys, change
     assert error.count("\n") == 1
 
 
+def test_an_edited_home_is_refused(panel_directory, tmp_path, capsys):
+    policy = _with_card(tmp_path, panel_directory, lambda card: None)
+    assert read_existing(policy, "IntegPendulum-v0", {}).home is not None
+    side_car = policy.with_suffix(".json")
+    side_car.write_text(side_car.read_text().replace('"rk4"', '"explicit_euler"'))
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "o")]
+    assert main(command) == 2
+    assert "was edited after it was written" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_of_a_side_car_without_a_hash_that_is_said(panel_directory, tmp_path):
+    policy = _with_card(tmp_path, panel_directory, lambda card: None)
+    card = json.loads(policy.with_suffix(".json").read_text())
+    del card["card_hash"]
+    policy.with_suffix(".json").write_text(json.dumps(card | {"format": "integ-gym policy 1"}))
+    existing = read_existing(policy, "IntegPendulum-v0", {})
+    assert "an edit of it goes unseen" in str(existing.provenance)
+
+
 def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_path):
     def delay(card):
         card["config"]["env_arguments"] |= {"action_latency": 0.02, "dt": 0.01}
@@ -260,7 +281,7 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
     assert not has_sidecar(tmp_path / "model.zip")
     (tmp_path / "model.json").write_text('{"note": "mine"}')
     assert not has_sidecar(tmp_path / "model.zip")
-    for text in ('{"format": "integ-gym policy 1"}', "{"):
+    for text in ('{"format": "integ-gym policy 2"}', "{"):
         (tmp_path / "model.json").write_text(text)
         assert has_sidecar(tmp_path / "model.zip")
 

@@ -1,0 +1,39 @@
+"""What was decided in an episode, told from the controls that its trace has."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import NATIVE, SCALAR, TRUTH, environment_setup
+
+Array = npt.NDArray[Any]
+
+
+@lru_cache(maxsize=256)
+def told_setup(env_id: str, arguments: str) -> Any:
+    """The setup of one of our tasks with its goal and times; no code that a record names is loaded.
+
+    Args:
+        env_id: one of integ-gym's environments.
+        arguments: as a record has them.
+    """
+    values = {name: given["value"] for name, given in json.loads(arguments).items()}
+    return environment_setup(env_id, {**values, "engine": NATIVE, "integrator": TRUTH})
+
+
+def choices(task: Any, commanded: Array) -> Array:
+    """Actions of a discrete set that ask for controls; NaN where none does, as in a fallback.
+
+    Args:
+        task: with ``discrete`` actions.
+        commanded: controls, of any shape.
+    """
+    actions = np.full(commanded.shape, np.nan)
+    for choice in range(task.discrete):
+        actions[commanded == task.command(SCALAR, float(choice)).control] = choice
+    return actions

@@ -1,0 +1,144 @@
+"""Records as a Minari data set: what an agent saw and did, and all the rest as ``infos``."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from integ_gym.envs import ENVIRONMENTS, NATIVE, TRUTH
+from integ_gym.support import load
+
+from ..episodes import EvidenceRecord
+from ..schema import EvidenceError
+from .selection import Selection
+from .steps import NO_CHOICE, Columns, actions_of, column, columns_of, stacked_instants
+
+_minari = partial(load, "minari", "exchange")
+
+DATA_FORMAT = "arrow"
+
+
+def write_minari(chosen: Selection, folder: Path) -> int:
+    """Write a data set below a folder that then is `MINARI_DATASETS_PATH`; the number of episodes.
+
+    Observations and rewards are those of the policy; actions the controls that its decisions asked
+    for, after saturation. True state, controls, ledger and solver are `infos`, with NaN at the
+    reset where they belong to a step. Each episode's metadata hold its record's fields.
+    """
+    minari, env_id = _minari(), chosen.env_id
+    name = dataset_id(chosen)
+    columns = columns_of(chosen.columns)
+    data = folder / name / "data"
+    data.mkdir(parents=True)
+    observations, actions, spec = _spaces(chosen, columns)
+    storage = load("minari.dataset.minari_storage", "exchange").MinariStorage.new(
+        data, observations, actions, spec, DATA_FORMAT
+    )
+    # Minari adds up all files of the data set after every episode.
+    storage.get_size = lambda: 0.0
+    for record in chosen.episodes():
+        buffer = _episode(record, columns, actions.dtype)
+        if buffer is None:
+            chosen.leave_out(NO_CHOICE)
+            continue
+        number = storage.total_episodes
+        storage.update_episodes([buffer])
+        storage.update_episode_metadata([_metadata(record)], [number])
+    del storage.get_size
+    if not storage.total_episodes:
+        raise EvidenceError(f"all records are episodes {NO_CHOICE}; export to another format")
+    storage.update_metadata(
+        {
+            "dataset_id": name,
+            "minari_version": minari.__version__,
+            "dataset_size": float(storage.get_size()),
+            "description": f"Evidence records of {env_id}. Actions are the controls that decisions "
+            "asked for, after saturation and fallback. `integ_gym` has units, frames and meanings "
+            "of all columns, and an episode's metadata its whole record.",
+            "integ_gym": {"columns": chosen.columns, "discretizations": chosen.discretizations()},
+        }
+    )
+    return int(storage.total_episodes)
+
+
+def dataset_id(chosen: Selection) -> str:
+    """``run/Environment-v0``."""
+    run = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(chosen.distinct("run_id")[0])).strip("-.") or "run"
+    env = re.sub(r"[^A-Za-z0-9_.-]+", "-", re.sub(r"-v\d+$", "", chosen.env_id))
+    return f"{run}/{env}-v0"
+
+
+def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
+    """Spaces that hold all episodes, and the environment if it is the same for all."""
+    texts = chosen.distinct("arguments")
+    if chosen.env_id not in ENVIRONMENTS:
+        shapes = ((columns.sensed, np.float32), (columns.controls, np.float64))
+        free = [gym.spaces.Box(-np.inf, np.inf, (len(n),), dtype) for n, dtype in shapes]
+        return free[0], free[1], None
+    made = [_made(chosen.env_id, text) for text in texts]
+    observations, actions = (
+        _widest([getattr(env, f"{kind}_space") for env in made])
+        for kind in ("observation", "action")
+    )
+    return observations, actions, _spec(chosen.env_id, texts[0]) if len(texts) == 1 else None
+
+
+def _arguments(text: str) -> dict[str, Any]:
+    return {name: given["value"] for name, given in json.loads(text).items()}
+
+
+def _made(env_id: str, text: str) -> gym.Env[Any, Any]:
+    """An environment of these arguments, without code that a record names."""
+    given = {**_arguments(text), "engine": NATIVE, "integrator": TRUTH}
+    return gym.make(env_id, **given)
+
+
+def _spec(env_id: str, text: str) -> Any:
+    spec = gym.spec(env_id)
+    spec.kwargs = {**spec.kwargs, **_arguments(text)}
+    return spec
+
+
+def _widest(spaces: list[Any]) -> Any:
+    first = spaces[0]
+    if not isinstance(first, gym.spaces.Box):
+        return first
+    low = np.min([space.low for space in spaces], axis=0)
+    high = np.max([space.high for space in spaces], axis=0)
+    dtype: Any = first.dtype
+    return gym.spaces.Box(low, high, dtype=dtype)
+
+
+def _episode(record: EvidenceRecord, columns: Columns, kind: Any) -> Any:
+    """A record as Minari's buffer; None where its actions are none of the space."""
+    actions = actions_of(record, columns.controls)
+    if actions is None:
+        return None
+    length = len(record.trace["reward"])
+    last = np.arange(length) == length - 1
+    fields = record.fields
+    infos = {
+        name: column(record, name, length + 1) for name in (*columns.states, *columns.instants)
+    }
+    for name in (*columns.controls, *columns.steps):
+        infos[name] = np.concatenate(([np.nan], column(record, name, length)))
+    drawn_anew = fields["seed"] is not None and fields["rng_key"].endswith("/0")
+    return load("minari.data_collector", "exchange").EpisodeBuffer(
+        seed=fields["seed"] if drawn_anew else None,
+        observations=stacked_instants(record, columns.sensed).astype(np.float32),
+        actions=actions.astype(kind),
+        rewards=record.trace["reward"].tolist(),
+        terminations=(last & fields["terminated"]).tolist(),
+        truncations=(last & fields["truncated"]).tolist(),
+        infos={name: values.tolist() for name, values in infos.items()},
+    )
+
+
+def _metadata(record: EvidenceRecord) -> dict[str, Any]:
+    return {"integ_gym": record.summary()}

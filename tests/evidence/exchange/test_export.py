@@ -1,0 +1,325 @@
+"""What is exported is opened by the format's own reader, and says what the records say."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import duckdb
+import gymnasium as gym
+import minari
+import mlcroissant
+import numpy as np
+import pandas as pd
+import polars as pl
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from integ_gym.cli import main
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
+from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.parquet_file import parts
+from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.support.reading import read_bounded
+
+FOLDERS = tuple(form for form in EXPORT_FORMATS if form not in TEXT_FORMATS)
+ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0", "IntegCartPoleSwingUp-v0")
+CELLS = {"rk4": {"integrator": "rk4"}, "euler": {"integrator": "explicit_euler", "dt": 0.025}}
+
+
+@pytest.fixture(scope="session", params=ENVIRONMENTS)
+def run(request, tmp_path_factory, play):
+    """Records of two cells, of which every second has a trace."""
+    folder = tmp_path_factory.mktemp("exchange")
+    for cell, settings in CELLS.items():
+        context = EpisodeContext("a run", cell, policy_id="random", trace_every=2)
+        made = {"dt": 0.05, "control_period": 0.05, "duration": 1.0, **settings}
+        env = RecordEvidence(gym.make(request.param, **made), folder / "evidence", context)
+        play(env, range(4))
+        env.close()
+    return open_run(folder)
+
+
+def _traced(store):
+    return [record for record in store.records() if record.trace]
+
+
+def _exported(store, form, out, **options):
+    done = export(store, form, out, **options)
+    assert done == (4, {"without a trace": 4})
+    return {record["record_id"]: record for record in _traced(store)}
+
+
+def test_minari_reads_a_data_set(run, tmp_path, monkeypatch):
+    records = _exported(run, "minari", tmp_path / "datasets")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    (name,) = minari.list_local_datasets()
+    data = minari.load_dataset(name)
+    assert (data.total_episodes, data.total_steps) == (
+        4,
+        sum(r["length"] for r in records.values()),
+    )
+    told = [one["integ_gym"] for one in data.storage.get_episode_metadata(range(4))]
+    assert {one["record_id"] for one in told} == set(records)
+    for episode, summary in zip(data.iterate_episodes(), told, strict=True):
+        record = records[summary["record_id"]]
+        assert summary == json.loads(json.dumps(record.summary()))
+        sensed = [values for name, values in record.trace.items() if name.startswith("sensed_")]
+        np.testing.assert_array_equal(episode.observations, np.stack(sensed, axis=1))
+        np.testing.assert_array_equal(episode.rewards, record["reward"])
+        assert episode.terminations[-1] == record["terminated"]
+        assert episode.truncations[-1] == record["truncated"]
+        assert len(episode.actions) == record["length"]
+        assert all(data.action_space.contains(action) for action in episode.actions)
+        assert all(data.observation_space.contains(one) for one in episode.observations)
+        np.testing.assert_array_equal(episode.infos["energy"], record["energy"])
+        work = episode.infos["work"]
+        assert np.isnan(work[0])
+        np.testing.assert_array_equal(work[1:], record["work"])
+    columns = data.storage.metadata["integ_gym"]["columns"]
+    assert columns["energy"]["unit"] == "J"
+
+
+def test_minari_plays_the_actions_again(run, tmp_path):
+    """From the seed, in the environment that the data set names."""
+    export(run, "minari", tmp_path / "out", where="cell = 'rk4'")
+    (path,) = (tmp_path / "out").glob("*/*/data")
+    data = minari.MinariDataset(path)
+    env = data.recover_environment()
+    for episode, told in zip(
+        data.iterate_episodes(), data.storage.get_episode_metadata(range(2)), strict=True
+    ):
+        observation, _ = env.reset(seed=told["seed"])
+        np.testing.assert_array_equal(observation, episode.observations[0])
+        for action, after in zip(episode.actions, episode.observations[1:], strict=True):
+            observation = env.step(action)[0]
+            np.testing.assert_allclose(observation, after, rtol=1e-5, atol=1e-5)
+
+
+def _lerobot(root):
+    """As `LeRobotDataset` reads it: metadata, tasks, episodes, and the frames that they name."""
+    info = json.loads((root / "meta/info.json").read_text())
+    tasks = pd.read_parquet(root / "meta/tasks.parquet")
+    files = sorted((root / "meta/episodes").glob("*/*.parquet"))
+    episodes = pd.concat([pd.read_parquet(file) for file in files]).to_dict("records")
+    frames = []
+    for one in episodes:
+        place = {"chunk_index": one["data/chunk_index"], "file_index": one["data/file_index"]}
+        table = pq.read_table(root / info["data_path"].format(**place))
+        assert set(table.column_names) == set(info["features"])
+        own = table.filter(np.asarray(table["episode_index"]) == one["episode_index"])
+        assert own["index"].to_pylist() == list(
+            range(one["dataset_from_index"], one["dataset_to_index"])
+        )
+        frames.append(own)
+    return info, tasks, episodes, frames
+
+
+def test_lerobot_s_layout_is_read_as_its_own_code_does(run, tmp_path):
+    records = _exported(run, "lerobot", tmp_path / "out")
+    info, tasks, episodes, frames = _lerobot(tmp_path / "out")
+    assert (info["codebase_version"], info["fps"]) == ("v3.0", 20)
+    assert info["total_episodes"] == len(episodes) == 4
+    assert info["total_frames"] == sum(one["length"] for one in episodes)
+    for one, own in zip(episodes, frames, strict=True):
+        record = records[one["integ_gym.record_id"]]
+        assert json.loads(one["integ_gym.record"]) == record.summary()
+        assert own.num_rows == record["length"]
+        for key, feature in info["features"].items():
+            values = np.array(own[key].to_pylist()).reshape(own.num_rows, -1)
+            assert list(values.shape[1:]) == feature["shape"]
+            kind = own.schema.field(key).type
+            single = kind if feature["shape"] == [1] else kind.value_type
+            assert np.dtype(feature["dtype"]) == single.to_pandas_dtype()
+        assert tasks.iloc[own["task_index"][0].as_py()].name == record["metric_definition"]
+        steps = np.diff(np.array(own["timestamp"]))
+        assert np.abs(steps - 1.0 / info["fps"]).max() < 1e-4
+        assert own["next.done"].to_pylist() == [False] * (own.num_rows - 1) + [True]
+        names = info["features"]["evidence"]["names"]
+        further = np.array(own["evidence"].to_pylist())
+        np.testing.assert_array_equal(further[:, names.index("energy")], record["energy"][:-1])
+        np.testing.assert_array_equal(further[:, names.index("work")], record["work"])
+        sensed = [
+            values[:-1] for name, values in record.trace.items() if name.startswith("sensed_")
+        ]
+        state = np.array(own["observation.state"].to_pylist())
+        np.testing.assert_array_equal(state, np.stack(sensed, axis=1))
+        np.testing.assert_allclose(
+            one["stats/observation.state/mean"], state.mean(axis=0), atol=1e-6
+        )
+    stats = json.loads((tmp_path / "out/meta/stats.json").read_text())
+    every = np.concatenate([np.array(own["observation.state"].to_pylist()) for own in frames])
+    for name, expected in (("min", every.min(0)), ("max", every.max(0)), ("std", every.std(0))):
+        np.testing.assert_allclose(stats["observation.state"][name], expected, atol=1e-5)
+    assert set(stats) == set(info["features"])
+
+
+def test_one_data_set_has_one_frame_rate(tmp_path, play):
+    for period in (0.05, 0.04, 0.03):
+        context = EpisodeContext("run", f"{period}")
+        env = gym.make("IntegPendulum-v0", dt=0.01, control_period=period, duration=0.12)
+        env = RecordEvidence(env, tmp_path / "evidence", context)
+        play(env, range(1))
+        env.close()
+    store = open_run(tmp_path)
+    with pytest.raises(EvidenceError, match=r"control periods 0\.03 s, 0\.04 s, 0\.05 s"):
+        export(store, "lerobot", tmp_path / "out")
+    with pytest.raises(EvidenceError, match=r"period is 0\.03 s, and LeRobot counts whole frames"):
+        export(store, "lerobot", tmp_path / "out", where="control_period = 0.03")
+    assert export(store, "lerobot", tmp_path / "out", where="cell = '0.04'").records == 1
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["evidence", "out"]
+
+
+def test_mcap_is_read_as_messages_of_ros_2(run, tmp_path):
+    records = _exported(run, "mcap", tmp_path / "logs")
+    files = {file.stem: file for file in (tmp_path / "logs").iterdir()}
+    assert set(files) == set(records)
+    for name, record in records.items():
+        with files[name].open("rb") as opened:
+            reader = make_reader(opened, decoder_factories=[DecoderFactory()])
+            assert reader.get_header().profile == "ros2"
+            told = {one.name: one.metadata for one in reader.iter_metadata()}
+            heard: dict[str, list] = {}
+            for schema, channel, message, decoded in reader.iter_decoded_messages():
+                assert schema.name in ("std_msgs/msg/Float64", "sensor_msgs/msg/JointState")
+                heard.setdefault(channel.topic, []).append((message.log_time, decoded))
+        energy = [decoded.data for _, decoded in heard["/evidence/energy"]]
+        assert energy == record["energy"].tolist()
+        assert [t for t, _ in heard["/evidence/energy"]] == [
+            round(1e9 * t) for t in record["time"].tolist()
+        ]
+        assert [x.data for _, x in heard["/evidence/work"]] == record["work"].tolist()
+        for place, (time, state) in enumerate(heard["/joint_states"]):
+            assert state.position == [record[joint][place] for joint in state.name]
+            assert state.velocity == [record[f"{joint}_dot"][place] for joint in state.name]
+            assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == time
+        assert len(heard["/joint_states"]) == record["length"] + 1
+        assert told["integ_gym.unit"]["energy"] == "J"
+        assert told["integ_gym.record"]["integrator"] == record["integrator"]
+        assert float(told["integ_gym.record"]["energy_residual_total"]) == pytest.approx(
+            record["energy_residual_total"]
+        )
+
+
+@pytest.mark.filterwarnings("ignore")  # of what the validator itself uses
+def test_parquet_is_a_run_that_croissant_describes(run, tmp_path, capsys):
+    done = export(run, "parquet", tmp_path / "out")
+    assert done == (8, {})
+    assert main(["evidence", "verify", str(tmp_path / "out"), "--all", "--exact"]) == 0
+    stored = {record["record_id"]: record["content_hash"] for record in run.records()}
+    copied = open_run(tmp_path / "out").records()
+    assert {record["record_id"]: record["content_hash"] for record in copied} == stored
+    described = mlcroissant.Dataset(jsonld=tmp_path / "out" / "croissant.json")
+    assert not described.metadata.ctx.issues.errors
+    (records,) = described.metadata.record_sets
+    rows = list(described.records(records.id))
+    assert {row[f"{records.id}/record_id"].decode() for row in rows} == set(stored)
+    traces = [row[f"{records.id}/energy"] for row in rows]
+    assert len(traces) == 8
+    card = (tmp_path / "out" / "README.md").read_text()
+    (file,) = (tmp_path / "out" / "evidence").iterdir()
+    assert f"data_files: evidence/{file.name}" in card
+    assert "| `energy` | list<double> | J |" in card
+    for record in run.records(trace=False):
+        assert record["failure_label"] in card
+
+
+def test_readers_of_tables_open_evidence(run):
+    """Without this package: DuckDB, Polars and pandas agree on what stands there."""
+    (first, *_), pattern = run.files(), str(run.directory / "*.parquet")
+    sql = 'SELECT record_id, "return", len(energy) AS n FROM read_parquet($1, union_by_name=true)'
+    by_duckdb = {row[0]: row[1:] for row in duckdb.execute(sql, [pattern]).fetchall()}
+    lengths = pl.col("energy").list.len().alias("n")
+    table = pl.read_parquet(pattern).select("record_id", "return", lengths)
+    by_polars = {row[0]: row[1:] for row in table.rows()}
+    frames = pd.concat([pd.read_parquet(file) for file in run.files()])
+    by_pandas = {
+        row.record_id: (row._2, None if row.energy is None else len(row.energy))
+        for row in frames[["record_id", "return", "energy"]].itertuples()
+    }
+    own = {
+        record["record_id"]: (record["return"], len(record["energy"]) if record.trace else None)
+        for record in run.records()
+    }
+    assert by_duckdb == by_polars == by_pandas == own
+    assert len(own) == 8
+    assert first.suffix == ".parquet"
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_nothing_is_replaced_and_nothing_half_written(run, form, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.write_text("as before")
+    with pytest.raises(EvidenceError, match="exists, and is not replaced; give another --out"):
+        export(run, form, out)
+    assert out.read_text() == "as before"
+    out.unlink()
+
+    def broken(*read):
+        yield from list(parts(*read))[:1]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("integ_gym.evidence.exchange.selection.parts", broken)
+    monkeypatch.setattr("integ_gym.evidence.exchange.selection.read", lambda *x, **y: 1 // 0)
+    with pytest.raises((KeyboardInterrupt, ZeroDivisionError)):
+        export(run, form, out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_format_cannot_hold_is_refused(two_environments, tmp_path, capsys):
+    store = open_run(two_environments)
+    for form in ("minari", "lerobot"):
+        with pytest.raises(EvidenceError, match=r"and IntegPendulum-v0.*--where"):
+            export(store, form, tmp_path / "out")
+    with pytest.raises(EvidenceError, match="DuckDB refuses"):
+        export(store, "csv", tmp_path / "out", where="no_such_column")
+    with pytest.raises(EvidenceError, match="no record of"):
+        export(store, "csv", tmp_path / "out", where="length < 0")
+    with pytest.raises(ValueError, match="the format must be one of"):
+        export(store, "xml", tmp_path / "out")
+    assert main(["evidence", "export", str(two_environments), "--to", "mcap"]) == 2
+    assert "say where with --out DIR" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_choice_that_was_none_is_left_out(tmp_path):
+    for number, action in enumerate((0, np.nan)):
+        context = EpisodeContext("run", f"cell {number}")
+        env = gym.make("IntegCartPole-v0", fallback="zero", duration=0.1)
+        env = RecordEvidence(env, tmp_path / "evidence", context)
+        env.reset(seed=0)
+        ended = False
+        while not ended:
+            *_, terminated, truncated, _ = env.step(action)
+            ended = terminated or truncated
+        env.close()
+    store = open_run(tmp_path)
+    for form in ("minari", "lerobot"):
+        done = export(store, form, tmp_path / form)
+        assert done.records == 1
+        assert re.match("in which the fallback acted", *done.left_out)
+        with pytest.raises(EvidenceError, match="all records are episodes in which the fallback"):
+            export(store, form, tmp_path / "none", where="cell = 'cell 1'")
+
+
+@pytest.mark.parametrize("form", FOLDERS)
+def test_records_of_any_environment_are_exported(form, tmp_path):
+    context = EpisodeContext("stock", "as it is")
+    env = RecordEvidence(gym.make("CartPole-v1"), tmp_path / "evidence", context)
+    env.reset(seed=0)
+    ended = False
+    while not ended:
+        *_, terminated, truncated, _ = env.step(env.action_space.sample())
+        ended = terminated or truncated
+    env.close()
+    store = EvidenceStore(tmp_path / "evidence")
+    if form == "lerobot":
+        with pytest.raises(EvidenceError, match="the control period is not known"):
+            export(store, form, tmp_path / "out")
+    else:
+        assert export(store, form, tmp_path / "out").records == 1
+        assert any(read_bounded(file) for file in (tmp_path / "out").rglob("*") if file.is_file())
