@@ -29,7 +29,7 @@ class EvidenceStore:
 
     def files(self) -> list[Path]:
         """The committed files, sorted."""
-        return sorted(self.directory.glob("*.parquet"))
+        return sorted(file for file in self.directory.glob("*.parquet") if file.is_file())
 
     def batches(self) -> tuple[str, ...]:
         """Names of the committed batches, sorted."""

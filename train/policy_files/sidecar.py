@@ -17,7 +17,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.support import replace_file
+from integ_gym.support import read_json, read_object, replace_file
 
 from ..policy import MlpPolicy
 from .error import PolicyFileError
@@ -30,6 +30,8 @@ POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
 SIDECAR_FILE = "policy.json"
 FORMAT = "integ-gym policy 1"
+
+_RESTORE = "keep the side-car beside the policy it was written with, or train it again"
 
 
 @dataclass(frozen=True)
@@ -115,16 +117,16 @@ def write_policy(
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:
     """Whether a file of the policy's name is its side-car, or a damaged one.
 
-    JSON that does not say what format it has belongs to somebody else.
+    JSON that says neither what format it has nor a policy's hash belongs to somebody else.
     """
     path = Path(policy).with_suffix(".json")
     if not path.exists():
         return False
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(path, _RESTORE)
+    except ValueError:
         return True
-    return isinstance(content, dict) and "format" in content
+    return isinstance(content, dict) and not {"format", "content_hash"}.isdisjoint(content)
 
 
 def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
@@ -135,21 +137,16 @@ def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
     """
     path = Path(policy).with_suffix(".json")
     try:
-        card = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PolicyFileError(
-            f"{path}: cannot be opened ({error.strerror or error}); keep the side-car beside the "
-            "policy it was written with"
-        ) from error
+        card = read_object(path, {}, _RESTORE)
     except ValueError as error:
-        raise PolicyFileError(f"{path}: is not readable JSON; train the policy again") from error
-    found = card.get("format") if isinstance(card, dict) else None
+        raise PolicyFileError(str(error)) from None
+    found = card.get("format")
     if found != FORMAT:
         raise PolicyFileError(
-            f"{path}: has format {found!r} where {FORMAT!r} was expected; "
+            f"{path}: has format {found!r:.60} where {FORMAT!r} was expected; "
             "give the side-car that the trainer wrote"
         )
-    return dict(card)
+    return card
 
 
 def read_trained(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.evidence import EvidenceStore
+from integ_gym.support import told_path
 from integ_gym.train import POLICY_FILE
 
 from ...report.figures import write_figures
@@ -132,7 +133,7 @@ def write_outputs(
         "question": spec.question,
         "spec": spec.to_json(),
         "protocol_gaps": tuple(spec.gaps()),
-        "directory": str(directory.path),
+        "directory": told_path(directory.path),
         "versions": directory.versions(),
     }
     panel = build_artefact(

@@ -227,7 +227,7 @@ class RunDirectory:
 
     def has_records(self, unit: str) -> bool:
         """Whether the unit's records are there."""
-        return self._records(unit).exists()
+        return self._records(unit).is_file()
 
     def _whole_records(self, unit: str, held: Mapping[str, Any]) -> bool:
         """Whether a unit's records are those that it was finished with.
@@ -236,8 +236,8 @@ class RunDirectory:
             RunDirectoryError: if they are whole, and others.
         """
         file = self._records(unit)
-        if not file.exists() or (RECORDS in held and file_hash(file) == held[RECORDS]):
-            return file.exists()
+        if not file.is_file() or (RECORDS in held and file_hash(file) == held[RECORDS]):
+            return file.is_file()
         if _is_cut_off(file):
             return False
         if RECORDS in held:
@@ -253,7 +253,7 @@ class RunDirectory:
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
-            if RECORDS in held and not file.exists():
+            if RECORDS in held and not file.is_file():
                 yield name, "is missing"
             elif RECORDS in held and file_hash(file) != held[RECORDS]:
                 yield name, "is not what its unit was finished with"
