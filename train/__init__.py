@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         HOW_TO_STATE,
         POLICY_FILE,
         STOCK,
+        WEIGHTS_FILE,
         PolicyFileError,
         Stated,
         TrainedPolicy,

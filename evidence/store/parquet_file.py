@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
@@ -115,6 +116,21 @@ def parts(file: Path) -> Iterator[Any]:
                 yield opened.read_row_group(group)
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
+
+
+def sample(file: Path, count: int) -> Any:
+    """At most so many rows of one row group, drawn at random, as an Arrow table.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    check_schema(file)
+    try:
+        with parquet().ParquetFile(file) as opened:
+            group = opened.read_row_group(random.randrange(opened.num_row_groups))
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+    return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
 
 
 def record_ids(file: Path) -> list[str]:

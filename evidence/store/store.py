@@ -11,7 +11,16 @@ from integ_gym.support import remove_leftovers, write_once
 
 from ..episodes import EvidenceRecord, records_of
 from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes
-from .parquet_file import check_schema, parts, read, read_row, record_ids, row_count, write
+from .parquet_file import (
+    check_schema,
+    parts,
+    read,
+    read_row,
+    record_ids,
+    row_count,
+    sample,
+    write,
+)
 from .querying import query
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
@@ -102,6 +111,14 @@ class EvidenceStore:
             if name in (None, file.name):
                 for part in parts(file):
                     yield from ((file.name, record) for record in records_of(part))
+
+    def some_records(self, name: str, count: int) -> list[EvidenceRecord]:
+        """Records of the file of that name, at most so many, drawn from one of its row groups.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        return list(records_of(sample(self.directory / name, count)))
 
     def find(self, record_id: str) -> EvidenceRecord:
         """The record with that id, or with the one id that begins so.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from integ_gym.evidence import (
     ELSEWHERE,
@@ -29,7 +30,9 @@ DEPTHS = ("whole", "sealed", "replayed")
 SAMPLE = 2000
 """Records that are played again unless more are asked for."""
 
-_PLAN = "run.json"
+_PAGE = "panel.json"
+_PLANNED = ("run.json", _PAGE, "units")
+"""What a panel writes, any of which says that there was a plan."""
 
 _TRACED = "SELECT record_id FROM records WHERE reward IS NOT NULL ORDER BY record_id"
 
@@ -70,32 +73,39 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
     if given.depth == "sealed" and sealed is None:
         raise EvidenceError(f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end")
     found = [str(problem) for problem in store.verify()]
-    with contextlib.suppress(*([ValueError] if found else [])):
+    with contextlib.suppress(*([ValueError] if found else [])):  # what cannot be read is named
         found.extend(map(str, _against_plan(run)))
-    if not found:
-        found += map(str, _whole(store))
+    with contextlib.suppress(*([ValueError] if found else [])):
+        found.extend(map(str, _whole(store)))
     if given.depth != "whole":
         found += map(str, broken_seals(run))
-    told = [
-        f"records: {store.count()}, files: {len(store.files())}, schema version {SCHEMA_VERSION}",
-        "whole: every content hash matches, no episode is missing, and outcomes, ledgers and "
-        "labels follow from traces and stored replays",
-    ]
-    if sealed is not None and given.depth != "whole":
-        told.append(f"sealed: {sealed['seal']}")
-    if given.depth == "replayed" and not found:
-        played, sentences = _replayed(store, given)
+        if sealed is None and (run / _PAGE).exists():
+            found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
+    told: list[str] = []
+    if not found and given.depth == "replayed":
+        played, told = _replayed(store, given)
         found += played
-        told += sentences
-    for line in found or told:
+    for line in found or [*_checked(store, given.depth, sealed), *told]:
         print(line)
     if found:
         print(f"problems in {run}: {len(found)}")
     return 1 if found else 0
 
 
+def _checked(store: EvidenceStore, depth: str, sealed: Mapping[str, Any] | None) -> Iterator[str]:
+    """What was found to be in order before any episode was played again."""
+    count, files = store.count(), len(store.files())
+    yield f"records: {count}, files: {files}, schema version {SCHEMA_VERSION}"
+    yield (
+        "whole: every content hash matches, no episode is missing, and outcomes, ledgers and "
+        "labels follow from traces and stored replays"
+    )
+    if sealed is not None and depth != "whole":
+        yield f"sealed: {sealed['seal']}"
+
+
 def _against_plan(run: Path) -> Iterator[Finding]:
-    if (run / _PLAN).exists():
+    if any((run / name).exists() for name in _PLANNED):
         from integ_gym.eval import against_plan
 
         yield from against_plan(run)

@@ -12,6 +12,7 @@ from integ_gym.train import POLICY_FILE
 from ...report.figures import write_figures
 from ...report.page import write_report
 from ..model import Cost, Panel, Policy, write_panel
+from ..plan_check import check_records
 from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
@@ -101,7 +102,12 @@ def _stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
 def reduced(
     spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
 ) -> tuple[PanelLayout, Matrix]:
-    """The rows' cells, and what the evaluation episodes on record came to."""
+    """The rows' cells, and what the evaluation episodes on record came to.
+
+    Raises:
+        RunDirectoryError: for records that are not those of its units; see `check_records`.
+    """
+    check_records(directory)
     table = EvidenceStore(directory.evidence).query(
         f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
     )
