@@ -48,7 +48,7 @@ def archive(victim: Victim, folder: Path, rng: random.Random) -> None:
     else:
         file.write_bytes(_member_changed(file, rng))
     expected = json.loads((source / "policy.json").read_text())["content_hash"]
-    read = _refused_or(lambda: read_trained(file))
+    read = refused_or(lambda: read_trained(file))
     assert read is None or read[0].content_hash == expected
 
 
@@ -57,7 +57,7 @@ def sidecar(victim: Victim, folder: Path, rng: random.Random) -> None:
     source = victim.run / "policies" / "rk4-dt-0.05-seed0" / "policy.json"
     file = folder / "policy.json"
     _write(file, _json_changed(source.read_text(encoding="utf-8"), rng))
-    _refused_or(lambda: read_sidecar(file))
+    refused_or(lambda: read_sidecar(file))
 
 
 def marker(victim: Victim, folder: Path, rng: random.Random) -> None:
@@ -67,11 +67,11 @@ def marker(victim: Victim, folder: Path, rng: random.Random) -> None:
     text = (victim.run / name).read_text(encoding="utf-8")
     _write(folder / name, _json_changed(text, rng))
     if name == "run.json":
-        _refused_or(lambda: read_manifest(folder / name))
+        refused_or(lambda: read_manifest(folder / name))
     else:
         directory = RunDirectory(folder, {})
-        _refused_or(lambda: directory.seconds([Path(name).stem]))
-        _refused_or(lambda: directory.wall_seconds([Path(name).stem]))
+        refused_or(lambda: directory.seconds([Path(name).stem]))
+        refused_or(lambda: directory.wall_seconds([Path(name).stem]))
 
 
 def specification(victim: Victim, folder: Path, rng: random.Random) -> None:
@@ -81,7 +81,7 @@ def specification(victim: Victim, folder: Path, rng: random.Random) -> None:
         text = rng.choice((_value_changed, _line_changed, _characters_changed))(text, rng)
     file = folder / "spec.toml"
     _write(file, text)
-    _refused_or(lambda: read_spec(file))
+    refused_or(lambda: read_spec(file))
 
 
 def constructor(victim: Victim, folder: Path, rng: random.Random) -> None:
@@ -89,7 +89,7 @@ def constructor(victim: Victim, folder: Path, rng: random.Random) -> None:
     names = rng.sample(ARGUMENTS, rng.randint(1, 3))
     given = {name: rng.choice(VALUES) for name in names}
     env_id = rng.choice(("IntegPendulum-v0", "IntegCartPole-v0", "IntegElasticPendulum-v0"))
-    env = _refused_or(lambda: gym.make(env_id, disable_env_checker=True, **given))
+    env = refused_or(lambda: gym.make(env_id, disable_env_checker=True, **given))
     if env is None:
         return
     env.action_space.seed(0)
@@ -103,7 +103,7 @@ def constructor(victim: Victim, folder: Path, rng: random.Random) -> None:
     assert env.observation_space.contains(observation), observation
 
 
-def _refused_or(act: Callable[[], Any]) -> Any:
+def refused_or(act: Callable[[], Any]) -> Any:
     """What an act gives; None if it is refused, which must be in one line."""
     try:
         return act()
