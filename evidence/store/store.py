@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -101,16 +101,18 @@ class EvidenceStore:
         for file in self.files():
             yield from records_of(read(file, trace=trace))
 
-    def named_records(self, name: str | None = None) -> Iterator[tuple[str, EvidenceRecord]]:
-        """Name of the file and record, of all files or of the one of that name.
+    def named_records(self, ids: Collection[str] = ()) -> Iterator[tuple[str, EvidenceRecord]]:
+        """Name of the file and record, file by file.
+
+        Args:
+            ids: of the records that are wanted; by default all.
 
         Raises:
             EvidenceError: for a file that cannot be read or has another schema version.
         """
         for file in self.files():
-            if name in (None, file.name):
-                for part in parts(file):
-                    yield from ((file.name, record) for record in records_of(part))
+            for part in parts(file, ids):
+                yield from ((file.name, record) for record in records_of(part))
 
     def some_records(self, name: str, count: int) -> list[EvidenceRecord]:
         """Records of the file of that name, at most so many, drawn from one of its row groups.

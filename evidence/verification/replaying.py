@@ -31,7 +31,7 @@ _NOT_REPLAYED = VOLATILE_NAMES | {
 }
 """Fields that say how controls and starts came about, or that a replay is told."""
 
-MOST_LANES = 256
+MOST_LANES = 512
 """Episodes that are played side by side."""
 
 

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import random
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from integ_gym.evidence import (
     SCHEMA_VERSION,
     SEAL_FILE,
     EvidenceError,
-    EvidenceRecord,
     EvidenceStore,
     Finding,
     broken_seals,
@@ -29,6 +29,9 @@ DEPTHS = ("whole", "sealed", "replayed")
 
 SAMPLE = 2000
 """Records that are played again unless more are asked for."""
+
+BLOCK = 4096
+"""Records that are in memory at once; those of one setup are played side by side."""
 
 _PAGE = "panel.json"
 _PLANNED = ("run.json", _PAGE, "units")
@@ -119,17 +122,15 @@ def _whole(store: EvidenceStore) -> Iterator[Finding]:
 
 def _replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Deviations of what was played again, and sentences that say what was."""
-    files = {file.name: file for file in store.files()}
     ids = store.query(_TRACED).column("record_id").to_pylist()
     count = len(ids) if given.all else min(len(ids), max(0, given.sample))
     chosen = set(random.Random(given.seed).sample(ids, count))
-    records: list[tuple[str, EvidenceRecord]] = []
     found: list[str] = []
     played = exact = 0
     skipped: dict[str, int] = {}
-    for name in files:
-        records = [(name, r) for f, r in store.named_records(name) if r["record_id"] in chosen]
-        done = replay(records, exact=given.exact, own_code=given.own_code)
+    records = store.named_records(chosen) if chosen else iter(())
+    while block := list(islice(records, BLOCK)):
+        done = replay(block, exact=given.exact, own_code=given.own_code)
         found += map(str, done.findings)
         played, exact = played + done.records, exact + done.exact
         for reason, number in done.skipped.items():

@@ -27,7 +27,7 @@ BEGUN = st.sampled_from([(name,) for name in COMMANDS])
 WORD = st.sampled_from((*OPTIONS, *WORDS)) | st.text(max_size=8)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(begun=BEGUN, words=st.lists(WORD, max_size=5))
 def test_any_command_ends_with_a_code_and_a_sentence(begun, words):
     """It can write nowhere, so that nothing that takes long is begun."""
@@ -39,7 +39,7 @@ def test_any_command_ends_with_a_code_and_a_sentence(begun, words):
 
 
 @pytest.mark.parametrize("name", ["show", "query", "verify", "export"])
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(words=st.lists(WORD, max_size=3))
 def test_any_look_at_evidence_ends_with_a_code_and_a_sentence(name, words, victim):
     code, told = command("evidence", name, victim.run, *words)
@@ -50,7 +50,7 @@ def test_any_look_at_evidence_ends_with_a_code_and_a_sentence(name, words, victi
 ANY = st.sampled_from(VALUES) | st.floats() | st.integers() | st.text(max_size=5)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     env_id=st.sampled_from(sorted(ENVIRONMENTS)),
     given_values=st.dictionaries(st.sampled_from(ARGUMENTS), ANY, max_size=3),
