@@ -1,6 +1,7 @@
 """What evidence costs: time while recording, time and bytes when written, time of queries.
 
-    python benchmarks/evidence_cost.py [--seconds 4.0] [--episodes 1000000] [--json FILE]
+    python benchmarks/evidence_cost.py [--seconds 4.0] [--episodes 1000000] [--only store]
+                                       [--json FILE]
 
 Recording: an environment and the same one recorded take turns, with traces of all episodes and with
 summaries alone; what was recorded is written in batches. `recording` is the rate while recording,
@@ -12,11 +13,13 @@ ids.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -34,6 +37,7 @@ from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.workers import peak_memory
 
 ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0")
 LANES = (1, 64, 1024)
@@ -145,8 +149,22 @@ def _contenders(
     return vector(plain, lanes), vector(recorder, lanes), recorder
 
 
-def fill_store(directory: Path, episodes: int) -> float:
-    """Write so many summaries to a store; bytes per record."""
+def store_cost(episodes: int) -> dict[str, Any]:
+    """What a store of so many summaries costs: writing, bytes, queries, and the most memory."""
+    with tempfile.TemporaryDirectory() as directory:
+        size, rate = fill_store(Path(directory), episodes)
+        queries = list(query_times(Path(directory)))
+    return {
+        "episodes": episodes,
+        "bytes_per_summary": size,
+        "written_per_second": rate,
+        "queries": queries,
+        "most_memory": peak_memory(),
+    }
+
+
+def fill_store(directory: Path, episodes: int) -> tuple[float, float]:
+    """Write so many summaries to a store; bytes per record, and records per second."""
     context = EpisodeContext("benchmark", "cell", phase="training", trace_every=SUMMARIES_ONLY)
     environment = gym.make_vec("IntegCartPole-v0", num_envs=64)
     recorder = RecordVectorEvidence(environment, directory, context, commit_on_close=False)
@@ -154,12 +172,13 @@ def fill_store(directory: Path, episodes: int) -> float:
     while len(recorder.summaries()["episode_index"]) < BASE_RECORDS:
         advance()
     base = recorder.take()
-    store = EvidenceStore(directory)
+    store, seconds = EvidenceStore(directory), 0.0
     for number, first in enumerate(range(0, episodes, ROWS_PER_FILE)):
         count = min(ROWS_PER_FILE, episodes - first)
         places = np.arange(count) % base.num_rows
-        store.commit(f"part-{number:05d}", _under_new_ids(base.take(places), first))
-    return sum(file.stat().st_size for file in store.files()) / episodes
+        table = _under_new_ids(base.take(places), first)
+        seconds += _seconds(partial(store.commit, f"part-{number:05d}", table))
+    return sum(file.stat().st_size for file in store.files()) / episodes, episodes / seconds
 
 
 def _under_new_ids(table: Any, first: int) -> Any:
@@ -202,10 +221,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=4.0, help="time per recorded row, s")
     parser.add_argument("--episodes", type=int, default=1_000_000, help="to be queried")
+    parser.add_argument("--only", choices=("recording", "store"), help="one of the two")
     parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
+    content: dict[str, Any] = {}
+    if arguments.only != "store":
+        content["recording"] = _recording(arguments.seconds)
+    if arguments.only != "recording":
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            content |= pool.submit(store_cost, arguments.episodes).result()
+        _print_store(content)
+    results.write(arguments.json, content, PACKAGES)
+
+
+def _recording(seconds: float) -> list[dict[str, Any]]:
+    """Print what recording costs; its rows."""
     costs = [
-        recording_cost(environment, lanes, trace, arguments.seconds)
+        recording_cost(environment, lanes, trace, seconds)
         for environment in ENVIRONMENTS
         for lanes in LANES
         for trace in (True, False)
@@ -215,22 +247,20 @@ def main() -> None:
         "bytes/record", "bytes/step",
     )  # fmt: skip
     results.print_table(header, map(_cells, costs))
-    with tempfile.TemporaryDirectory() as directory:
-        size = fill_store(Path(directory), arguments.episodes)
-        queries = list(query_times(Path(directory)))
-    print(f"\n{arguments.episodes:,} episodes, {size:.0f} bytes each")
+    return [asdict(cost) for cost in costs]
+
+
+def _print_store(found: dict[str, Any]) -> None:
+    print(
+        f"\n{found['episodes']:,} episodes, {found['bytes_per_summary']:.0f} bytes each, "
+        f"{found['written_per_second']:,.0f} written a second; most memory "
+        f"{found['most_memory'] / 2**20:.0f} MiB"
+    )
     rows = (
         (q["query"], f"{1e3 * q['seconds']:.0f}", f"{1e3 * q['command_seconds']:.0f}")
-        for q in queries
+        for q in found["queries"]
     )
     results.print_table(("query", "store, ms", "command, ms"), rows)
-    content = {
-        "recording": [asdict(cost) for cost in costs],
-        "episodes": arguments.episodes,
-        "bytes_per_summary": size,
-        "queries": queries,
-    }
-    results.write(arguments.json, content, PACKAGES)
 
 
 def _cells(cost: Cost) -> list[str]:

@@ -48,11 +48,12 @@ if TYPE_CHECKING:
         new_path,
         remove_leftovers,
         replace_file,
+        told_path,
         write_json,
         write_once,
     )
     from .locks import FileLock
-    from .machine import instruction_sets
+    from .machine import host, instruction_sets
     from .packages import (
         Registry,
         absent,
@@ -77,7 +78,14 @@ if TYPE_CHECKING:
         units,
         unknown_name,
     )
-    from .reading import Kinds, read_bounded, read_object
+    from .reading import (
+        Kinds,
+        check_regular,
+        parse_json,
+        read_bounded,
+        read_json,
+        read_object,
+    )
     from .spawning import SpawnError, check_spawning
     from .terminal import (
         DIM,
@@ -100,6 +108,7 @@ if TYPE_CHECKING:
         say,
         seconds,
         step,
+        told_command,
         true_minus,
         unbroken,
         visible,

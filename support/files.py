@@ -105,6 +105,15 @@ def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
                 file.unlink()
 
 
+def told_path(path: str | os.PathLike[str]) -> str:
+    """A path as what others will read tells it: from here, and of one elsewhere the name alone."""
+    told = Path(path)
+    if not told.is_absolute():
+        return str(told)
+    here = Path.cwd()
+    return str(told.relative_to(here)) if told.is_relative_to(here) else told.name
+
+
 def make_folder(out: Path) -> Path:
     """``out`` as a folder that can be written to, made where there is none.
 

@@ -1,8 +1,15 @@
-"""What of the machine can show in the last bits of a result."""
+"""What results tell of the machine that made them."""
 
 from __future__ import annotations
 
 import platform
+from functools import cache
+
+
+@cache
+def host() -> str:
+    """Operating system and processor, not the machine's own name or kernel."""
+    return f"{platform.system()} {platform.machine()}"
 
 
 def instruction_sets() -> tuple[str, ...]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,18 +28,64 @@ _IN_WORDS = {
 }  # fmt: skip
 
 
+def check_regular(path: Path) -> None:
+    """Check that a path is a file with an end: no folder, no device, no pipe.
+
+    Raises:
+        OSError: if not.
+    """
+    kind = path.stat().st_mode
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(kind):
+        raise OSError(errno.EINVAL, "it is a device or a pipe and no file", str(path))
+
+
 def read_bounded(path: Path, most: int = MOST_BYTES) -> bytes:
     """The content of a file.
 
     Raises:
-        OSError: if it cannot be read.
+        OSError: if it cannot be read, or is a device or a pipe.
         ValueError: if it has more than ``most`` bytes, which are all that is read.
     """
+    check_regular(path)
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
         raise ValueError(f"{path} has more than {most} bytes, which no file of its kind has")
     return content
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """What a JSON file holds.
+
+    Args:
+        path: the file.
+        remedy: what helps where it is damaged, as the end of a sentence.
+
+    Raises:
+        ValueError: in one sentence that names the file, the fault and the remedy.
+    """
+    try:
+        return parse_json(read_bounded(path))
+    except OSError as error:
+        raise ValueError(f"cannot read {path}: {error.strerror or error}; {remedy}") from None
+    except ValueError as error:
+        raise _damaged(path, error, remedy) from None
+
+
+def parse_json(content: bytes) -> Any:
+    """JSON whose numbers are finite and short, and whose objects and lists are not too deep.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    try:
+        parsed = json.loads(content, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    _check_depth(parsed)
+    return parsed
 
 
 def read_object(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
@@ -45,27 +94,24 @@ def read_object(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
     Args:
         path: the file.
         kinds: keys that it must have, and what their values must be; it may have others.
-        remedy: what helps where it is damaged, as the end of a sentence.
+        remedy: see :func:`read_json`.
 
     Raises:
         ValueError: in one sentence that names the file, the fault and the remedy.
     """
+    content = read_json(path, remedy)
     try:
-        content = json.loads(
-            read_bounded(path), parse_int=_whole, parse_float=_finite, parse_constant=_finite
-        )
-        _check_depth(content)
         if not isinstance(content, dict):
             raise ValueError(f"it holds {_word(type(content))} where an object was expected")
         for name, kind in kinds.items():
             _check_kind(content, name, kind if isinstance(kind, tuple) else (kind,))
-    except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror or error}; {remedy}") from None
-    except RecursionError:
-        raise ValueError(f"{path} is damaged: {_TOO_DEEP}; {remedy}") from None
     except ValueError as error:
-        raise ValueError(f"{path} is damaged: {error}; {remedy}") from None
+        raise _damaged(path, error, remedy) from None
     return content
+
+
+def _damaged(path: Path, error: ValueError, remedy: str) -> ValueError:
+    return ValueError(f"{path} is damaged: {error}; {remedy}")
 
 
 _TOO_DEEP = f"objects or lists are nested more than {DEEPEST} deep"

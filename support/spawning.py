@@ -71,7 +71,7 @@ def _guarded(path: Path) -> bool:
     except (OSError, SyntaxError, ValueError):
         return True
     guards = [node for node in tree.body if isinstance(node, ast.If) and _is_guard(node.test)]
-    line = next((f.f_lineno for f in _frames() if _is_main(f)), None)
+    line = next((f.f_lineno for f in _frames() if _is_main(f, path.name)), None)
     if line is None:
         return bool(guards)
     return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
@@ -83,9 +83,11 @@ def _is_guard(test: ast.expr) -> bool:
     return "__name__" in names and "__main__" in texts
 
 
-def _is_main(frame: FrameType) -> bool:
+def _is_main(frame: FrameType, file: str) -> bool:
+    """Whether a frame is of the main program, and not of what forks processes for it."""
     own = frame.f_globals.get("__name__") == "__main__"
-    return own and frame.f_code.co_name == "<module>"
+    code = frame.f_code
+    return own and code.co_name == "<module>" and Path(code.co_filename).name == file
 
 
 def _frames() -> Iterator[FrameType]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         HOW_TO_STATE,
         POLICY_FILE,
         STOCK,
+        WEIGHTS_FILE,
         PolicyFileError,
         Stated,
         TrainedPolicy,

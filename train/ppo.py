@@ -39,6 +39,8 @@ from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files import TrainedPolicy, make_card, mixture_of, write_policy
 from integ_gym.train.running import (
     ENV_ARGUMENTS,
+    LONGEST,
+    MOST_LANES,
     OnTrained,
     TrainingEvidence,
     check_config,
@@ -68,9 +70,12 @@ class PPOConfig:
     env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
     seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
     total_steps: int = parameter(
-        300_000, "", "decisions of all environments together, rounded up to rollouts", whole(1)
+        300_000,
+        "",
+        "decisions of all environments together, rounded up to rollouts",
+        whole(1, LONGEST),
     )
-    n_envs: int = parameter(16, "", "environments that advance together", whole(1))
+    n_envs: int = parameter(16, "", "environments that advance together", whole(1, MOST_LANES))
     n_steps: int = parameter(256, "", "decisions per environment in a rollout", whole(1))
     batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
     n_epochs: int = parameter(10, "", "passes over each rollout", whole(1))

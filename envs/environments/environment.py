@@ -260,7 +260,7 @@ def box_action(action: Any) -> float:
         return math.inf
     except (TypeError, ValueError):
         raise ValueError(
-            f"action must have shape (1,), got {action!r} of shape {np.shape(action)}"
+            f"action must have shape (1,), got {shown(action)} of shape {np.shape(action)}"
         ) from None
 
 
@@ -278,5 +278,13 @@ def discrete_action(action: Any, count: int) -> float:
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise ValueError(f"action must be one of {choices}, got {action!r:.60}")
+        raise ValueError(f"action must be one of {choices}, got {shown(action)}")
     return value
+
+
+def shown(action: Any) -> str:
+    """An action as a message shows it: not in full where it is long."""
+    try:
+        return f"{action!r:.60}"
+    except ValueError:  # a whole number of more digits than Python writes
+        return "a number of thousands of digits"

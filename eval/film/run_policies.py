@@ -11,6 +11,7 @@ from typing import Any
 
 from integ_gym.envs import environment_setup, testbed_of
 from integ_gym.evidence import EvidenceRecord, EvidenceStore
+from integ_gym.support import read_object
 from integ_gym.train import BASELINES, Policy, make_baseline
 
 from ..panel.existing import kept_policy, read_existing
@@ -58,9 +59,9 @@ def _told_hash(path: Path) -> str | None:
     """The hash that a side-car tells; None where it must be computed."""
     if any(path.parent.glob("obs_stats.*")):
         return None
-    with suppress(OSError, ValueError):
-        told = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        return str(told["content_hash"]) if "content_hash" in told else None
+    with suppress(ValueError):
+        told = read_object(path.with_suffix(".json"), {"content_hash": str}, "")
+        return str(told["content_hash"])
     return None
 
 

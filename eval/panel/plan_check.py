@@ -1,20 +1,25 @@
-"""A finished run held against its own plan: units, policies, and how many records of what."""
+"""A finished run held against its own plan: units, policies, records, and what is told of them."""
 
 from __future__ import annotations
 
+import random
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from integ_gym.evidence import EvidenceStore, Finding
-from integ_gym.train import POLICY_FILE, read_trained
+import numpy as np
+
+from integ_gym.evidence import EvidenceStore, Finding, broken_seals, recompute, replay
+from integ_gym.train import POLICY_FILE, WEIGHTS_FILE, read_trained, read_weights
 
 from .existing import hashes_of
+from .model import FILE_NAME, read_panel
 from .running import MANIFEST, RunDirectory, RunDirectoryError, is_card_of, read_manifest
 
 _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
-       max(episode_index) AS last
+       max(episode_index) AS last, count(*) AS records
 FROM records WHERE phase = 'evaluation' GROUP BY ALL ORDER BY policy_id, cell
 """
 
@@ -24,32 +29,64 @@ FROM records GROUP BY ALL ORDER BY run_id, policy_id
 """
 
 
+_LABELS = """
+SELECT policy_id, cell, failure_label, count(*) AS records
+FROM records WHERE phase = 'evaluation' GROUP BY ALL
+"""
+
+_SUCCESS, _EVALUATION = "none", "evaluate-"
+
+SAMPLED_FILES, SAMPLED_RECORDS = 2, 64
+"""Files, and records of each, that are recomputed and played again before a page is written."""
+
+
 def check_finished(path: Path) -> None:
-    """Refuse a run whose files are not those that its units were finished with.
+    """Refuse a run whose files are not those that it was finished and sealed with.
 
     Raises:
         RunDirectoryError: with the first of them and the remedy.
     """
-    for finding in (*_of_files(_directory(path)), *_of_policies(_directory(path))):
-        raise RunDirectoryError(
-            f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
-            "run the panel's command again, which does what is missing"
-        )
+    for finding in (*against_plan(path), *broken_seals(path)):
+        _refuse(path, finding)
+    check_records(_directory(path))
+
+
+def check_records(directory: RunDirectory) -> None:
+    """Refuse records that no unit was finished with, or whose outcomes their traces deny.
+
+    Of the latter a sample is recomputed and played again; `integ-gym evidence verify --all` does
+    that with all.
+
+    Raises:
+        RunDirectoryError: with the first of them and the remedy.
+    """
+    for finding in (*_of_files(directory), *_of_sample(directory)):
+        _refuse(directory.path, finding)
+
+
+def _refuse(path: Path, finding: Finding) -> NoReturn:
+    raise RunDirectoryError(
+        f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
+        "run the panel's command again, which does what is missing"
+    )
 
 
 def against_plan(path: Path) -> Iterator[Finding]:
-    """What of a run is not as it was planned; nothing for a directory without a plan.
+    """What of a run is not as it was planned; nothing for a directory that no panel was run in.
 
     Args:
         path: the run's directory.
     """
-    if not (path / MANIFEST).exists():
-        return
     directory = _directory(path)
+    if not (path / MANIFEST).exists():
+        if (path / FILE_NAME).exists() or directory.markers(""):
+            yield Finding(MANIFEST, None, "is missing, which says what was planned")
+        return
     yield from _of_files(directory)
     yield from _of_policies(directory)
     planned = read_manifest(path / MANIFEST)["specification"]
     yield from _of_records(directory, planned)
+    yield from _of_matrix(directory)
 
 
 def _directory(path: Path) -> RunDirectory:
@@ -86,9 +123,11 @@ def _of_policies(directory: RunDirectory) -> Iterator[Finding]:
 
 
 def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
-    """Whether policy and side-car are those that a training unit ended with."""
+    """Whether policy, side-car and copy of the weights are what a training unit ended with."""
     _, card = read_trained(folder / POLICY_FILE)
-    return is_card_of(card, marker)
+    copy = folder / WEIGHTS_FILE
+    same = not copy.exists() or read_weights(copy).content_hash == card["content_hash"]
+    return same and is_card_of(card, marker)
 
 
 def _is_given(folder: Path, expected: str) -> bool:
@@ -120,6 +159,9 @@ def _of_records(directory: RunDirectory, planned: Mapping[str, Any]) -> Iterator
     cells: dict[str, dict[str, tuple[int, int, int]]] = {}
     for row in store.query(_EVALUATED).to_pylist():
         found = row["present"], row["first"], row["last"]
+        if row["records"] > row["present"]:
+            have = f"{row['records']} records of {row['present']} episodes in cell {row['cell']!r}"
+            yield Finding("evidence", None, f"policy {row['policy_id']!r} has {have}")
         cells.setdefault(row["policy_id"], {})[row["cell"]] = found
     yield from _of_cells(cells, list(evaluated), planned.get("episodes"))
 
@@ -145,3 +187,52 @@ def _of_cells(
 def _row(policy: str) -> str:
     """The row of a policy: its name without its seed."""
     return policy.rpartition("-seed")[0] or policy
+
+
+def _of_matrix(directory: RunDirectory) -> Iterator[Finding]:
+    """Entries of ``panel.json`` that the records deny."""
+    file = directory.path / FILE_NAME
+    if not file.exists():
+        return
+    try:
+        panel = read_panel(file)
+    except ValueError as error:
+        yield Finding(FILE_NAME, None, str(error))
+        return
+    found: dict[tuple[str, str], Counter[str]] = {}
+    for row in EvidenceStore(directory.evidence).query(_LABELS).to_pylist():
+        own = found.setdefault((row["policy_id"], row["cell"]), Counter())
+        own[row["failure_label"]] += row["records"]
+    policies = {row.name: [policy.id for policy in row.policies] for row in panel.rows}
+    for entry in panel.matrix:
+        each = [found.get((name, entry.cell), Counter()) for name in policies[entry.row]]
+        rates = [own[_SUCCESS] / max(1, own.total()) for own in each]
+        records = sum(each, Counter())
+        told = (entry.episodes, dict(entry.labels), tuple(entry.success_by_seed))
+        if not _alike(told, (records.total(), dict(records), tuple(rates))):
+            yield Finding(
+                FILE_NAME,
+                None,
+                f"what it says of {entry.row!r} in cell {entry.cell!r} is not what the records say",
+            )
+
+
+def _alike(told: tuple[Any, ...], found: tuple[Any, ...]) -> bool:
+    """Whether counts are the same, and rates to rounding."""
+    *counts, rates = told
+    *others, again = found
+    return counts == others and len(rates) == len(again) and bool(np.allclose(rates, again))
+
+
+def _of_sample(directory: RunDirectory) -> Iterator[Finding]:
+    """Outcomes that their traces deny, and traces that their environments deny.
+
+    Looked at are evaluation records that nobody can foretell.
+    """
+    store = EvidenceStore(directory.evidence)
+    files = [file.name for file in store.files() if file.name.startswith(_EVALUATION)]
+    for name in random.sample(files, min(len(files), SAMPLED_FILES)):
+        records = store.some_records(name, SAMPLED_RECORDS)
+        for record in records:
+            yield from recompute(record, f"evidence/{name}")
+        yield from replay([(f"evidence/{name}", record) for record in records]).findings

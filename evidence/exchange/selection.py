@@ -57,7 +57,7 @@ class Selection:
     def episodes(self, *, trace: bool = True) -> Iterator[EvidenceRecord]:
         """The records, file by file; with traces no more than a row group is in memory."""
         for file in self.store.files():
-            for table in parts(file) if trace else (read(file, trace=False),):
+            for table in parts(file, self.ids) if trace else (read(file, trace=False),):
                 for record in records_of(table):
                     if record["record_id"] in self.ids:
                         yield record
@@ -66,11 +66,8 @@ class Selection:
     def tables(self, env_id: str) -> Iterator[Any]:
         """The rows of one environment as Arrow tables, as they are stored."""
         for file in self.store.files():
-            for table in parts(file):
-                own = zip(
-                    *(table.column(n).to_pylist() for n in ("record_id", "env_id")), strict=True
-                )
-                kept = [one in self.ids and env == env_id for one, env in own]
+            for table in parts(file, self.ids):
+                kept = [env == env_id for env in table.column("env_id").to_pylist()]
                 if any(kept):
                     yield table.filter(pyarrow().array(kept))
                     self.report(sum(kept))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Mapping
-from functools import cache
 from math import gcd
 from typing import Any
 
@@ -73,12 +71,6 @@ def in_words(fields: Mapping[str, Any]) -> str:
 def package_versions(further: Mapping[str, str]) -> dict[str, str]:
     """Versions of Python, of what integ-gym always needs, and of ``further`` packages."""
     return {**installed_versions(_PACKAGES), **further}
-
-
-@cache
-def host() -> str:
-    """Operating system and processor, not the machine's own name or kernel."""
-    return f"{platform.system()} {platform.machine()}"
 
 
 def json_text(value: Any) -> str:

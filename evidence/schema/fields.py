@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import STATUS_NAMES
+from integ_gym.support import host
 
 from .description import (
     action_latency,
     arguments,
     engine_description,
-    host,
     json_text,
     optional_json,
     package_versions,

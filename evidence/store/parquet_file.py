@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import random
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -102,8 +103,12 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
         raise _unreadable(file, error) from None
 
 
-def parts(file: Path) -> Iterator[Any]:
+def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
     """The row groups of one file as Arrow tables, so that no more than one is in memory.
+
+    Args:
+        file: a committed file.
+        ids: of the rows that are wanted; by default all.
 
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
@@ -112,9 +117,29 @@ def parts(file: Path) -> Iterator[Any]:
     try:
         with parquet().ParquetFile(file) as opened:
             for group in range(opened.num_row_groups):
-                yield opened.read_row_group(group)
+                if not ids:
+                    yield opened.read_row_group(group)
+                    continue
+                held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
+                if places := [place for place, name in enumerate(held) if name in ids]:
+                    yield opened.read_row_group(group).take(places)
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
+
+
+def sample(file: Path, count: int) -> Any:
+    """At most so many rows of one row group, drawn at random, as an Arrow table.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    check_schema(file)
+    try:
+        with parquet().ParquetFile(file) as opened:
+            group = opened.read_row_group(random.randrange(opened.num_row_groups))
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from None
+    return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
 
 
 def record_ids(file: Path) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,16 @@ from integ_gym.support import remove_leftovers, write_once
 
 from ..episodes import EvidenceRecord, records_of
 from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes
-from .parquet_file import check_schema, parts, read, read_row, record_ids, row_count, write
+from .parquet_file import (
+    check_schema,
+    parts,
+    read,
+    read_row,
+    record_ids,
+    row_count,
+    sample,
+    write,
+)
 from .querying import query
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,180}")
@@ -34,7 +43,7 @@ class EvidenceStore:
 
     def files(self) -> list[Path]:
         """The committed files, sorted."""
-        return sorted(self.directory.glob("*.parquet"))
+        return sorted(file for file in self.directory.glob("*.parquet") if file.is_file())
 
     def batches(self) -> tuple[str, ...]:
         """Names of the committed batches, sorted."""
@@ -97,16 +106,26 @@ class EvidenceStore:
         for file in self.files():
             yield from records_of(read(file, trace=trace))
 
-    def named_records(self, name: str | None = None) -> Iterator[tuple[str, EvidenceRecord]]:
-        """Name of the file and record, of all files or of the one of that name.
+    def named_records(self, ids: Collection[str] = ()) -> Iterator[tuple[str, EvidenceRecord]]:
+        """Name of the file and record, file by file.
+
+        Args:
+            ids: of the records that are wanted; by default all.
 
         Raises:
             EvidenceError: for a file that cannot be read or has another schema version.
         """
         for file in self.files():
-            if name in (None, file.name):
-                for part in parts(file):
-                    yield from ((file.name, record) for record in records_of(part))
+            for part in parts(file, ids):
+                yield from ((file.name, record) for record in records_of(part))
+
+    def some_records(self, name: str, count: int) -> list[EvidenceRecord]:
+        """Records of the file of that name, at most so many, drawn from one of its row groups.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        return list(records_of(sample(self.directory / name, count)))
 
     def find(self, record_id: str) -> EvidenceRecord:
         """The record with that id, or with the one id that begins so.

@@ -43,7 +43,7 @@ _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
 
 _OWN_CODE = "made with code of somebody's own, see --own-code"
 
-MOST_LANES = 256
+MOST_LANES = 512
 """Episodes that are played side by side."""
 
 

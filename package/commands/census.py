@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from collections.abc import Sequence
 from itertools import groupby
@@ -24,6 +23,7 @@ from integ_gym.support import (
     replace_file,
     require,
     say,
+    told_command,
     unbroken,
 )
 
@@ -70,7 +70,7 @@ def main(argv: Sequence[str]) -> int:
     libraries = PUBLISHED.names() if everything else given.published or ()
     engines = chosen_engines(given.engine) if everything or given.engine else ()
     census = take_census(libraries, engines, _tell)
-    document = census.to_json(shlex.join(["integ-gym", "census", *argv]))
+    document = census.to_json(told_command(["integ-gym", "census", *argv]))
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
     page = replace_file(given.out / "census.html", render_census(document).encode())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from integ_gym.support import (
     print_aligned,
     require,
     say,
+    told_command,
     whole_number,
 )
 
@@ -92,7 +92,7 @@ def main(argv: Sequence[str]) -> int:
     result = diagnose(
         request,
         given.out,
-        shlex.join(["integ-gym", "diagnose", *argv]),
+        told_command(["integ-gym", "diagnose", *argv]),
         given.workers or cores(),
         progress=not given.no_progress,
     )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
-from integ_gym.support import CommandParser, named_value, say, whole_number
+from integ_gym.support import CommandParser, named_value, say, told_command, whole_number
 
 EXAMPLES = """\
 examples:
@@ -122,7 +121,7 @@ def main(argv: Sequence[str]) -> int:
         progress=not given.no_progress,
         on_home=lambda line: say(line, sys.stdout),
         on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),
-        command=shlex.join(["integ-gym", "evaluate", *argv]),
+        command=told_command(["integ-gym", "evaluate", *argv]),
     )
     say(panel.question, sys.stdout)
     say(panel.answer, sys.stdout)

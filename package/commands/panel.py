@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from integ_gym.eval import (
     specified,
 )
 from integ_gym.evidence import read_key, read_seal, sign
-from integ_gym.support import CommandParser, beside, say, whole_number, width_of
+from integ_gym.support import CommandParser, beside, say, told_command, whole_number, width_of
 
 from .panel_power import print_power
 from .verdict_table import print_verdicts
@@ -126,7 +125,7 @@ def main(argv: Sequence[str]) -> int:
         workers=arguments.workers,
         progress=not arguments.no_progress,
         policies=arguments.policies,
-        command=shlex.join([*words, "--out", str(arguments.out)]),
+        command=told_command([*words, "--out", str(arguments.out)]),
     )
     say(panel.question, sys.stdout)
     if panel.verdicts:

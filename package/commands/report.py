@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
-from itertools import islice
 from pathlib import Path
 
 from integ_gym.eval import (
@@ -17,7 +15,6 @@ from integ_gym.eval import (
     write_figures,
     write_report,
 )
-from integ_gym.evidence import broken_seals
 from integ_gym.support import CommandParser
 
 
@@ -50,12 +47,6 @@ def main(argv: Sequence[str]) -> int:
         written = write_figures(panel, folder, given.style)
         print(f"Figures: {folder.resolve()} ({len(written)} files)")
         return 0
-    for broken in islice(broken_seals(directory), 1):
-        print(
-            f"the seal does not hold, and is left out: {broken}; seal what is there now with "
-            f"`integ-gym evidence seal {directory}`",
-            file=sys.stderr,
-        )
     write_figures(panel, directory / "figures")
     page = write_report(panel, directory)
     print(f"Page: {page.resolve()}")

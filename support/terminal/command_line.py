@@ -5,11 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import shlex
 import shutil
 import sys
 import textwrap
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from ..files import told_path
 from .text_table import NARROWEST, fitted
 
 
@@ -27,7 +31,7 @@ def named_value(word: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
     try:
         return name, json.loads(value)
-    except ValueError:
+    except (ValueError, RecursionError):
         return name, value
 
 
@@ -56,6 +60,18 @@ def _float(word: str) -> float:
         return float(word)
     except ValueError:
         return math.nan
+
+
+def told_command(words: Sequence[str]) -> str:
+    """A command as pages tell it, to be given again: paths as :func:`told_path` tells them."""
+    return shlex.join(_told(word) for word in words)
+
+
+def _told(word: str) -> str:
+    name, equals, value = word.partition("=")
+    if word.startswith("--") and os.path.isabs(value):
+        return f"{name}{equals}{told_path(value)}"
+    return told_path(word) if os.path.isabs(word) else word
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integ_gym.support.reading import DEEPEST, read_bounded, read_object
+from integ_gym.support.reading import DEEPEST, check_regular, read_bounded, read_object
 
 KINDS = {"name": str, "seconds": float, "parts": (list, type(None))}
 WHOLE = '{"name": "a", "seconds": 1, "parts": null}'
@@ -63,6 +64,21 @@ def test_what_is_missing_is_named(tmp_path):
         read_object(tmp_path / "a.json", {}, "restore it")
 
 
-def test_a_file_without_end_is_not_read_to_its_end():
+def test_a_long_file_is_not_read_to_its_end(tmp_path):
+    file = tmp_path / "long"
+    with file.open("wb") as sparse:
+        sparse.truncate(1 << 40)
     with pytest.raises(ValueError, match="has more than 1000 bytes"):
-        read_bounded(Path("/dev/zero"), 1000)
+        read_bounded(file, 1000)
+
+
+def test_what_has_no_end_is_not_opened(tmp_path):
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    for path in (Path("/dev/zero"), pipe):
+        with pytest.raises(OSError, match="it is a device or a pipe and no file"):
+            read_bounded(path)
+        with pytest.raises(ValueError, match=r"cannot read .* a device or a pipe .*; restore it$"):
+            read_object(path, {}, "restore it")
+    with pytest.raises(IsADirectoryError):
+        check_regular(tmp_path)

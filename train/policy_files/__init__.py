@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .sidecar import (
         POLICY_FILE,
         SIDECAR_FILE,
+        WEIGHTS_FILE,
         TrainedPolicy,
         check_folder,
         has_sidecar,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs import Mixture, Setup
-from integ_gym.support import installed_versions
+from integ_gym.support import host, installed_versions
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig
@@ -82,7 +81,7 @@ def make_card(
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**last_episodes, "exploring": True},
         "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
-        "platform": platform.platform(),
+        "platform": host(),
     }
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.support import missing
+from integ_gym.support import check_regular, missing
 
 from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from .error import PolicyFileError
@@ -73,6 +73,7 @@ def read_safetensors(path: str | os.PathLike[str]) -> MlpPolicy:
         PolicyFileError: in one sentence, if it cannot be read or is of another format.
     """
     try:
+        check_regular(Path(path))
         with safe_open(path, framework="numpy") as file:
             metadata: Mapping[str, str] = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118

@@ -17,7 +17,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.support import replace_file
+from integ_gym.support import read_json, read_object, replace_file
 
 from ..policy import MlpPolicy
 from .error import PolicyFileError
@@ -31,7 +31,8 @@ POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
 SIDECAR_FILE = "policy.json"
 
-_RESTORE = "restore it from a copy, or say what is right with integ_gym.write_sidecar"
+_RESTORE = "keep the side-car beside the policy it was written with, or train it again"
+_REWRITE = "restore it from a copy, or say what is right with integ_gym.write_sidecar"
 
 
 @dataclass(frozen=True)
@@ -119,16 +120,16 @@ def write_policy(
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:
     """Whether a file of the policy's name is its side-car, or a damaged one.
 
-    JSON that does not say what format it has belongs to somebody else.
+    JSON that says neither what format it has nor a policy's hash belongs to somebody else.
     """
     path = Path(policy).with_suffix(".json")
     if not path.exists():
         return False
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(path, _RESTORE)
+    except ValueError:
         return True
-    return isinstance(content, dict) and "format" in content
+    return isinstance(content, dict) and not {"format", "content_hash"}.isdisjoint(content)
 
 
 def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
@@ -139,21 +140,16 @@ def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
     """
     path = Path(policy).with_suffix(".json")
     try:
-        card = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PolicyFileError(
-            f"{path}: cannot be opened ({error.strerror or error}); keep the side-car beside the "
-            "policy it was written with"
-        ) from error
+        card = read_object(path, {}, _RESTORE)
     except ValueError as error:
-        raise PolicyFileError(f"{path}: is not readable JSON; train the policy again") from error
-    found = card.get("format") if isinstance(card, dict) else None
+        raise PolicyFileError(str(error)) from None
+    found = card.get("format")
     if found not in (FORMAT, UNHASHED_FORMAT):
         raise PolicyFileError(
-            f"{path}: has format {found!r} where {FORMAT!r} was expected; "
+            f"{path}: has format {found!r:.60} where {FORMAT!r} was expected; "
             "give the side-car that the trainer wrote"
         )
-    return dict(card)
+    return card
 
 
 def read_trained(
@@ -169,7 +165,7 @@ def read_trained(
             or the side-car was edited.
     """
     card = read_sidecar(policy)
-    check_own_hash(card, Path(policy).with_suffix(".json"), _RESTORE)
+    check_own_hash(card, Path(policy).with_suffix(".json"), _REWRITE)
     bounds = card.get("action_bounds")
     if not _are_bounds(bounds):
         raise PolicyFileError(

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integ_gym.support import read_bounded
+
 from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy
 from .error import PolicyFileError
-from .sb3_zip import load_tensors
+from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
 
 SUFFIXES = (".pt", ".pth", ".cleanrl_model")
 
@@ -54,7 +56,7 @@ def read_state_dict(path: Path, network: Mapping[str, Any]) -> MlpPolicy:
             not fit what is said of it.
     """
     try:
-        tensors = load_tensors(path.read_bytes(), "the file")
+        tensors = load_tensors(read_bounded(path, MAX_WEIGHTS_BYTES), "the file")
         form, layers = _layers(tensors)
         actions = _actions(network, form.squash, tensors)
         return MlpPolicy(layers, str(network.get("activation")), actions, policy_id=path.stem)

@@ -5,7 +5,16 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .checks import ENV_ARGUMENTS, check_config, check_names, fraction, layer_sizes, whole
+    from .checks import (
+        ENV_ARGUMENTS,
+        LONGEST,
+        MOST_LANES,
+        check_config,
+        check_names,
+        fraction,
+        layer_sizes,
+        whole,
+    )
     from .error import TrainingError, explained
     from .evidence import TrainingEvidence
     from .side_by_side import (

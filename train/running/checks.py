@@ -34,6 +34,15 @@ def fraction(value: Any) -> str | None:
     return None if nonnegative(value) is None and value <= 1 else "must be a number from 0 to 1"
 
 
+LONGEST = 10**12
+"""Decisions of a training run, at most: at the trainers' speed, months of one core."""
+
+MOST_LANES = 1 << 16
+"""Environments that advance together, at most."""
+
+LARGEST_ROLLOUT = 1 << 24
+"""Decisions that are kept between two updates, at most: about a gigabyte."""
+
 WIDEST, DEEPEST = 4096, 16
 """Units in a hidden layer, and hidden layers, at most."""
 
@@ -86,6 +95,11 @@ def check_config(config: PPOConfig) -> None:
     for name in _GIVEN_BY_THE_TRAINER:
         if name in config.env_arguments:
             raise ValueError(f"`{name}` is not an environment argument; leave it out")
+    if config.rollout > LARGEST_ROLLOUT:
+        raise ValueError(
+            f"a rollout of `n_envs` × `n_steps` = {config.n_envs} × {config.n_steps} decisions is "
+            f"kept in memory, and at most {LARGEST_ROLLOUT} are; give fewer"
+        )
     if config.rollout % config.batch_size:
         raise ValueError(
             f"`batch_size`={config.batch_size} does not divide a rollout of `n_envs` × `n_steps` "

@@ -7,12 +7,15 @@ from typing import Any, Final
 
 import msgspec
 
-from integ_gym.support import write_json
+from integ_gym.support import read_bounded, write_json
 
 from .panel import SCHEMA_VERSION, Panel
 
 FILE_NAME: Final = "panel.json"
 """Name of the file in a panel's directory."""
+
+LARGEST = 256 << 20
+"""Bytes of it, at most."""
 
 
 class _Version(msgspec.Struct):
@@ -37,12 +40,12 @@ def read_panel(path: Path) -> Panel:
         ValueError: in one sentence with the remedy, if the file is not JSON, is of another schema
             version, lacks something or contradicts itself.
     """
-    content = path.read_bytes()
     try:
+        content = read_bounded(path, LARGEST)
         version = msgspec.json.decode(content, type=_Version).schema_version
         if version == SCHEMA_VERSION:
             return msgspec.json.decode(content, type=Panel)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
         raise ValueError(
             f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
         ) from error

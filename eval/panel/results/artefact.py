@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 import shlex
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from integ_gym.envs import Discretization
-from integ_gym.support import instruction_sets
+from integ_gym.support import host, instruction_sets
 
 from ...statistics import draws_for, rate_interval
 from ...verdict import (
@@ -90,7 +89,7 @@ def build_artefact(
         answer=" ".join(part for part in (undecided, answer, remark) if part),
         directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
-        platform=platform.platform(),
+        platform=host(),
         instruction_sets=instruction_sets(),
         weights=_weights(policies),
         rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),

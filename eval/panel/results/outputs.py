@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.evidence import EvidenceStore, seal
+from integ_gym.support import told_path
 from integ_gym.train import POLICY_FILE
 
 from ...report.figures import write_figures
 from ...report.page import write_report
 from ..model import Cost, Panel, Policy, write_panel
+from ..plan_check import check_records
 from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
@@ -100,7 +102,12 @@ def _stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
 def reduced(
     spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
 ) -> tuple[PanelLayout, Matrix]:
-    """The rows' cells, and what the evaluation episodes on record came to."""
+    """The rows' cells, and what the evaluation episodes on record came to.
+
+    Raises:
+        RunDirectoryError: for records that are not those of its units; see `check_records`.
+    """
+    check_records(directory)
     table = EvidenceStore(directory.evidence).query(
         f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
     )
@@ -132,7 +139,7 @@ def write_outputs(
         "question": spec.question,
         "spec": spec.to_json(),
         "protocol_gaps": tuple(spec.gaps()),
-        "directory": str(directory.path),
+        "directory": told_path(directory.path),
         "versions": directory.versions(),
     }
     panel = build_artefact(

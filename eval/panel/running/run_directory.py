@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from integ_gym.evidence import SEAL_FILE, broken_seals
 from integ_gym.support import (
     FileLock,
     Kinds,
@@ -33,6 +34,7 @@ ADDED = ("train", "grid", "perturbations", "sweeps", "baselines")
 WORDS = ("question", "sources")
 """What may be another: words for people, and what follows from the lists."""
 
+PANEL_FILE = "panel.json"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
@@ -103,8 +105,28 @@ class RunDirectory:
             for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
+            self._break_seal()
             self._write_manifest()
             yield
+
+    def _break_seal(self) -> None:
+        """Remove the seal of a finished run, whose files may now be added to.
+
+        What is missing or has lost its end is done again, and ``panel.json`` is written anew;
+        units' records and policies are checked where they are built on.
+
+        Raises:
+            RunDirectoryError: if another file is not what was sealed.
+        """
+        for finding in broken_seals(self.path):
+            path = self.path / finding.file
+            known = path.parent == self.evidence and self._marker(path.stem).exists()
+            if path.exists() and not known and path.name not in (PANEL_FILE, SEAL_FILE):
+                raise RunDirectoryError(
+                    f"{path} {finding.message}; restore it from a copy, or give another directory "
+                    "with --out"
+                )
+        (self.path / SEAL_FILE).unlink(missing_ok=True)
 
     def looked(self, seeds: int) -> list[int]:
         """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
@@ -242,7 +264,7 @@ class RunDirectory:
 
     def has_records(self, unit: str) -> bool:
         """Whether the unit's records are there."""
-        return self._records(unit).exists()
+        return self._records(unit).is_file()
 
     def _whole_records(self, unit: str, held: Mapping[str, Any]) -> bool:
         """Whether a unit's records are those that it was finished with.
@@ -251,8 +273,8 @@ class RunDirectory:
             RunDirectoryError: if they are whole, and others.
         """
         file = self._records(unit)
-        if not file.exists() or (RECORDS in held and file_hash(file) == held[RECORDS]):
-            return file.exists()
+        if not file.is_file() or (RECORDS in held and file_hash(file) == held[RECORDS]):
+            return file.is_file()
         if _is_cut_off(file):
             return False
         if RECORDS in held:
@@ -268,7 +290,7 @@ class RunDirectory:
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
-            if RECORDS in held and not file.exists():
+            if RECORDS in held and not file.is_file():
                 yield name, "is missing"
             elif RECORDS in held and file_hash(file) != held[RECORDS]:
                 yield name, "is not what its unit was finished with"

@@ -401,6 +401,14 @@ def test_an_action_too_large_for_a_float_is_non_finite():
     assert info["fallback_used"]
 
 
+@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
+def test_an_action_too_long_to_be_written_is_refused_in_a_sentence(env_id):
+    env = gym.make(env_id, disable_env_checker=True)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="got a number of thousands of digits"):
+        env.unwrapped.step({10**5000: 0} if env_id == "IntegCartPole-v0" else 10**5000)
+
+
 def test_a_start_faster_than_any_motion_may_be_is_refused():
     env = gym.make("IntegPendulum-v0")
     with pytest.raises(ValueError, match=r"speeds up to 1000, got .*the start's bounds"):

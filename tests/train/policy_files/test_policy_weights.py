@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policy_files import read_or_none, refusal, rewritten, saved, setting, state_dict
 
+from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sb3_zip import limits
 from integ_gym.train.policy_files.sb3_zip.reading import read_sb3_zip
 
@@ -125,12 +129,49 @@ def test_members_above_the_limit_are_refused_unread(
     with zipfile.ZipFile(pendulum_zip) as archive:
         weights = archive.getinfo("policy.pth").file_size
         data = archive.getinfo("data").file_size
-    monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("the bomb was unpacked"))
+    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *_: pytest.fail("the bomb was unpacked"))
     monkeypatch.setattr(limits, "MAX_JSON_BYTES", data - 1)
     assert f"'data' of {data} bytes, above the limit of {data - 1}" in refusal(pendulum_zip)
     monkeypatch.undo()
     monkeypatch.setattr(limits, "MAX_WEIGHTS_BYTES", weights - 1)
     assert f"'policy.pth' of {weights} bytes, above the limit of" in refusal(pendulum_zip)
+
+
+def test_a_member_is_unpacked_no_further_than_it_declares(
+    pendulum_zip: Path, tmp_path: Path
+) -> None:
+    """64 MiB of zeros in 64 KiB, of which both headers say that they are 1000 bytes."""
+    bomb, size = tmp_path / "bomb.zip", 64 << 20
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("data", bytes(size))
+    told = size.to_bytes(4, "little")
+    content = bomb.read_bytes()
+    assert content.count(told) == 2
+    bomb.write_bytes(content.replace(told, (1000).to_bytes(4, "little")))
+    tracemalloc.start()
+    try:
+        assert "; " in refusal(bomb)
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("packed", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_member_packed_otherwise_is_refused(packed: int, tmp_path: Path) -> None:
+    path = tmp_path / "packed.zip"
+    with zipfile.ZipFile(path, "w", packed) as archive:
+        archive.writestr("data", bytes(1000))
+    assert "packed in a way that model.save(path) does not use" in refusal(path)
+
+
+def test_what_has_no_end_is_refused(tmp_path: Path) -> None:
+    for ending in (".zip", ".pt", ".safetensors", ".onnx", ".pkl"):
+        pipe = tmp_path / f"policy{ending}"
+        os.mkfifo(pipe)
+        card = {"network": {"activation": "Tanh"}}
+        with pytest.raises(PolicyFileError, match=r"a device or a pipe|is a pickle"):
+            read_weights(pipe, card)
+    assert "a device or a pipe" in refusal(Path("/dev/zero"))
 
 
 def test_weights_that_unpack_above_the_limit_are_refused(

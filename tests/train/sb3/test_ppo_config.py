@@ -19,7 +19,10 @@ from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
     [
         ({"env_id": "IntegPendulm-v0"}, "unknown environment 'IntegPendulm-v0'. Did you mean"),
         ({"seed": -1}, "`seed` must be a whole number, from 0 to 4294967295, got -1"),
-        ({"n_envs": 2.0}, "`n_envs` must be a whole number, 1 or above, got 2.0"),
+        ({"n_envs": 2.0}, "`n_envs` must be a whole number, from 1 to 65536, got 2.0"),
+        ({"n_envs": 10**8}, "`n_envs` must be a whole number, from 1 to 65536, got 100000000"),
+        ({"n_steps": 10**12}, "is kept in memory, and at most 16777216 are; give fewer"),
+        ({"total_steps": 10**15}, "`total_steps` must be a whole number, from 1 to 1000000000000"),
         ({"batch_size": 96}, "`batch_size`=96 does not divide a rollout of `n_envs` × `n_steps`"),
         ({"learning_rate": 0.0}, "`learning_rate` must be a finite number above 0, got 0.0"),
         ({"gae_lambda": 1.5}, "`gae_lambda` must be a number from 0 to 1, got 1.5"),

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support import load, parse_json, read_bounded
 
 from ...policy import MlpPolicy
 from ..error import PolicyFileError
@@ -62,7 +61,7 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
     for prop in model.metadata_props:
         if prop.key == METADATA:
             try:
-                card = json.loads(prop.value)
+                card = parse_json(prop.value.encode())
             except ValueError:
                 card = None
             if not isinstance(card, dict) or card.get("format") != FORMAT:
@@ -77,15 +76,13 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
 
 def _loaded(path: Path) -> tuple[bytes, Any]:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise PolicyFileError(
-                f"{path}: is larger than {MAX_BYTES} bytes; give a smaller network"
-            )
-        content = path.read_bytes()
+        content = read_bounded(path, MAX_BYTES)
     except OSError as error:
         raise PolicyFileError(
             f"{path}: cannot be opened ({error.strerror}); check the path"
         ) from error
+    except ValueError as error:
+        raise PolicyFileError(f"{error}; give a smaller network") from None
     try:
         model = onnx().load_model_from_string(content)
     except ModuleNotFoundError:

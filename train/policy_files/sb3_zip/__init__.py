@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .limits import MAX_WEIGHTS_BYTES
     from .observation_statistics import read_observation_statistics
     from .reading import read_archive, read_sb3_model, read_sb3_zip
     from .weights import load_tensors

@@ -6,6 +6,8 @@ import math
 import os
 from pathlib import Path
 
+from integ_gym.support import read_bounded
+
 from ...policy import ObservationStatistics
 from ..error import PolicyFileError
 from ..vec_normalize import looks_pickled, read_vec_normalize
@@ -41,13 +43,9 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
 def _read_small_file(file: Path) -> bytes:
     """The bytes of a file of at most `limits.MAX_JSON_BYTES`."""
     try:
-        with file.open("rb") as stream:
-            content = stream.read(limits.MAX_JSON_BYTES + 1)
+        return read_bounded(file, limits.MAX_JSON_BYTES)
     except OSError as error:
         raise PolicyFileError(f"cannot be opened ({error.strerror})") from error
-    if len(content) > limits.MAX_JSON_BYTES:
-        raise PolicyFileError(f"is larger than {limits.MAX_JSON_BYTES} bytes")
-    return content
 
 
 def _statistics(fields: Json) -> ObservationStatistics:

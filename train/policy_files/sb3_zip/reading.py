@@ -6,12 +6,15 @@ import io
 import math
 import os
 import zipfile
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from gymnasium import spaces
 from numpy.typing import ArrayLike
+
+from integ_gym.support import check_regular
 
 from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from ..error import DAMAGED, PolicyFileError
@@ -30,6 +33,12 @@ from .data import parse_json, section
 from .observation_statistics import read_observation_statistics
 from .spaces import decoding, vector_size
 from .weights import averaged, layers_of, load_tensors
+
+_PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Of these a piece unpacks to no more than was asked for."""
+
+_PIECE = 1 << 20
+"""Bytes."""
 
 
 def read_sb3_zip(
@@ -135,6 +144,8 @@ def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:
 def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
     """The bytes of `data` and `policy.pth`, checked for presence and size."""
     try:
+        if isinstance(file, Path):
+            check_regular(file)
         with zipfile.ZipFile(file) as archive:
             return (
                 _read_member(archive, "data", limits.MAX_JSON_BYTES),
@@ -153,7 +164,7 @@ def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    """One member, refused above `limit` bytes before anything is unpacked."""
+    """One member, refused above `limit` bytes before more than that is unpacked."""
     try:
         info = archive.getinfo(name)
     except KeyError:
@@ -166,4 +177,9 @@ def _read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
             f"has a member '{name}' of {info.file_size} bytes, above the limit of {limit}; "
             "give a model with a smaller network"
         )
-    return archive.read(info)
+    if info.compress_type not in _PACKED:
+        raise PolicyFileError(
+            f"has a member '{name}' packed in a way that model.save(path) does not use; {DAMAGED}"
+        )
+    with archive.open(info) as member:  # in pieces: a whole reading unpacks beyond what is declared
+        return b"".join(iter(partial(member.read, _PIECE), b""))

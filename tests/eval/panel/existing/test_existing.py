@@ -281,7 +281,7 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
     assert not has_sidecar(tmp_path / "model.zip")
     (tmp_path / "model.json").write_text('{"note": "mine"}')
     assert not has_sidecar(tmp_path / "model.zip")
-    for text in ('{"format": "integ-gym policy 2"}', "{"):
+    for text in ('{"format": "integ-gym policy 2"}', '{"content_hash": "0"}', "{", "[" * 100_000):
         (tmp_path / "model.json").write_text(text)
         assert has_sidecar(tmp_path / "model.zip")
 

@@ -156,7 +156,7 @@ def test_resumes_where_it_was_interrupted(run, balancing, tmp_path):
     assert _evaluate(balancing, "InvertedPendulum-v5", out, *chosen) == 0
     assert (out / "evidence" / "evaluate-balance.parquet").stat().st_mtime_ns == kept
     assert _panel(out)["matrix"] == [
-        {**entry, "query": entry["query"].replace(str(run), str(out))}
+        {**entry, "query": entry["query"].replace(run.name, out.name)}
         for entry in _panel(run)["matrix"]
     ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import re
 import shutil
 import signal
@@ -34,6 +35,16 @@ def test_directory_holds_the_whole_artefact(panel_directory):
     assert len(policies) == 4
     for policy in policies:
         assert read_sb3_zip(policy).observation_shape == (3,)
+
+
+def test_nothing_tells_of_the_machine_but_its_kind(panel_directory):
+    """Neither where the run lies nor the kernel."""
+    files = [f for f in panel_directory.rglob("*") if f.suffix in (".json", ".html")]
+    assert len(files) > 10
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        assert str(panel_directory.parents[1]) not in text, file
+        assert platform.release() not in text, file
 
 
 def test_every_cell_has_every_paired_episode_once(panel_directory):

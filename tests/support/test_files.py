@@ -1,0 +1,32 @@
+"""What pages tell of paths: nothing of the machine beyond the folder that the reader stands in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from integ_gym.support.files import told_path
+from integ_gym.support.terminal.command_line import named_value, told_command
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_path_is_told_from_here_or_by_its_name(here):
+    assert told_path("runs/panel") == "runs/panel"
+    assert told_path(here / "runs" / "panel") == "runs/panel"
+    assert told_path(Path("/home/somebody/runs/panel")) == "panel"
+
+
+def test_a_command_is_told_without_absolute_paths(here):
+    words = ["integ-gym", "panel", "/a/b.toml", f"--out={here}/one two", "--home", "dt=0.05,x=/y"]
+    told = "integ-gym panel b.toml '--out=one two' --home dt=0.05,x=/y"
+    assert told_command(words) == told
+
+
+def test_a_value_that_is_nested_too_deep_is_text():
+    assert named_value("a=" + "[" * 100_000)[1].startswith("[[")
