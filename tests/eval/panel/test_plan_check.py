@@ -162,11 +162,18 @@ def test_a_new_seal_hides_nothing_that_whole_checks(run, attack, capsys):
     assert message in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("attack", sorted(set(ATTACKS) - {"forged marker"}))
+@pytest.mark.parametrize("attack", ATTACKS)
 def test_no_page_is_made_of_what_was_touched(run, attack, capsys):
     ATTACKS[attack][0](run)
     assert main(["report", str(run)]) == 2
     assert "run the panel's command again" in capsys.readouterr().err
+
+
+def test_a_seal_that_is_gone_is_named(run, capsys):
+    (run / "seal.json").unlink()
+    assert main(["evidence", "verify", str(run), "--sample", "0"]) == 1
+    assert "seal.json: is missing: the run is not finished, or" in capsys.readouterr().out
+    assert main(["evidence", "verify", str(run), "--depth", "whole"]) == 0
 
 
 def test_without_a_seal_that_depth_is_refused(run, capsys):

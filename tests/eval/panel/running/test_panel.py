@@ -330,7 +330,10 @@ def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, c
     content["key"] = "0" * 16
     marker.write_text(json.dumps(content))
     spec = panel_directory.parent / "small.toml"
-    message = _fails(capsys, "panel", str(spec), "--out", str(copy), "--no-progress")
+    command = ("panel", str(spec), "--out", str(copy), "--no-progress")
+    assert "was changed after the run was sealed; restore it" in _fails(capsys, *command)
+    (copy / "seal.json").unlink()
+    message = _fails(capsys, *command)
     assert "belongs to another specification, version or policy" in message
 
 
