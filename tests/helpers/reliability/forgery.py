@@ -109,7 +109,7 @@ def foreign(run: Path, other: Path, rng: random.Random) -> Names:
     shutil.copyfile(source, target)
     if rng.random() < 0.5:
         shutil.copyfile(other / "units" / f"{source.stem}.json", run / "units" / f"{stem}.json")
-    return stem, *(f"'{folder.name}'" for folder in other.glob("policies/*"))
+    return stem, *(folder.name for folder in other.glob("policies/*"))
 
 
 def told(run: Path, other: Path, rng: random.Random) -> Names:

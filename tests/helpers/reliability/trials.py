@@ -60,7 +60,10 @@ def damaged(kind: str) -> Try:
         DAMAGES[kind](file, victim.other, rng)
         names = _changed(run, victim)
         found = Outcome(note=", ".join(names))
-        _verified(run, names, found)
+        others = (
+            ("the sealed run", "was sealed") if SEAL_FILE in names else ()
+        )  # which contradict it
+        _verified(run, (*names, *others), found)
         _reported(run, found, harmless=names == (SEAL_FILE,))
         if rng.random() < REBUILT:
             _rebuilt(victim.panel, run, found)
