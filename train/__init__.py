@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
-    from .monitoring import DiscretizationCallback, discretization_gap
+    from .monitoring import DiscretizationCallback, RawModel, discretization_gap
     from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
         HASH_KEY,
@@ -20,12 +20,14 @@ if TYPE_CHECKING:
         POLICY_FILE,
         STOCK,
         WEIGHTS_FILE,
+        OnnxPolicy,
         PolicyFileError,
         Stated,
         TrainedPolicy,
         card_hash,
         has_sidecar,
         onnx_card,
+        onnx_data,
         read_sb3_model,
         read_trained,
         read_weights,

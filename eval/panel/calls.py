@@ -130,6 +130,11 @@ def evaluate(
     require("train", "report", "evidence")
     given, statistics = environment or {}, None if obs_stats is None else Path(obs_stats)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
+        if statistics is not None:
+            raise ValueError(
+                "statistics of observations are given for a policy's file; a model carries its own "
+                "VecNormalize, and a function normalizes for itself"
+            )
         existing = given_policy(policy, env_id, given, home)
     else:
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)

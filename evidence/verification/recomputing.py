@@ -205,6 +205,7 @@ def replays_of(fields: Any) -> Replays:
         fields["cell"],
         phase=fields["phase"],
         training_discretization=json.loads(fields["training_discretization"] or "null"),
+        home_known=is_home_known(fields),
     )
     home = fields["replay_home"]
     return Replays(
@@ -215,6 +216,15 @@ def replays_of(fields: Any) -> Replays:
         home_success=fields["home_success"],
         cell_status=fields["cell_status"],
     )
+
+
+def is_home_known(fields: Any) -> bool:
+    """Whether a record's training discretization tells all.
+
+    Of a policy without one its label alone says so: what a replay at an unknown home would have to
+    explain is unattributed.
+    """
+    return bool(fields["failure_label"] != "unattributed")
 
 
 def _finite(value: Any) -> float | None:

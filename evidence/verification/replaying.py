@@ -22,7 +22,7 @@ from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
 from ..recorders import RecordVectorEvidence
 from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
 from .findings import deviation, same
-from .recomputing import replays_of
+from .recomputing import is_home_known, replays_of
 
 Array = npt.NDArray[Any]
 
@@ -236,6 +236,7 @@ def _context(record: EvidenceRecord) -> EpisodeContext:
         policy_id=fields["policy_id"],
         policy_hash=fields["policy_hash"],
         training_discretization=json.loads(fields["training_discretization"] or "null"),
+        home_known=is_home_known(fields),
         training_seed=fields["training_seed"],
         perturbation=json.loads(fields["perturbation"] or "null"),
         float_width=fields["float_width"],

@@ -40,7 +40,14 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
     )
     add = made.add_argument
-    add("file", type=Path, nargs="?", metavar="POLICY.zip", help="file that model.save() wrote")
+    add(
+        "file",
+        type=Path,
+        nargs="?",
+        metavar="POLICY",
+        help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, or a state dict; "
+        "see docs/policies.md",
+    )
     add(
         "--policy", metavar="MODULE:FUNCTION",
         help="a function of your own, from one observation to one action, in place of a file",

@@ -9,6 +9,6 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .gap import discretization_gap
-    from .sb3_callback import DiscretizationCallback
+    from .sb3_callback import DiscretizationCallback, RawModel
 else:
     __getattr__, __dir__ = lazy_door(__name__)

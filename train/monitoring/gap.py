@@ -58,6 +58,7 @@ def discretization_gap(
     arguments = stated_arguments(home, env_id)
     if "integrator" not in arguments:
         raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
+    _check(environment or {}, episodes)
     own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     testbed = testbed_of(env_id, {**own, **(environment or {})})
     at_home = _discretization(arguments)
@@ -74,13 +75,29 @@ def discretization_gap(
     return scores
 
 
+def _check(environment: Mapping[str, Any], episodes: int) -> None:
+    varied = [name for name in environment if name in DISCRETIZATION]
+    if varied:
+        raise ValueError(
+            f"`environment` gives `{varied[0]}`, which is what differs; name it in `home` or in "
+            "`others`"
+        )
+    if episodes < 1:
+        raise ValueError(f"`episodes` must be 1 or above, got {episodes}")
+
+
 def _discretization(arguments: Mapping[str, Any]) -> Discretization:
     return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
 
 
 def _beside(stated: Stated, home: Discretization, env_id: str) -> Discretization:
     """Another discretization, which has home's control period."""
-    other = _discretization(stated_arguments(stated, env_id))
+    arguments = stated_arguments(stated, env_id)
+    if "integrator" not in arguments:
+        raise ValueError(
+            f"`others` names discretizations, got {stated!r}; give 'integrator=…,dt=…'"
+        )
+    other = _discretization(arguments)
     return replace(other, control_period=home.control_period)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, Discretization
@@ -59,34 +59,45 @@ class DiscretizationCallback(BaseCallback):
         self._others, self._episodes = tuple(others), episodes
         self._next = every
 
-    def _init_callback(self) -> None:
+    def _on_training_start(self) -> None:
         self._next = self.num_timesteps + self._every
-        if self._env_id is not None and self._home is not None:
-            return
-        try:
-            setup = self.training_env.get_attr("setup")[0]
-            spec = self.training_env.get_attr("spec")[0]
-        except AttributeError:
+        known = self.training_env.has_attr("setup")
+        if not known and (self._env_id is None or self._home is None):
             raise ValueError(
                 "the training environment does not say its discretization; give "
                 "DiscretizationCallback(env_id=..., home='integrator=…,dt=…'), or home='stock'"
-            ) from None
-        self._env_id = self._env_id or spec.id
-        self._home = self._home or Discretization.of(setup)
-        if self._environment is None:
-            told = setup.arguments()
+            )
+        if known:
+            self._take_over(self.training_env.get_attr("setup"))
+
+    def _take_over(self, setups: Sequence[Any]) -> None:
+        """What was not given, from the training environments."""
+        if self._home is None:
+            homes = {Discretization.of(setup) for setup in setups}
+            if len(homes) > 1:
+                names = ", ".join(sorted(home.name for home in homes))
+                raise ValueError(
+                    f"the training environments differ ({names}), so none is home; give "
+                    "DiscretizationCallback(home='integrator=…,dt=…')"
+                )
+            self._home = homes.pop()
+        spec = self.training_env.get_attr("spec")[0]
+        trained_in = spec.id if spec else None
+        self._env_id = self._env_id or trained_in
+        if self._environment is None and self._env_id == trained_in:
+            told = setups[0].arguments()
             self._environment = {k: x for k, x in told.items() if k not in DISCRETIZATION}
 
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:
-            self._next += self._every
+            self._next = self.num_timesteps + self._every
             self._evaluate()
         return True
 
     def _evaluate(self) -> None:
         assert self._env_id is not None
         scores = discretization_gap(
-            _Current(self.model),
+            RawModel(self.model),
             self._env_id,
             self._home,
             others=self._others,
@@ -102,10 +113,22 @@ class DiscretizationCallback(BaseCallback):
             print(f"{self.num_timesteps} steps: {parts}")
 
 
-class _Current:
-    """The model as it is now, asked with raw observations."""
+class RawModel:
+    """A model as it is now, asked with raw observations.
+
+    Args:
+        model: of stable-baselines3, with the `VecNormalize` that it was trained with, if any.
+
+    Raises:
+        ValueError: for one that remembers earlier observations, which is asked one by one here.
+    """
 
     def __init__(self, model: Any) -> None:
+        if hasattr(model.policy, "lstm_actor"):
+            raise ValueError(
+                f"{type(model).__name__} remembers earlier observations, and is not judged; train "
+                "a feed-forward policy, or give a function that keeps no memory"
+            )
         self._model = model
 
     def predict(self, observations: Any, deterministic: bool = True) -> Any:

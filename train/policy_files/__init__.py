@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
     from .error import PolicyFileError
-    from .onnx_file import onnx_card
+    from .onnx_file import OnnxPolicy, onnx_card, onnx_data
     from .own_hash import HASH_KEY, card_hash
     from .reading import read_weights
     from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from integ_gym.envs import DISCRETIZATION, Discretization, testbed_of
+from integ_gym.envs import DISCRETIZATION, Discretization, is_integ_environment, testbed_of
 from integ_gym.support import named_value, unknown_name
 
 STOCK = "stock"
@@ -33,7 +33,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
     if stated is None:
         return {}
     if stated == STOCK:
-        if ":" in env_id:
+        if ":" in env_id or (is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS):
             raise ValueError(
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"

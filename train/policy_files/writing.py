@@ -19,6 +19,7 @@ from .own_hash import FORMAT, hashed
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_observation_statistics, read_sb3_model
+from .sidecar import has_sidecar, read_trained
 from .stated_home import Stated, stated_arguments
 
 
@@ -109,7 +110,8 @@ def save_policy(
 
     Raises:
         PolicyFileError: for a policy that is none of these, or cannot be read.
-        ValueError: for another suffix, or a home that is none.
+        ValueError: for another suffix, a home that is none, or a name whose side-car is another
+            policy's.
     """
     file, name = Path(path), policy_id or Path(path).stem
     if file.suffix not in (".onnx", ".safetensors"):
@@ -117,6 +119,7 @@ def save_policy(
     own = _feed_forward(policy, name, None if obs_stats is None else Path(obs_stats))
     training = _training(env_id, home, environment)
     if file.suffix == ".safetensors":
+        _check_alone(file)
         replace_file(file, safetensors_bytes(own))
         write_sidecar(file, env_id, home=home, environment=environment, policy_id=name, seed=seed)
         return file
@@ -127,12 +130,33 @@ def save_policy(
 
 def _feed_forward(policy: Any, name: str, obs_stats: Path | None) -> MlpPolicy:
     if isinstance(policy, str | os.PathLike):
-        policy = read_weights(Path(policy), obs_stats=obs_stats)
+        policy = _of_file(Path(policy), obs_stats)
     elif not isinstance(policy, MlpPolicy | OnnxPolicy):
         policy = read_sb3_model(policy, name)
     if not isinstance(policy, MlpPolicy):
         raise PolicyFileError("only a feed-forward policy is written; give one")
     return replace(policy, policy_id=name)
+
+
+def _of_file(path: Path, obs_stats: Path | None) -> Any:
+    """A policy with the statistics that are given, or that its side-car holds."""
+    if not has_sidecar(path):
+        return read_weights(path, obs_stats=obs_stats)
+    policy, card = read_trained(path)
+    return policy if obs_stats is None else read_weights(path, card, obs_stats)
+
+
+def _check_alone(file: Path) -> None:
+    """Refuse a name whose side-car is another policy's."""
+    others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, _sidecar(file))]
+    if not file.exists() and _sidecar(file).exists() and others:
+        raise ValueError(
+            f"{_sidecar(file)} is the side-car of {others[0].name}; give the new file another name"
+        )
+
+
+def _sidecar(file: Path) -> Path:
+    return file.with_suffix(".json")
 
 
 def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -175,11 +175,12 @@ def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
 
 
 def _remedy(existing: Existing) -> str:
-    if existing.seed is not None:
-        return "was it trained for long enough?"
     if not existing.files:
         return "does it take this environment's observations, and give its actions?"
-    return "trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
+    if getattr(existing.policy, "statistics", None) is not None:
+        return "was it trained for long enough?"
+    long = "" if existing.seed is None else "was it trained for long enough? "
+    return f"{long}trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
 
 
 def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:

@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 from integ_gym.envs import DiscretizedVectorEnv, make_training_environments
 from integ_gym.train import (
     CalledPolicy,
+    MlpPolicy,
+    OnnxPolicy,
     Policy,
     PolicyFileError,
+    RawModel,
     Stated,
     behaviour_hash,
     read_sb3_model,
 )
 
 from .home import provenance
-from .policy import Existing, row_name
+from .policy import Existing, fitted, row_name
 
 LANES, STEPS = 8, 16
 """Environments and decisions of the observations that a policy is known by."""
@@ -97,15 +100,24 @@ def _as_policy(
             read = read_sb3_model(target, name)
             read.check_spaces(observation_space, action_space)
             return read
-        except PolicyFileError:
-            pass  # what is not read is asked
+        except PolicyFileError:  # what is not read is asked
+            target = RawModel(target)
     if isinstance(target, Policy):
         if is_dataclass(target):
-            return target
+            return _checked(target, observation_space, action_space)
         return CalledPolicy(target, action_space, target.policy_id, target.content_hash)
     called = CalledPolicy(target, action_space, name)
     observations = _observations(env_id, arguments)
     return replace(called, content_hash=_hashed(called, observations))
+
+
+def _checked(policy: Any, observation_space: Any, action_space: Any) -> Any:
+    """One of our own policies, for these spaces."""
+    if not isinstance(policy, MlpPolicy | OnnxPolicy):
+        return policy
+    fitting = fitted(policy, action_space)
+    fitting.check_spaces(observation_space, action_space)
+    return fitting
 
 
 def _is_sb3_model(target: Any) -> bool:

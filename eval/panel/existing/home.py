@@ -126,8 +126,8 @@ def provenance(
         other = _home(_closed(env_id, {**told, **given}).mixture)
         if other != home:
             raise ValueError(
-                f"--home says {other.name} and the policy's side-car {home and home.name}; leave "
-                "out --home, or move the side-car away"
+                f"--home says {other.name} and {origin} {home and home.name}; leave out --home, "
+                "or correct the other"
             )
     period = environments.setups[0].timing.control_period
     environment = {name: x for name, x in {**arguments, **given}.items() if name not in VARIED}
@@ -150,7 +150,7 @@ def _of_card(card: Mapping[str, Any]) -> str:
 
 def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """A control period alone is that of one step per decision."""
-    if set(arguments) == {"control_period"}:
+    if "control_period" in arguments and "dt" not in arguments:
         return {"dt": arguments["control_period"], **arguments}
     return dict(arguments)
 

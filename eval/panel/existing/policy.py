@@ -14,9 +14,11 @@ from integ_gym.train import (
     BASELINES,
     MlpPolicy,
     Policy,
+    PolicyFileError,
     Stated,
     has_sidecar,
     onnx_card,
+    onnx_data,
     read_trained,
     read_weights,
 )
@@ -83,7 +85,7 @@ def read_existing(
     """
     read, card, files = read_policy_file(path, obs_stats)
     known, environments = provenance(env_id, card, home, given, own_code)
-    policy = _fitted(read, environments.single_action_space)
+    policy = fitted(read, environments.single_action_space)
     policy.check_spaces(environments.single_observation_space, environments.single_action_space)
     name, seed = (path.stem, None)
     if card is not None:
@@ -97,15 +99,23 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     Raises:
         PolicyFileError: for a file that cannot be read, or a side-car of another policy.
     """
-    files = {f"policy{path.suffix}": path}
+    files = {f"policy{path.suffix.lower()}": path}
     if obs_stats is not None:
         files[f"obs_stats{obs_stats.suffix}"] = obs_stats
-    card = onnx_card(path) if path.suffix == ".onnx" else None
-    if card is None and has_sidecar(path):
-        files["policy.json"] = path.with_suffix(".json")
-        policy, card = read_trained(path)
-        return (policy if obs_stats is None else read_weights(path, card, obs_stats)), card, files
-    return read_weights(path, None, obs_stats), card, files
+    card = None
+    if path.suffix.lower() == ".onnx":
+        card = onnx_card(path)
+        files |= {data.name: data for data in onnx_data(path)}
+    if not has_sidecar(path):
+        return read_weights(path, None, obs_stats), card, files
+    files["policy.json"] = path.with_suffix(".json")
+    policy, told = read_trained(path)
+    if card is not None and card.get("home") is not None and card["config"] != told.get("config"):
+        raise PolicyFileError(
+            f"{path}: its metadata and its side-car say different trainings; move the one away "
+            "that is wrong"
+        )
+    return (policy if obs_stats is None else read_weights(path, told, obs_stats)), told, files
 
 
 def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
@@ -127,11 +137,11 @@ def hashes_of(folder: Path) -> set[str]:
     if kept is None:
         return set()
     policy, _, _ = read_policy_file(*kept)
-    fitted = (_fitted(policy, space) for space in (spaces.Box(-1.0, 1.0), spaces.Discrete(2)))
-    return {one.content_hash for one in fitted}
+    acting = (fitted(policy, space) for space in (spaces.Box(-1.0, 1.0), spaces.Discrete(2)))
+    return {one.content_hash for one in acting}
 
 
-def _fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
+def fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
     """A graph's outputs are values of actions where the environment's actions are discrete."""
     if not isinstance(action_space, spaces.Discrete):
         return policy

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import KVWriter, Logger
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train import DiscretizationCallback, discretization_gap
+from integ_gym.train.monitoring import sb3_callback
 
 PUMPED = {"integrator": "explicit_euler", "dt": 0.05}
 SHORT = {"duration": 1.0, "start": "hanging"}
@@ -86,3 +88,57 @@ def test_a_stock_environment_must_be_told_its_home():
 def test_nothing_is_evaluated_in_less_than_a_step():
     with pytest.raises(ValueError, match="1 or above"):
         DiscretizationCallback(0)
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"others": ["control_period=0.05"]}, "`others` names discretizations"),
+        ({"environment": {"dt": 0.01}}, "gives `dt`, which is what differs"),
+        ({"episodes": 0}, "`episodes` must be 1 or above"),
+    ],
+)
+def test_what_says_nothing_is_refused(told, message):
+    with pytest.raises(ValueError, match=message):
+        discretization_gap(still, "IntegPendulum-v0", "stock", **told)
+
+
+def test_a_training_that_goes_on_is_evaluated_every_so_often():
+    env = make_vec_env("IntegPendulum-v0", n_envs=2, env_kwargs={**PUMPED, **SHORT})
+    callback = DiscretizationCallback(64, others=["integrator=rk4,dt=0.05"], episodes=1)
+    kept = _Kept()
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, device="cpu")
+    model.set_logger(Logger(None, [kept]))
+    model.learn(128, callback=callback)
+    model.learn(128, callback=callback, reset_num_timesteps=False)
+    gaps = [step for step, row in kept.rows if "discretization/return_gap" in row]
+    assert gaps == [64, 128, 192, 256]
+    kept.rows.clear()
+    model.learn(128, callback=callback)
+    assert [step for step, row in kept.rows if "discretization/return_gap" in row] == [64, 128]
+
+
+def test_environments_that_differ_are_no_home():
+    env = DummyVecEnv(
+        [
+            lambda dt=dt: gym.make("IntegPendulum-v0", dt=dt, control_period=0.05)
+            for dt in (0.05, 0.025)
+        ]
+    )
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, device="cpu")
+    with pytest.raises(ValueError, match=r"differ \(symplectic_euler dt=0\.025, symplectic_euler"):
+        model.learn(64, callback=DiscretizationCallback(64))
+
+
+def test_a_stated_home_takes_the_other_arguments_from_the_training(monkeypatch):
+    env = make_vec_env("IntegPendulum-v0", n_envs=1, env_kwargs={**SHORT, "max_torque": 1.0})
+    seen = []
+    monkeypatch.setattr(
+        sb3_callback,
+        "discretization_gap",
+        lambda *_, environment, **__: seen.append(environment) or {},
+    )
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=32, n_epochs=1, device="cpu")
+    model.learn(32, callback=DiscretizationCallback(32, env_id="IntegPendulum-v0", home="stock"))
+    assert seen[0]["max_torque"] == 1.0
+    assert "dt" not in seen[0]

@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.sb3_zip.observation_statistics import read_observation_statistics
+from integ_gym.train.policy_files.vec_normalize.inert_pickle import Note, entries, parse_pickle
 from integ_gym.train.policy_files.vec_normalize.reading import read_vec_normalize
 
 
@@ -94,3 +95,9 @@ def test_a_dictionary_of_observations_is_refused(tmp_path):
     path.write_bytes(pickle.dumps(env))
     with pytest.raises(PolicyFileError, match="those of a dictionary are not read; give the file"):
         read_observation_statistics(Path(path))
+
+
+def test_shared_tuples_take_no_time():
+    """Each of 60 tuples holds the one before twice: walked through, that would never end."""
+    levels = b"".join(b"q%ch%c\x86" % (k, k) for k in range(60))
+    assert entries(Note(None, (), [parse_pickle(b"\x80\x02)" + levels + b".")])) == {}

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from stable_baselines3 import DQN, PPO, SAC
 from torch import nn
 
+from integ_gym.eval.panel.existing.policy import hashes_of, read_policy_file
 from integ_gym.train import read_weights, save_policy, write_sidecar
 from integ_gym.train.policy import ACTIVATIONS, BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy.observation_statistics import ObservationStatistics
@@ -241,3 +242,49 @@ def test_only_what_is_feed_forward_is_saved_under_known_suffixes(tmp_path):
             PPO("MlpPolicy", "CartPole-v1", policy_kwargs=kwargs), Path(tmp_path / "y.onnx"),
             "IntegCartPole-v0", home="stock",
         )  # fmt: skip
+
+
+def test_a_policy_is_saved_with_its_side_car_s_statistics(tmp_path):
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
+    model.save(tmp_path / "a.zip")
+    stats = tmp_path / "stats.json"
+    stats.write_text(
+        json.dumps({"mean": [0.5] * 3, "var": [4.0] * 3, "epsilon": 1e-8, "clip_obs": 10.0})
+    )
+    write_sidecar(tmp_path / "a.zip", "IntegPendulum-v0", home=HOME, obs_stats=stats)
+    expected, _ = read_trained(tmp_path / "a.zip")
+    assert expected.statistics is not None
+    for name in ("b.onnx", "b.safetensors"):
+        path = save_policy(tmp_path / "a.zip", tmp_path / name, "IntegPendulum-v0", home=HOME)
+        seen = np.random.default_rng(0).normal(size=(20, 3))
+        np.testing.assert_allclose(read_weights(path).act(seen), expected.act(seen), atol=1e-6)
+    before = (tmp_path / "a.json").read_bytes()
+    with pytest.raises(ValueError, match=r"is the side-car of a\.zip; give the new file another"):
+        save_policy(tmp_path / "a.zip", tmp_path / "a.safetensors", "IntegPendulum-v0", home=HOME)
+    assert (tmp_path / "a.json").read_bytes() == before
+    assert not (tmp_path / "a.safetensors").exists()
+
+
+@pytest.mark.filterwarnings("ignore")  # of torch's exporter
+def test_weights_beside_an_onnx_file_are_kept_with_it(tmp_path):
+    torch.onnx.export(
+        Foreign(), (torch.zeros(1, 3),), tmp_path / "F.ONNX", dynamo=True, verbose=False
+    )
+    _, _, files = read_policy_file(tmp_path / "F.ONNX")
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    for name, source in files.items():
+        (kept / name).write_bytes(source.read_bytes())
+    assert len(hashes_of(kept)) >= 1
+
+
+def test_metadata_and_side_car_may_not_contradict(tmp_path):
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
+    unknown, known = tmp_path / "u.onnx", tmp_path / "k.onnx"
+    save_policy(model, unknown, "IntegPendulum-v0", home=None)
+    write_sidecar(unknown, "IntegPendulum-v0", home=HOME)
+    assert read_policy_file(unknown)[1]["home"]["integrator"] == "explicit_euler"
+    save_policy(model, known, "IntegPendulum-v0", home="stock")
+    write_sidecar(known, "IntegPendulum-v0", home=HOME)
+    with pytest.raises(PolicyFileError, match="say different trainings"):
+        read_policy_file(known)

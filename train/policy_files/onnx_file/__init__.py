@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .reading import onnx_card, read_onnx
+    from .reading import onnx_card, onnx_data, read_onnx
     from .runtime_policy import OnnxPolicy
     from .writing import onnx_bytes
 else:

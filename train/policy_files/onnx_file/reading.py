@@ -74,7 +74,29 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
     return None
 
 
+def onnx_data(path: Path) -> list[Path]:
+    """Files beside an ONNX file that hold its weights, which are its own wherever it is kept.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    helper = load("onnx.external_data_helper", "onnx")
+    tensors = _parsed(path)[1].graph.initializer
+    apart = {helper.ExternalDataInfo(one).location for one in tensors if one.external_data}
+    return [path.parent / place for place in sorted(apart)]
+
+
 def _loaded(path: Path) -> tuple[bytes, Any]:
+    content, model = _parsed(path)
+    apart = [tensor for tensor in model.graph.initializer if tensor.external_data]
+    if not apart:
+        return content, model
+    _join(path, apart)
+    return model.SerializeToString(), model
+
+
+def _parsed(path: Path) -> tuple[bytes, Any]:
+    """A file's bytes and its graph, weights beside it left there."""
     try:
         content = read_bounded(path, MAX_BYTES)
     except OSError as error:
@@ -89,11 +111,7 @@ def _loaded(path: Path) -> tuple[bytes, Any]:
         raise
     except Exception as error:  # a damaged file can fail in any way inside protobuf
         raise PolicyFileError(f"{path}: is not a readable ONNX file; export it again") from error
-    apart = [tensor for tensor in model.graph.initializer if tensor.external_data]
-    if not apart:
-        return content, model
-    _join(path, apart)
-    return model.SerializeToString(), model
+    return content, model
 
 
 def _join(path: Path, tensors: list[Any]) -> None:

@@ -79,9 +79,8 @@ def entries(note: Any) -> dict[str, Any]:
 
 
 def _pairs_of(state: Any) -> list[tuple[Any, Any]]:
-    if isinstance(state, tuple):  # (state, state of slots)
-        return [pair for one in state for pair in _pairs_of(one)]
-    return state.pairs if isinstance(state, _Pairs) else []
+    parts = state if isinstance(state, tuple) else (state,)  # (state, state of slots)
+    return [pair for one in parts if isinstance(one, _Pairs) for pair in one.pairs]
 
 
 class _Machine:

@@ -35,7 +35,7 @@ def read_vec_normalize(content: bytes) -> ObservationStatistics | None:
     if held.get("norm_obs", True) is False:
         return None
     statistics = entries(held.get("obs_rms"))
-    if "mean" not in statistics:
+    if not {"mean", "var"} <= statistics.keys():
         raise PolicyFileError(
             "holds no statistics of one vector of observations; those of a dictionary are not read"
         )

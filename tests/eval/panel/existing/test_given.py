@@ -9,7 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
+from torch import nn
 
 import integ_gym
 from integ_gym.cli import main
@@ -190,3 +194,30 @@ def test_the_same_policy_in_three_files_gives_equal_records(tmp_path):
         )
         found.append(EvidenceStore(out / "evidence").query(query).to_pylist())
     assert found[0] == found[1] == found[2]
+
+
+def test_a_model_that_remembers_is_refused():
+    model = RecurrentPPO("MlpLstmPolicy", "Pendulum-v1", n_steps=8, device="cpu")
+    with pytest.raises(ValueError, match="RecurrentPPO remembers earlier observations"):
+        given_policy(model, "IntegPendulum-v0", {}, "stock")
+
+
+def test_a_model_that_cannot_be_read_is_asked_with_its_statistics():
+    env = VecNormalize(make_vec_env("Pendulum-v1", 1))
+    model = PPO(
+        "MlpPolicy", env, n_steps=8, batch_size=8, device="cpu",
+        policy_kwargs={"activation_fn": nn.PReLU},
+    )  # fmt: skip
+    env.obs_rms.mean[:], env.obs_rms.var[:] = 0.5, 4.0
+    policy = given_policy(model, "IntegPendulum-v0", {}, "stock").policy
+    seen = np.array([[1.0, 0.0, 3.0]], dtype=np.float32)
+    expected = model.predict(env.normalize_obs(seen), deterministic=True)[0]
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-6)
+
+
+def test_statistics_are_for_files(tmp_path):
+    with pytest.raises(ValueError, match="are given for a policy's file"):
+        integ_gym.evaluate(
+            lambda seen: [0.0], "IntegPendulum-v0", tmp_path / "out", obs_stats="gone.pkl"
+        )
+    assert not (tmp_path / "out").exists()

@@ -160,7 +160,7 @@ def test_a_side_car_of_anybody_s_gives_the_home_and_statistics(tmp_path, capsys)
     assert existing.policy.statistics is not None
     command = ["evaluate", str(path), "--env", PENDULUM, "--out", str(tmp_path / "o")]
     assert main([*command, "--home", "integrator=rk4,dt=0.05,control_period=0.1"]) == 2
-    assert "--home says rk4 dt=0.05 and the policy's side-car" in capsys.readouterr().err
+    assert "--home says rk4 dt=0.05 and the side-car beside the policy" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
 
 
@@ -172,3 +172,9 @@ def test_a_side_car_without_a_home_leaves_it_to_be_stated(tmp_path):
     assert read_existing(path, PENDULUM, {}, home=PUMPED).home == Discretization(
         "explicit_euler", 0.05, 0.1
     )
+
+
+@pytest.mark.parametrize("env_id", ["IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0"])
+def test_what_gymnasium_lacks_is_no_stock(env_id):
+    with pytest.raises(ValueError, match="is no environment of Gymnasium's"):
+        stated_arguments("stock", env_id)
