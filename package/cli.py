@@ -19,7 +19,7 @@ COMMANDS = {
     "census": "tell what every pendulum and cart-pole of the name really does",
     "report": "write a panel's page and figures again",
     "watch": "show a policy in several discretizations, side by side",
-    "evidence": "show, query, verify, export and merge records",
+    "evidence": "show, query, verify, seal, export and merge records",
 }
 """Command, which the module of its name in ``commands`` runs, to what it is for."""
 

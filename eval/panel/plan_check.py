@@ -163,30 +163,33 @@ def _of_records(directory: RunDirectory, planned: Mapping[str, Any]) -> Iterator
             have = f"{row['records']} records of {row['present']} episodes in cell {row['cell']!r}"
             yield Finding("evidence", None, f"policy {row['policy_id']!r} has {have}")
         cells.setdefault(row["policy_id"], {})[row["cell"]] = found
-    yield from _of_cells(cells, list(evaluated), planned.get("episodes"))
+    yield from _of_cells(cells, _cells_of(directory), planned.get("episodes"))
+
+
+def _cells_of(directory: RunDirectory) -> dict[str, set[str]]:
+    """Policy to the cells that it was evaluated in, as its units noted."""
+    cells: dict[str, set[str]] = {}
+    for held in directory.markers("evaluate-").values():
+        for policy, names in held["cells"].items():
+            cells.setdefault(policy, set()).update(names)
+    return cells
 
 
 def _of_cells(
-    cells: Mapping[str, Mapping[str, tuple[int, int, int]]], policies: list[str], episodes: Any
+    cells: Mapping[str, Mapping[str, tuple[int, int, int]]],
+    expected: Mapping[str, set[str]],
+    episodes: Any,
 ) -> Iterator[Finding]:
-    rows: dict[str, set[str]] = {}
-    for policy, own in cells.items():
-        rows.setdefault(_row(policy), set()).update(own)
-    for policy in policies:
+    for policy, names in expected.items():
         own = cells.get(policy, {})
         if not own:
             yield Finding("evidence", None, f"policy {policy!r} has no evaluation records")
             continue
-        for cell in sorted(rows[_row(policy)]):
+        for cell in sorted(names | set(own)):
             found = own.get(cell, (0, 0, -1))
             if found != (episodes, 0, episodes - 1):
                 have = f"has {found[0]} of {episodes} episodes in cell {cell!r}"
                 yield Finding("evidence", None, f"policy {policy!r} {have}")
-
-
-def _row(policy: str) -> str:
-    """The row of a policy: its name without its seed."""
-    return policy.rpartition("-seed")[0] or policy
 
 
 def _of_matrix(directory: RunDirectory) -> Iterator[Finding]:
