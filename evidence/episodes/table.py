@@ -176,8 +176,6 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))
     unknown = _absent(numbers, ends) if field.at == "step" else np.isnan(numbers)
-    if unknown.all():
-        return pa.nulls(len(episodes.heads), kind)
     known = np.nan_to_num(numbers).astype(kind.value_type.to_pandas_dtype(), copy=False)
     values = pa.array(known, mask=unknown if unknown.any() else None)
     missing = None if episodes.traced.all() else pa.array(~episodes.traced)

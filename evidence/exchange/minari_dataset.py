@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,7 @@ def _made(env_id: str, text: str) -> gym.Env[Any, Any]:
 
 
 def _spec(env_id: str, text: str) -> Any:
-    spec = gym.spec(env_id)
+    spec = deepcopy(gym.spec(env_id))
     spec.kwargs = {**spec.kwargs, **_arguments(text)}
     return spec
 

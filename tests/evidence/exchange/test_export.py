@@ -89,6 +89,7 @@ def test_minari_plays_the_actions_again(run, tmp_path):
     export(run, "minari", tmp_path / "out", where="cell = 'rk4'")
     (path,) = (tmp_path / "out").glob("*/*/data")
     data = minari.MinariDataset(path)
+    assert gym.spec("IntegPendulum-v0").kwargs == {}
     env = data.recover_environment()
     for episode, told in zip(
         data.iterate_episodes(), data.storage.get_episode_metadata(range(2)), strict=True

@@ -65,7 +65,7 @@ def test_flags_reach_the_run() -> None:
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (["--env", "CartPole-v1"], "is no MuJoCo task; use IntegCartPole-v0, which it is at"),
+        (["--env", "MountainCar-v0"], "is no MuJoCo task; give IntegCartPole-v0"),
         (["--integrator", "rk5"], "unknown integrator 'rk5'. Did you mean 'rk4'? Valid choices"),
         (["--engine", "unreal"], "unknown engine 'unreal'. Valid choices: casadi, dart"),
         (["--dt", "0"], "`dt` must be a finite number above 0, got 0.0"),

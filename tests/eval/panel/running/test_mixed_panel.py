@@ -25,6 +25,7 @@ from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.policy_files.own_hash import hashed
 from integ_gym.train.policy_files.sidecar import read_sidecar
 
 MEMBERS = ["explicit_euler dt=0.05", "rk4 dt=0.05", "rk4 dt=0.025"]
@@ -286,7 +287,7 @@ def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, caps
         (3, "must be a list"),
     ):
         card["config"]["env_arguments"]["mixture"] = members
-        (tmp_path / "policy.json").write_text(json.dumps(card))
+        (tmp_path / "policy.json").write_text(json.dumps(hashed(card)))
         assert main([*command, "--out", str(tmp_path / "out")]) == 2
         assert fragment in capsys.readouterr().err
 

@@ -337,10 +337,11 @@ def test_an_evaluation_of_another_policy_is_refused(panel_directory, tmp_path, c
     assert "belongs to another specification, version or policy" in message
 
 
-def test_a_damaged_panel_file_is_refused(tmp_path, capsys):
+def test_a_panel_file_without_its_plan_is_refused(tmp_path, capsys):
     content = {"schema_version": 4, "rows": [1], "matrix": [{}], "cells": []}
     (tmp_path / "panel.json").write_text(json.dumps(content))
-    assert "is damaged" in _fails(capsys, "report", str(tmp_path))
+    message = _fails(capsys, "report", str(tmp_path))
+    assert "run.json: is missing, which says what was planned" in message
 
 
 @pytest.mark.slow

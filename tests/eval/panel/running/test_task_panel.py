@@ -71,7 +71,7 @@ def test_a_specification_is_filled_in_from_the_task():
     ("changes", "fragment"),
     [
         ({"control_period": 0.05}, "`control_period`=0.05 was asked for, but"),
-        ({"env_id": "CartPole-v1"}, "use IntegCartPole-v0, which it is"),
+        ({"env_id": "CartPole-v1"}, "unknown integrator of ClassicControl"),
         ({"environment": {"mass": 2.0}}, "Gymnasium cannot make"),
         ({"trainer": "fleet"}, "--trainer sb3"),
     ],
