@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,7 @@ def check_finished(path: Path) -> None:
     Raises:
         RunDirectoryError: with the first of them and the remedy.
     """
-    for finding in (*against_plan(path), *broken_seals(path)):
-        _refuse(path, finding)
-    check_records(_directory(path))
+    _refuse_first(path, against_plan(path), broken_seals(path), _of_sample(_directory(path)))
 
 
 def check_records(directory: RunDirectory) -> None:
@@ -60,15 +59,15 @@ def check_records(directory: RunDirectory) -> None:
     Raises:
         RunDirectoryError: with the first of them and the remedy.
     """
-    for finding in (*_of_files(directory), *_of_sample(directory)):
-        _refuse(directory.path, finding)
+    _refuse_first(directory.path, _of_files(directory), _of_sample(directory))
 
 
-def _refuse(path: Path, finding: Finding) -> NoReturn:
-    raise RunDirectoryError(
-        f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
-        "run the panel's command again, which does what is missing"
-    )
+def _refuse_first(path: Path, *findings: Iterator[Finding]) -> None:
+    for finding in chain.from_iterable(findings):
+        raise RunDirectoryError(
+            f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
+            "run the panel's command again, which does what is missing"
+        )
 
 
 def against_plan(path: Path) -> Iterator[Finding]:
