@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from . import functional
     from .discretized_vector import DiscretizedVectorEnv
     from .environment import IntegEnv, make_setup
+    from .foreign import ReturnGoal
     from .functional import FunctionalEnv, Params
     from .rediscretized import RediscretizedEnv, rediscretize
     from .sequential_vector import SequentialVectorEnv

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support import unknown_name
 
-from ..environments import DiscretizedVectorEnv, Repeated, SequentialVectorEnv, StatedEnv
+from ..environments import DiscretizedVectorEnv, Repeated, ReturnGoal, StatedEnv
 from ..episode import Discretization, whole_multiple
-from .interface import REFINEMENTS, Applied, Success
+from .interface import Applied, Success
+from .sequential import SequentialTestbed
 
 
-class GymTestbed:
+class GymTestbed(SequentialTestbed):
     """Base of a testbed of one's own: four things are said of an environment, the rest follows.
 
     ``home``, the discretization that it has by itself; ``choices``, its integrators; :meth:`build`,
@@ -47,18 +46,12 @@ class GymTestbed:
 
     home: Discretization
     choices: tuple[str, ...]
-    batched = False
-    horizon = None
-    controller = None
     suggested_return: float | None = None
     """A return that is known to be a success."""
 
     def __init__(self, success_return: float | None = None, **arguments: Any) -> None:
-        self.success_return = success_return
-        self.arguments = arguments if success_return is None else {
-            **arguments, "success_return": success_return,
-        }  # fmt: skip
-        self._own = arguments
+        goal = {} if success_return is None else {"success_return": success_return}
+        super().__init__({**arguments, **goal})
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
         """An environment in a discretization, with a time limit; one step is one decision.
@@ -98,59 +91,29 @@ class GymTestbed:
         return Applied(Discretization(integrator, dt, dt * count, self.home.engine), count)
 
     @property
-    def control_period(self) -> float:
-        """The home's."""
-        return self.home.control_period
-
-    @property
     def success(self) -> Success:
         """Survival, or a return."""
-        env = self._stated(self.home, {})
-        env.close()
-        return Success(env.setup.task.goal, "success_return", self.suggested_return)
+        goal = ReturnGoal(self.arguments.get("success_return"))
+        return Success(goal.words, "success_return", self.suggested_return)
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """Those that can be chosen."""
         return self.choices
 
-    def steps(self, home: Discretization) -> tuple[float, ...]:
-        """The home's, half and a quarter of it."""
-        return tuple(home.dt / parts for parts in REFINEMENTS)
-
-    def truth(self, control_period: float) -> None:
-        """None: what would solve it to rounding is not known."""
-        return
-
-    def make(
-        self,
-        discretization: Discretization,
-        lanes: int,
-        *,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        **arguments: Any,
-    ) -> DiscretizedVectorEnv:
-        """One environment per lane.
+    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> StatedEnv:
+        """What was built, and what it applies.
 
         Raises:
-            TypeError, ValueError: for a discretization that it cannot have.
+            ValueError: for an integrator that cannot be chosen.
         """
-        name = type(self).__name__
-        home = self.home
-        for kind, asked, known in (
-            ("engine", discretization.engine, [home.engine]),
-            ("integrator", discretization.integrator, self.choices),
-        ):
-            if asked not in known:
-                raise ValueError(unknown_name(f"{kind} of {name}", asked, known))
-        make = partial(self._stated, discretization, arguments)
-        return SequentialVectorEnv(make, lanes, autoreset_mode)
+        if discretization.integrator not in self.choices:
+            kind = f"integrator of {self.title}"
+            raise ValueError(unknown_name(kind, discretization.integrator, self.choices))
+        given = {**arguments}
+        wanted = given.pop("success_return", None)
+        env = self.build(discretization, **given)
+        return StatedEnv(env, self.read(env).discretization, wanted, given)
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """Read back from the first lane."""
         return self.read(environments.unwrapped.envs[0])  # type: ignore[attr-defined]
-
-    def _stated(self, discretization: Discretization, further: dict[str, Any]) -> StatedEnv:
-        given = {**self._own, **further}
-        wanted = given.pop("success_return", self.success_return)
-        env = self.build(discretization, **given)
-        return StatedEnv(env, self.read(env).discretization, wanted, given)

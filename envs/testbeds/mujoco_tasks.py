@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.vector import AutoresetMode
 
-from integ_gym.support import load, suggestion, unknown_name
+from integ_gym.support import load, suggestion
 
 from ..catalogue import BRING_YOUR_OWN, ENVIRONMENTS
-from ..environments import DiscretizedVectorEnv, SequentialVectorEnv
+from ..environments import DiscretizedVectorEnv
 from ..environments.rediscretized import (
     RediscretizedEnv,
-    TaskSetup,
     integrator_numbers,
     rediscretize,
 )
 from ..episode import Discretization
-from .interface import REFINEMENTS, Applied, Success
+from .interface import Applied, Success
+from .sequential import SequentialTestbed
 
 ENGINE = "mujoco"
 
 
-class MujocoTestbed:
+class MujocoTestbed(SequentialTestbed):
     """A MuJoCo task, rediscretized. It has no truth: contacts have no reference solution.
 
     Args:
@@ -34,16 +33,14 @@ class MujocoTestbed:
             return reaches this; without it, if it is not terminated.
     """
 
-    batched = False
-    horizon = None
-    controller = None
+    engine = ENGINE
 
     def __init__(self, env_id: str, **arguments: Any) -> None:
-        self.env_id = env_id
-        self.arguments = arguments
+        super().__init__(arguments)
+        self.env_id = self.title = env_id
 
     @cached_property
-    def _setup(self) -> TaskSetup:
+    def _setup(self) -> Any:
         env = _made(self.env_id, self.arguments)
         env.close()
         return env.setup
@@ -52,11 +49,6 @@ class MujocoTestbed:
     def home(self) -> Discretization:
         """The stock task, with its model's integrator and timestep."""
         return Discretization.of(self._setup)
-
-    @property
-    def control_period(self) -> float:
-        """The task's own."""
-        return self.home.control_period
 
     @property
     def success(self) -> Success:
@@ -68,36 +60,14 @@ class MujocoTestbed:
         """MuJoCo's."""
         return tuple(integrator_numbers())
 
-    def steps(self, home: Discretization) -> tuple[float, ...]:
-        """The home's, half and a quarter of it."""
-        return tuple(home.dt / parts for parts in REFINEMENTS)
-
-    def truth(self, control_period: float) -> None:
-        """None."""
-        return
-
-    def make(
-        self,
-        discretization: Discretization,
-        lanes: int,
-        *,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        **arguments: Any,
-    ) -> DiscretizedVectorEnv:
-        """One rediscretized task per lane.
+    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> RediscretizedEnv:
+        """A rediscretized task.
 
         Raises:
-            ValueError: for another engine, integrator or control period than it can have.
+            ValueError: for another integrator or step than it can have.
         """
-        if discretization.engine != ENGINE:
-            raise ValueError(
-                unknown_name(f"engine of {self.env_id}", discretization.engine, [ENGINE])
-            )
         chosen = {"integrator": discretization.integrator, "dt": discretization.dt}
-        given = {**self.arguments, **arguments}
-        return SequentialVectorEnv(
-            partial(_made, self.env_id, given, **chosen), lanes, autoreset_mode
-        )
+        return _made(self.env_id, arguments, **chosen)
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """From the compiled model of the first lane."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .description import TaskSetup, integrator_numbers
+    from .description import integrator_numbers
     from .environment import RediscretizedEnv, rediscretize
 else:
     __getattr__, __dir__ = lazy_door(__name__)

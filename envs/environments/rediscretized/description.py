@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from gymnasium import spaces
-
 from integ_gym.support import (
     check_values,
     finite_number,
@@ -18,7 +16,8 @@ from integ_gym.support import (
     unknown_name,
 )
 
-from ...episode import Settings, Timing, check_divides
+from ...episode import check_divides
+from ..foreign import ForeignPlant
 
 _PLACE = (("_x", "m"), ("_y", "m"), ("_z", "m"))
 _ATTITUDE = (("_qw", "1"), ("_qx", "1"), ("_qy", "1"), ("_qz", "1"))
@@ -81,31 +80,6 @@ def integrator_numbers() -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class ModelPlant:
-    """A MuJoCo model's state and controls, named after its joints and actuators."""
-
-    name: str
-    coordinates: tuple[str, ...]
-    coordinate_units: tuple[str, ...]
-    velocities: tuple[str, ...]
-    velocity_units: tuple[str, ...]
-    controls: tuple[tuple[str, str], ...]
-    """Name and unit of each actuator's control."""
-    frame: str = "the model's joints"
-
-
-@dataclass(frozen=True)
-class TaskGoal:
-    """What the task asks, as far as it is told apart in evidence."""
-
-    goal: str
-    observation_names: tuple[str, ...]
-    observation_units: tuple[str, ...]
-    discrete: None = None
-    goal_stay: float = 0.0
-
-
-@dataclass(frozen=True)
 class ModelEngine:
     """MuJoCo on the task's own model."""
 
@@ -130,33 +104,7 @@ class ModelEngine:
         return {"width": self.width, "losses_accounted": self.accounted}
 
 
-@dataclass(frozen=True)
-class TaskSetup:
-    """The counterpart of :class:`integ_gym.envs.episode.settings.Setup` for a MuJoCo task."""
-
-    settings: Settings
-    timing: Timing
-    plant: ModelPlant
-    task: TaskGoal
-    engine: ModelEngine
-    action_space: spaces.Space[Any]
-    environment: tuple[tuple[str, Any], ...]
-    """Constructor arguments of the task."""
-    fingerprinted: str = "cart_pole"
-    """The plant on which the integrator's fingerprint is taken."""
-
-    def arguments(self) -> dict[str, Any]:
-        """Discretization and constructor arguments."""
-        chosen = ("engine", "integrator", "dt", "control_period", "duration")
-        return {**{n: getattr(self.settings, n) for n in chosen}, **dict(self.environment)}
-
-    def units(self) -> dict[str, str]:
-        """SI unit of every argument; empty where the task does not state one."""
-        seconds = ("dt", "control_period", "duration")
-        return {name: "s" if name in seconds else "" for name in self.arguments()}
-
-
-def plant_of(mujoco: Any, model: Any, name: str) -> ModelPlant:
+def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
     """Names and units of a compiled model's state and controls."""
     kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): x for k, x in _JOINTS.items()}
     of_q, of_v = [], []
@@ -167,7 +115,9 @@ def plant_of(mujoco: Any, model: Any, name: str) -> ModelPlant:
         of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
     names, units = zip(*of_q, strict=True)
     rates, rate_units = zip(*of_v, strict=True)
-    return ModelPlant(name, names, units, rates, rate_units, tuple(_controls(mujoco, model)))
+    return ForeignPlant(
+        name, tuple(_controls(mujoco, model)), names, units, rates, rate_units, "the model's joints"
+    )
 
 
 def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:

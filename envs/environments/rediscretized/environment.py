@@ -15,14 +15,13 @@ import numpy.typing as npt
 from integ_gym.support import load
 
 from ...engines.mujoco import silencer
-from ...episode import AWAY, DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
+from ...episode import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
+from ..foreign import ForeignSetup, ForeignTask, ReturnGoal
 from ..lanes import as_floats
-from .description import Choice, ModelEngine, TaskGoal, TaskSetup, integrator_numbers, plant_of
+from .description import Choice, ModelEngine, integrator_numbers, plant_of
 from .headless import is_of_opengl, no_context
 from .ledger import NOTHING, Ledger, is_lost
-
-SURVIVAL = "not terminated within the time limit"
 
 
 def rediscretize(
@@ -88,7 +87,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
         choice = Choice(integrator, dt, success_return)
-        self._success_return = success_return
+        self._goal = ReturnGoal(success_return)
         self._model, self._data = self._inner.model, self._inner.data
         self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
         self.setup = self._discretized(choice)
@@ -135,8 +134,8 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         """Start an episode."""
         self.final_state, self.final_status = self.state_components, self.status_code
         observation, info = self.env.reset(seed=seed, options=options)
-        self._steps, self._return, self._least = 0, 0.0, 0.0
-        self._reached = 0.0 if self._success_return is None else AWAY
+        self._steps, self._least = 0, 0.0
+        self._goal.begin()
         self._energy = self._ledger.energy(self._data)
         self._control = np.zeros(self._model.nu)
         self._observation, self._booked, self._diverged = observation, NOTHING, False
@@ -159,12 +158,13 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             reward = min(0.0, self._least) * left
         self._observation, self._control = observation, command
         self._least = min(self._least, float(reward))
-        self._return += float(reward)
         self._energy = before if self._diverged else self._ledger.energy(self._data)
         booked = self._booked
         residual = self._energy - before - booked.work + booked.dissipated
         residual = math.nan if booked.constrained else residual
-        success = self._note_goal(bool(terminated), bool(truncated))
+        time = self._steps * self.setup.timing.control_period
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), time)
+        success = success and not self._diverged
         told = self._info(residual, self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
 
@@ -228,18 +228,6 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
                 self._booked = self._ledger.put_back(self._booked)
             self._mujoco.mj_rnePostConstraint(model, data)
 
-    def _note_goal(self, terminated: bool, truncated: bool) -> bool:
-        """Keep since when the goal has held; whether the episode has just ended in success."""
-        time = self._steps * self.setup.timing.control_period
-        if self._success_return is None:
-            self._reached = AWAY if terminated else 0.0
-            return truncated and not terminated
-        if self._return < self._success_return:
-            self._reached = AWAY
-        elif self._reached < 0.0:
-            self._reached = time
-        return (terminated or truncated) and self._reached >= 0.0 and not self._diverged
-
     def _info(
         self, residual: float, saturated: bool, fell_back: bool, success: bool
     ) -> dict[str, Any]:
@@ -260,7 +248,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             "saturated": saturated,
             "fallback_used": fell_back,
             "sensor_time": time,
-            "goal_since": self._reached,
+            "goal_since": self._goal.since,
             "success": success,
             "penetration": booked.penetration,
             "constraint_violation": booked.violation,
@@ -271,7 +259,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             **{name: value for name, value in known.items() if not math.isnan(value)},
         }
 
-    def _discretized(self, choice: Choice) -> TaskSetup:
+    def _discretized(self, choice: Choice) -> ForeignSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
@@ -285,22 +273,21 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
         names = tuple(f"obs{index}" for index in range(size))
-        wanted = self._success_return
-        goal = SURVIVAL if wanted is None else f"return of at least {wanted:g}"
-        return TaskSetup(
+        return ForeignSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
                 duration=horizon * period, start="the task's own",
             ),
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),
-            task=TaskGoal(goal, names, ("",) * size),
+            task=ForeignTask(self._goal.words, names, ("",) * size),
             engine=ModelEngine(
                 chosen, float(model.opt.tolerance), int(model.opt.iterations),
                 Ledger(mujoco, model, chosen).accounted,
             ),
             action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
+            fingerprinted="cart_pole",
         )  # fmt: skip
 
 

@@ -9,13 +9,12 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from ...episode import AWAY, NOT_REPORTED, Discretization
+from ...episode import NOT_REPORTED, Discretization
+from ..foreign import ReturnGoal
 from ..lanes import as_floats
 from .setup import stated_setup
 
 Array = npt.NDArray[np.float64]
-
-SURVIVAL = "not terminated within the time limit"
 
 
 class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -51,9 +50,8 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             self, applied=applied, success_return=success_return, arguments=arguments
         )
         super().__init__(env)
-        self._wanted = success_return
-        goal = SURVIVAL if success_return is None else f"return of at least {success_return:g}"
-        self.setup = stated_setup(env, applied, goal, arguments or {})
+        self._goal = ReturnGoal(success_return)
+        self.setup = stated_setup(env, applied, self._goal.words, arguments or {})
         self._names = [name for name, _ in self.setup.plant.controls]
         self._steps = 0
         self._control = self._within(np.zeros(len(self._names)))
@@ -68,8 +66,8 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._steps, self._return = 0, 0.0
-        self._since = 0.0 if self._wanted is None else AWAY
+        self._steps = 0
+        self._goal.begin()
         self._control = self._within(np.zeros(len(self._names)))
         return observation, {**info, **self._info(self._control, self._control, False, False)}
 
@@ -81,21 +79,9 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         self._control = self._within(asked)
         observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
         self._steps += 1
-        self._return += float(reward)
-        self._note_goal(bool(terminated))
-        ended = bool(terminated or truncated)
-        success = ended and self._since >= 0.0
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
         told = self._info(asked, self._control, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
-
-    def _note_goal(self, terminated: bool) -> None:
-        """Keep since when the goal has held."""
-        if self._wanted is None:
-            self._since = AWAY if terminated else 0.0
-        elif self._return < self._wanted:
-            self._since = AWAY
-        elif self._since < 0.0:
-            self._since = self._time
 
     @property
     def _time(self) -> float:
@@ -125,7 +111,7 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             "saturated": bool((asked != given).any()),
             "fallback_used": fell_back,
             "sensor_time": self._time,
-            "goal_since": self._since,
+            "goal_since": self._goal.since,
             "success": success,
             **controls,
         }

@@ -13,31 +13,7 @@ from gymnasium import spaces
 from integ_gym.support import package_version
 
 from ...episode import Discretization, Settings, Timing
-
-
-@dataclass(frozen=True)
-class UnknownPlant:
-    """A plant of which the name alone is known."""
-
-    name: str
-    controls: tuple[tuple[str, str], ...]
-    """Name and unit of each number of an action."""
-    coordinates: tuple[str, ...] = ()
-    coordinate_units: tuple[str, ...] = ()
-    velocities: tuple[str, ...] = ()
-    velocity_units: tuple[str, ...] = ()
-    frame: str = "not known"
-
-
-@dataclass(frozen=True)
-class StatedTask:
-    """What is asked, as far as it is told apart in evidence."""
-
-    goal: str
-    observation_names: tuple[str, ...]
-    observation_units: tuple[str, ...]
-    discrete: int | None
-    goal_stay: float = 0.0
+from ..foreign import ForeignPlant, ForeignSetup, ForeignTask
 
 
 @dataclass(frozen=True)
@@ -62,38 +38,12 @@ class StatedEngine:
         return {"losses_accounted": False}
 
 
-@dataclass(frozen=True)
-class StatedSetup:
-    """The counterpart of :class:`integ_gym.envs.episode.settings.Setup`."""
-
-    settings: Settings
-    timing: Timing
-    plant: UnknownPlant
-    task: StatedTask
-    engine: StatedEngine
-    action_space: spaces.Space[Any]
-    environment: tuple[tuple[str, Any], ...]
-    """Arguments of the environment."""
-    fingerprinted: None = None
-    """No plant of ours: its integrators are known by name alone."""
-
-    def arguments(self) -> dict[str, Any]:
-        """Discretization and arguments."""
-        chosen = ("engine", "integrator", "dt", "control_period", "duration")
-        return {**{n: getattr(self.settings, n) for n in chosen}, **dict(self.environment)}
-
-    def units(self) -> dict[str, str]:
-        """SI unit of every argument; empty where it is not stated."""
-        seconds = ("dt", "control_period", "duration")
-        return {name: "s" if name in seconds else "" for name in self.arguments()}
-
-
 def stated_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
     goal: str,
     arguments: Mapping[str, Any],
-) -> StatedSetup:
+) -> ForeignSetup:
     """What is known of an environment.
 
     Args:
@@ -124,16 +74,16 @@ def stated_setup(
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
     size = int(np.prod(observation.shape or (1,)))
-    return StatedSetup(
+    return ForeignSetup(
         settings=Settings(
             integrator=applied.integrator, dt=applied.dt, control_period=period,
             engine=applied.engine, duration=limit * period, start="the environment's own",
         ),
         timing=Timing.of(applied.dt, period, 0.0, None, limit * period),
-        plant=UnknownPlant(
+        plant=ForeignPlant(
             type(env.unwrapped).__name__, tuple((f"action{k}", "") for k in range(count))
         ),
-        task=StatedTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
+        task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
         engine=StatedEngine(applied.engine),
         action_space=action,
         environment=tuple(sorted(arguments.items())),
