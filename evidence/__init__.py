@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         Home,
         Layout,
         Replays,
+        argument_values,
         plain,
         record_table,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import environment_setup, testbed_of
-from integ_gym.evidence import EvidenceRecord, EvidenceStore
+from integ_gym.evidence import EvidenceRecord, EvidenceStore, argument_values
 from integ_gym.support import read_object
 from integ_gym.train import BASELINES, Policy, make_baseline
 
@@ -72,6 +71,5 @@ def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy
         "ORDER BY integrator <> 'reference' LIMIT 1"
     ).column("arguments")
     text = found[0].as_py() if len(found) else record["arguments"]
-    arguments = {key: told["value"] for key, told in json.loads(text).items()}
-    setup = environment_setup(record["env_id"], arguments)
+    setup = environment_setup(record["env_id"], argument_values(text))
     return make_baseline(name, setup, controller=testbed_of(record["env_id"], {}).controller)

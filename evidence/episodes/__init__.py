@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .episode_log import EpisodeHead, EpisodeLog
     from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout
-    from .record import EvidenceRecord, plain, records_of
+    from .record import EvidenceRecord, argument_values, plain, records_of
     from .table import ReplayLookups, SetupOfLane, record_table
 else:
     __getattr__, __dir__ = lazy_door(__name__)

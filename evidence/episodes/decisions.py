@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import NATIVE, SCALAR, TRUTH, environment_setup
+
+from .record import argument_values
 
 Array = npt.NDArray[Any]
 
@@ -22,8 +23,8 @@ def told_setup(env_id: str, arguments: str) -> Any:
         env_id: one of integ-gym's environments.
         arguments: as a record has them.
     """
-    values = {name: given["value"] for name, given in json.loads(arguments).items()}
-    return environment_setup(env_id, {**values, "engine": NATIVE, "integrator": TRUTH})
+    given = {**argument_values(arguments), "engine": NATIVE, "integrator": TRUTH}
+    return environment_setup(env_id, given)
 
 
 def choices(task: Any, commanded: Array) -> Array:

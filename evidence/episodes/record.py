@@ -40,8 +40,12 @@ class EvidenceRecord:
 
     def arguments(self) -> dict[str, Any]:
         """Constructor arguments and plant parameters, without their units."""
-        given = json.loads(self.fields["arguments"])
-        return {name: argument["value"] for name, argument in given.items()}
+        return argument_values(self.fields["arguments"])
+
+    @property
+    def first_of_seed(self) -> bool:
+        """Whether its seed gives all that was drawn: it is the first episode of that seed."""
+        return self.fields["seed"] is not None and self.fields["rng_key"].endswith("/0")
 
     def summary(self) -> dict[str, Any]:
         """All fields but the trace, fit for JSON."""
@@ -56,6 +60,11 @@ class EvidenceRecord:
             if is_trace(name)
         }
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
+
+
+def argument_values(text: str) -> dict[str, Any]:
+    """Constructor arguments and plant parameters of a record's field, without their units."""
+    return {name: argument["value"] for name, argument in json.loads(text).items()}
 
 
 def records_of(table: Any) -> list[EvidenceRecord]:

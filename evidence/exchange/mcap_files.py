@@ -67,11 +67,12 @@ def _write(
         rows = len(record.trace["reward"]) + 1
         times = _nanoseconds(record, rows)
         states = {name: column(record, name, rows) for name in columns.states}
+        names = [name for name in states if f"{name}{_RATE}" in states]
         values = {name: record.trace[name] for name in told if name in record.trace}
         for place, time in enumerate(times):
             stamp = {"log_time": time, "sequence": place}
-            if _coordinates(states):
-                message = _joint_state(states, place, time)
+            if names:
+                message = _joint_state(names, states, place, time)
                 writer.write_message(JOINTS, joints, message, **stamp)
             for name, numbers in values.items():
                 if place < len(numbers) and math.isfinite(numbers[place]):
@@ -91,13 +92,8 @@ def _nanoseconds(record: EvidenceRecord, rows: int) -> list[int]:
     return [round(1e9 * second) for second in seconds.tolist()]
 
 
-def _coordinates(states: dict[str, Any]) -> list[str]:
-    """State components whose rate is one too."""
-    return [name for name in states if f"{name}{_RATE}" in states]
-
-
-def _joint_state(states: dict[str, Any], place: int, time: int) -> dict[str, Any]:
-    names = _coordinates(states)
+def _joint_state(names: list[str], states: dict[str, Any], place: int, time: int) -> dict[str, Any]:
+    """A message of the state components whose rate is one too."""
     seconds, rest = divmod(time, 10**9)
     return {
         "header": {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": ""},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from copy import deepcopy
 from functools import partial
@@ -15,7 +14,7 @@ import numpy as np
 from integ_gym.envs import ENVIRONMENTS, NATIVE, TRUTH
 from integ_gym.support import load
 
-from ..episodes import EvidenceRecord
+from ..episodes import EvidenceRecord, argument_values
 from ..schema import EvidenceError
 from .selection import Selection
 from .steps import NO_CHOICE, Columns, actions_of, column, columns_of, stacked_instants
@@ -90,19 +89,15 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     return observations, actions, _spec(chosen.env_id, texts[0]) if len(texts) == 1 else None
 
 
-def _arguments(text: str) -> dict[str, Any]:
-    return {name: given["value"] for name, given in json.loads(text).items()}
-
-
 def _made(env_id: str, text: str) -> gym.Env[Any, Any]:
     """An environment of these arguments, without code that a record names."""
-    given = {**_arguments(text), "engine": NATIVE, "integrator": TRUTH}
+    given = {**argument_values(text), "engine": NATIVE, "integrator": TRUTH}
     return gym.make(env_id, **given)
 
 
 def _spec(env_id: str, text: str) -> Any:
     spec = deepcopy(gym.spec(env_id))
-    spec.kwargs = {**spec.kwargs, **_arguments(text)}
+    spec.kwargs = {**spec.kwargs, **argument_values(text)}
     return spec
 
 
@@ -129,9 +124,8 @@ def _episode(record: EvidenceRecord, columns: Columns, kind: Any) -> Any:
     }
     for name in (*columns.controls, *columns.steps):
         infos[name] = np.concatenate(([np.nan], column(record, name, length)))
-    drawn_anew = fields["seed"] is not None and fields["rng_key"].endswith("/0")
     return load("minari.data_collector", "exchange").EpisodeBuffer(
-        seed=fields["seed"] if drawn_anew else None,
+        seed=fields["seed"] if record.first_of_seed else None,
         observations=stacked_instants(record, columns.sensed).astype(np.float32),
         actions=actions.astype(kind),
         rewards=record.trace["reward"].tolist(),

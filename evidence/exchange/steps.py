@@ -38,11 +38,6 @@ class Columns:
     instants: tuple[str, ...]
     steps: tuple[str, ...]
 
-    @property
-    def ledger(self) -> tuple[str, ...]:
-        """All but observations, controls and reward."""
-        return (*self.states, *self.instants, *(n for n in self.steps if n != "reward"))
-
 
 def columns_of(told: Mapping[str, Mapping[str, str]]) -> Columns:
     """Trace columns by what they are, from what is said of each."""
@@ -86,13 +81,14 @@ def actions_of(record: EvidenceRecord, controls: tuple[str, ...]) -> Array | Non
 
 def stacked_steps(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
     """Columns of control steps side by side, float64 of shape (length, names)."""
-    length = len(record.trace["reward"])
-    own = [column(record, name, length) for name in names]
-    return np.stack(own, axis=1) if own else np.empty((length, 0))
+    return _stacked(record, names, len(record.trace["reward"]))
 
 
 def stacked_instants(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
     """Columns of control instants side by side, float64 of shape (length + 1, names)."""
-    rows = len(record.trace["reward"]) + 1
+    return _stacked(record, names, len(record.trace["reward"]) + 1)
+
+
+def _stacked(record: EvidenceRecord, names: tuple[str, ...], rows: int) -> Array:
     own = [column(record, name, rows) for name in names]
     return np.stack(own, axis=1) if own else np.empty((rows, 0))

@@ -6,7 +6,7 @@ Controls are those of the trace, or what the policy decides again.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -134,22 +134,13 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return "without a trace"
     if decided and not fields["policy_hash"]:
         return "of training, whose policy has changed since"
-    if decided and fields["observation_noise"] and not _is_first(record):
+    if decided and fields["observation_noise"] and not record.first_of_seed:
         return "whose noise cannot be drawn again"
     if fields["float_width"] != 64:
         return "computed in 32 bits, which no environment here does"
-    if not own_code and any(":" in text for text in _texts(json.loads(fields["arguments"]))):
+    if not own_code and any(":" in str(value) for value in record.arguments().values()):
         return _OWN_CODE
     return None
-
-
-def _is_first(record: EvidenceRecord) -> bool:
-    """Whether it is the first episode of a seed, so that the seed gives all that was drawn."""
-    return record.fields["seed"] is not None and record.fields["rng_key"].endswith("/0")
-
-
-def _texts(arguments: Mapping[str, Any]) -> list[str]:
-    return [str(given["value"]) for given in arguments.values()]
 
 
 def _play(
@@ -202,7 +193,7 @@ def _repeat(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -
 
 def _decide(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting) -> None:
     """Do what the policy does, from starts and noise that are drawn again where they can be."""
-    if all(map(_is_first, records)):
+    if all(record.first_of_seed for record in records):
         observation, _ = recorder.reset(seed=[record.fields["seed"] for record in records])
     else:
         observation = _start(recorder, records)
@@ -218,12 +209,11 @@ def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) ->
 
 def _made(records: Sequence[EvidenceRecord]) -> Any:
     fields = records[0].fields
-    arguments = {n: given["value"] for n, given in json.loads(fields["arguments"]).items()}
     return gym.make_vec(
         fields["env_id"],
         len(records),
         vectorization_mode="vector_entry_point",
-        **arguments,
+        **records[0].arguments(),
     )
 
 
