@@ -16,7 +16,15 @@ from integ_gym.train import POLICY_FILE, WEIGHTS_FILE, read_trained, read_weight
 
 from .existing import hashes_of
 from .model import FILE_NAME, read_panel
-from .running import MANIFEST, RunDirectory, RunDirectoryError, is_card_of, read_manifest
+from .running import (
+    MANIFEST,
+    Evaluated,
+    RunDirectory,
+    RunDirectoryError,
+    evaluated,
+    is_card_of,
+    read_manifest,
+)
 
 _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
@@ -82,9 +90,10 @@ def against_plan(path: Path) -> Iterator[Finding]:
             yield Finding(MANIFEST, None, "is missing, which says what was planned")
         return
     yield from _of_files(directory)
-    yield from _of_policies(directory)
+    found = evaluated(directory, lost=True)
+    yield from _of_policies(directory, found)
     planned = read_manifest(path / MANIFEST)["specification"]
-    yield from _of_records(directory, planned)
+    yield from _of_records(directory, found, planned)
     yield from _of_matrix(directory)
 
 
@@ -97,13 +106,12 @@ def _of_files(directory: RunDirectory) -> Iterator[Finding]:
         yield Finding(file, None, fault)
 
 
-def _of_policies(directory: RunDirectory) -> Iterator[Finding]:
+def _of_policies(directory: RunDirectory, found: Mapping[str, Evaluated]) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
-    evaluated = _evaluated(directory)
     trained = {
         unit.removeprefix("train-"): held for unit, held in directory.markers("train-").items()
     }
-    for policy in {**evaluated, **trained}:
+    for policy in {**found, **trained}:
         folder, name = directory.policies / policy, f"policies/{policy}"
         if policy in trained and not (folder / POLICY_FILE).exists():
             yield Finding(name, None, "is missing")
@@ -112,7 +120,7 @@ def _of_policies(directory: RunDirectory) -> Iterator[Finding]:
             same = (
                 _is_trained(folder, trained[policy])
                 if policy in trained
-                else _is_given(folder, evaluated[policy])
+                else _is_given(folder, found[policy].policy_hash)
             )
         except ValueError as error:
             yield Finding(name, None, str(error))
@@ -135,48 +143,33 @@ def _is_given(folder: Path, expected: str) -> bool:
     return not hashes or expected in hashes
 
 
-def _evaluated(directory: RunDirectory) -> dict[str, str]:
-    """Policy to the hash that it was evaluated with."""
-    return {
-        policy: policy_hash
-        for held in directory.markers("evaluate-").values()
-        for policy, policy_hash in held["policies"].items()
-    }
-
-
-def _of_records(directory: RunDirectory, planned: Mapping[str, Any]) -> Iterator[Finding]:
+def _of_records(
+    directory: RunDirectory, found: Mapping[str, Evaluated], planned: Mapping[str, Any]
+) -> Iterator[Finding]:
     """Records of other runs or policies, and cells without all their episodes."""
-    store, evaluated = EvidenceStore(directory.evidence), _evaluated(directory)
+    store = EvidenceStore(directory.evidence)
     for row in store.query(_WHOSE).to_pylist():
         policy, whose = row["policy_id"], f"{row['records']} records of policy {row['policy_id']!r}"
         if row["run_id"] != planned.get("name"):
             yield Finding("evidence", None, f"{whose} are of run {row['run_id']!r}")
-        elif row["phase"] == "evaluation" and policy not in evaluated:
+        elif row["phase"] == "evaluation" and policy not in found:
             yield Finding("evidence", None, f"{whose}, which no unit evaluated")
-        elif row["phase"] == "evaluation" and row["policy_hash"] != evaluated[policy]:
+        elif row["phase"] == "evaluation" and row["policy_hash"] != found[policy].policy_hash:
             yield Finding("evidence", None, f"{whose} are of another policy of that name")
     cells: dict[str, dict[str, tuple[int, int, int]]] = {}
     for row in store.query(_EVALUATED).to_pylist():
-        found = row["present"], row["first"], row["last"]
+        episodes = row["present"], row["first"], row["last"]
         if row["records"] > row["present"]:
             have = f"{row['records']} records of {row['present']} episodes in cell {row['cell']!r}"
             yield Finding("evidence", None, f"policy {row['policy_id']!r} has {have}")
-        cells.setdefault(row["policy_id"], {})[row["cell"]] = found
-    yield from _of_cells(cells, _cells_of(directory), planned.get("episodes"))
-
-
-def _cells_of(directory: RunDirectory) -> dict[str, set[str]]:
-    """Policy to the cells that it was evaluated in, as its units noted."""
-    cells: dict[str, set[str]] = {}
-    for held in directory.markers("evaluate-").values():
-        for policy, names in held["cells"].items():
-            cells.setdefault(policy, set()).update(names)
-    return cells
+        cells.setdefault(row["policy_id"], {})[row["cell"]] = episodes
+    expected = {policy: there.cells for policy, there in found.items()}
+    yield from _of_cells(cells, expected, planned.get("episodes"))
 
 
 def _of_cells(
     cells: Mapping[str, Mapping[str, tuple[int, int, int]]],
-    expected: Mapping[str, set[str]],
+    expected: Mapping[str, frozenset[str]],
     episodes: Any,
 ) -> Iterator[Finding]:
     for policy, names in expected.items():

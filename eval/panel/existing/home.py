@@ -149,8 +149,8 @@ def _of_card(card: Mapping[str, Any]) -> str:
 
 
 def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """A control period alone is that of one step per decision."""
-    if "control_period" in arguments and "dt" not in arguments:
+    """A control period alone is that of one step per decision; a mixture's members have theirs."""
+    if "control_period" in arguments and not {"dt", "mixture"} & set(arguments):
         return {"dt": arguments["control_period"], **arguments}
     return dict(arguments)
 

@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .achievability import Tried, tried
     from .evaluation import Subject
-    from .evaluation_units import evaluate_all, evaluated, evaluation_seconds
+    from .evaluation_units import Evaluated, evaluate_all, evaluated, evaluation_seconds
     from .panel import complete, opened
     from .run_directory import (
         MANIFEST,

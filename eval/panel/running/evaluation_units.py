@@ -57,11 +57,16 @@ class Evaluated(NamedTuple):
         return tuple(f"evidence/{unit}.parquet" for unit in self.units)
 
 
-def evaluated(directory: RunDirectory) -> dict[str, Evaluated]:
-    """The evaluations that are there, by policy."""
+def evaluated(directory: RunDirectory, *, lost: bool = False) -> dict[str, Evaluated]:
+    """The evaluations that are there, by policy.
+
+    Args:
+        directory: of the run.
+        lost: also those of units whose records are gone.
+    """
     found: dict[str, Evaluated] = {}
     for unit, marker in directory.markers(PREFIX).items():
-        if not directory.has_records(unit):
+        if not (lost or directory.has_records(unit)):
             continue
         for policy, policy_hash in marker["policies"].items():
             before = found.get(policy, Evaluated((), policy_hash, frozenset()))
