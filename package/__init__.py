@@ -43,11 +43,13 @@ if TYPE_CHECKING:
         DiscretizationCallback,
         Policy,
         PPOConfig,
+        SACConfig,
         TrainingEvidence,
         discretization_gap,
         save_policy,
         train_fleet,
         train_ppo,
+        train_sac,
         write_sidecar,
     )
 else:
@@ -73,6 +75,7 @@ __all__ = [
     "Policy",
     "RecordEvidence",
     "RecordVectorEvidence",
+    "SACConfig",
     "Step",
     "Success",
     "Task",
@@ -93,5 +96,6 @@ __all__ = [
     "side_by_side",
     "train_fleet",
     "train_ppo",
+    "train_sac",
     "write_sidecar",
 ]

@@ -1,4 +1,4 @@
-"""Training: PPO with stable-baselines3 or as a compiled fleet, baselines, and policies' files.
+"""Training with stable-baselines3 or as a compiled fleet, baselines, and policies' files.
 
 This floor makes policies and gives them one seat to act from; judging them is not its business.
 `ppo.py` is the script to read first.
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .algorithms import ALGORITHMS, Algorithm
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
     from .fleet import fleet_workers, plan, train_fleet
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
         write_sidecar,
     )
     from .ppo import PPOConfig, train_ppo
-    from .running import TrainingError, TrainingEvidence
+    from .running import TrainingConfig, TrainingError, TrainingEvidence
+    from .sac import SACConfig, train_sac
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -1,8 +1,9 @@
-"""The command `integ-gym train`, for both trainers."""
+"""The command `integ-gym train`, for both trainers and every algorithm."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields
 from pathlib import Path
@@ -11,8 +12,10 @@ from typing import Any
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, PendulumSwingUp, Settings
 from integ_gym.support import CommandParser, named_value, report_errors, whole_number
 
+from .algorithms import ALGORITHMS
 from .policy_files import told
-from .ppo import PPOConfig, make_training_envs, train_ppo
+from .ppo import PPOConfig, make_training_envs
+from .running import TrainingConfig
 
 _EXAMPLES = """\
 examples:
@@ -21,6 +24,7 @@ examples:
       --start hanging --max-torque 1.0 --seed 3 --out runs/explicit-3
   integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
   integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
+  integ-gym train --algorithm sac --env Hopper-v5 --integrator Euler --out runs/hopper
   integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
   integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
       'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
@@ -30,26 +34,34 @@ _OWN_FLAGS = ("env_id", "env_arguments")
 _ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"))
 
 
-def training_command(argv: Sequence[str] | None = None, prog: str = "integ-gym train") -> int:
+def training_command(
+    argv: Sequence[str] | None = None, prog: str = "integ-gym train", algorithm: str = "ppo"
+) -> int:
     """The command `integ-gym train`: 0 on success, 2 after one line about bad input."""
-    given = vars(training_parser(prog).parse_args(argv))
+    words = list(sys.argv[1:] if argv is None else argv)
+    chosen, _ = _algorithm_parser(algorithm).parse_known_args(words)
+    given = vars(training_parser(prog, chosen.algorithm).parse_args(words))
     kept = "no policy was written"
     return report_errors(prog, lambda: _train(given), mark="error: ", interrupted=kept)
 
 
 def _train(given: dict[str, Any]) -> int:
-    fleet = given.pop("trainer") == "fleet"
+    fleet, algorithm = given.pop("trainer") == "fleet", ALGORITHMS[given.pop("algorithm")]
     out, tensorboard = given.pop("out"), given.pop("tensorboard")
     options = {name: given.pop(name) for name in ("progress", "force")}
-    config = _config(given)
-    make_training_envs(config).close()  # what is wrong with them is told before there is a bar
+    config = _config(algorithm.config, given)
+    environments = make_training_envs(config)  # what is wrong with them is told before a bar
+    environments.close()
+    config.check_actions(environments.single_action_space)
     folder = out or _default_folder(config)
     if fleet:
+        if not isinstance(config, PPOConfig):
+            raise ValueError(f"the fleet trains PPO; train {config.algorithm} with --trainer sb3")
         from .fleet import train_fleet
 
         (trained,) = train_fleet([config], [folder], **options)
     else:
-        (trained,) = train_ppo([config], [folder], tensorboard=tensorboard, **options)
+        (trained,) = algorithm.train([config], [folder], tensorboard=tensorboard, **options)
     card = trained.card
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     print(
@@ -59,13 +71,29 @@ def _train(given: dict[str, Any]) -> int:
     return 0
 
 
-def training_parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
-    """The command's arguments."""
+def _algorithm_parser(default: str) -> argparse.ArgumentParser:
+    """The flag that the others depend on."""
+    made = CommandParser(add_help=False, allow_abbrev=False)
+    made.add_argument(
+        "--algorithm",
+        choices=ALGORITHMS,
+        default=default,
+        help=f"what learns; `--help --algorithm NAME` lists its numbers (default: {default})",
+    )
+    return made
+
+
+def training_parser(
+    prog: str = "integ-gym train", algorithm: str = "ppo"
+) -> argparse.ArgumentParser:
+    """The command's arguments, with the hyperparameters of an algorithm."""
+    owner = ALGORITHMS[algorithm].config
     made = CommandParser(
         prog=prog,
-        description="Train a policy with PPO on one discretization of an environment.",
+        description=f"Train a policy by {owner.algorithm} on one discretization of an environment.",
         epilog=_EXAMPLES.replace("integ-gym train", prog),
         argument_default=argparse.SUPPRESS,
+        parents=[_algorithm_parser(algorithm)],
     )
     made.add_argument(
         "--env",
@@ -103,9 +131,9 @@ def training_parser(prog: str = "integ-gym train") -> argparse.ArgumentParser:
         help="any other constructor argument",
     )
     learner = made.add_argument_group(
-        "run (defaults as shown, but for what `PPOConfig.of` sets for an environment)"
+        f"run (defaults as shown, but for what `{owner.__name__}.of` sets for an environment)"
     )
-    for config_field in fields(PPOConfig):
+    for config_field in fields(owner):
         if config_field.name not in _OWN_FLAGS:
             _add_flag(learner, config_field, shown=True)
     return made
@@ -141,15 +169,15 @@ _READERS: dict[str, tuple[Callable[[str], Any], str]] = {
 """By a field's type: what reads a flag's value, and what stands for it in the help."""
 
 
-def _default_folder(config: PPOConfig) -> Path:
+def _default_folder(config: TrainingConfig) -> Path:
     arguments = config.env_arguments
     chosen = [str(arguments[name]) for name in ("integrator", "dt") if name in arguments]
     return Path("runs") / "-".join([config.env_id, *chosen, f"seed{config.seed}"])
 
 
-def _config(given: dict[str, Any]) -> PPOConfig:
+def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfig:
     """The run that the flags describe."""
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
     arguments.update(given.pop("env_arg", []))
-    env_id = given.pop("env_id", PPOConfig.env_id)
-    return PPOConfig.of(env_id, env_arguments=arguments, **given)
+    env_id = given.pop("env_id", owner.env_id)
+    return owner.of(env_id, env_arguments=arguments, **given)

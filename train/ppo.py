@@ -2,25 +2,24 @@
 
     python train/ppo.py --integrator rk4 --dt 0.05
 
-Hyperparameters, environments, model, learning, files: what decides a result is on this page. The
-same configuration gives the same weights bit by bit on one machine: one thread, fixed seeds, no
-GPU. `integ_gym.train.fleet.training` trains many policies at once from the same `PPOConfig`.
+Hyperparameters (beside `TrainingConfig`, which every algorithm has), environments, model, learning,
+files: what decides a result, from top to bottom. The same configuration gives the same weights bit
+by bit on one machine: one thread, fixed seeds, no GPU. `integ_gym.train.fleet.training` trains many
+policies at once from the same `PPOConfig`.
 
 Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs import make_training_environments
@@ -33,22 +32,17 @@ from integ_gym.support import (
     parameter,
     positive,
     require,
-    text,
 )
 from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files import TrainedPolicy, make_card, mixture_of, write_policy
 from integ_gym.train.running import (
-    ENV_ARGUMENTS,
-    LONGEST,
-    MOST_LANES,
     OnTrained,
+    TrainingConfig,
     TrainingEvidence,
-    check_config,
-    check_names,
+    check_rollout,
     checked_runs,
     explained,
     fraction,
-    layer_sizes,
     train_each,
     unheard,
     whole,
@@ -59,32 +53,25 @@ from integ_gym.train.sb3 import Tell, last_episodes, logger, reproducible, saved
 
 
 @dataclass(frozen=True)
-class PPOConfig:
+class PPOConfig(TrainingConfig):
     """Everything that decides a training run. `PPOConfig.of` has defaults for each environment.
 
     Raises:
         ValueError: for an impossible value, in one sentence.
     """
 
-    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
-    env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
-    seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
-    total_steps: int = parameter(
-        300_000,
-        "",
-        "decisions of all environments together, rounded up to rollouts",
-        whole(1, LONGEST),
-    )
-    n_envs: int = parameter(16, "", "environments that advance together", whole(1, MOST_LANES))
+    algorithm: ClassVar[str] = "PPO"
+    environment_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "IntegCartPole-v0": {"total_steps": 100_000, "n_steps": 64},
+    }
+    """Balancing learns from short rollouts, because episodes end early at first: 5 of 5 seeds hold
+    every start for 10 s after 33 000 decisions, and after 50 000 to 98 000 with rollouts of 256."""
+
     n_steps: int = parameter(256, "", "decisions per environment in a rollout", whole(1))
     batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
     n_epochs: int = parameter(10, "", "passes over each rollout", whole(1))
-    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
     learning_rate_end: float | None = parameter(
         None, "", "reached linearly at the end; None: constant", optional(nonnegative)
-    )
-    discount_time: float = parameter(
-        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
     )
     gae_lambda: float = parameter(0.95, "", "λ of generalized advantage estimation", fraction)
     clip_range: float = parameter(0.2, "", "of the probability ratio, around 1", positive)
@@ -95,70 +82,29 @@ class PPOConfig:
     target_kl: float | None = parameter(
         None, "", "stop a rollout's passes beyond 1.5 times this; None: never", optional(positive)
     )
-    reward_scale: float = parameter(
-        0.1, "", "factor on rewards for the learner; all that is reported is unscaled", positive
-    )
-    net_arch: tuple[int, ...] = parameter(
-        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
-    )
     activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
     log_std_init: float = parameter(
         0.0, "", "log of the first exploration noise (Box)", finite_number
     )
-    trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
 
     def __post_init__(self) -> None:
-        if isinstance(self.net_arch, list):
-            object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        check_config(self)
-
-    @classmethod
-    def of(cls, env_id: str, **overrides: Any) -> PPOConfig:
-        """The defaults that are known to learn an environment, with some values replaced.
-
-        Raises:
-            TypeError, ValueError: for unknown or impossible values.
-        """
-        check_names(cls, overrides)
-        return cls(**{"env_id": env_id, **ENVIRONMENT_DEFAULTS.get(env_id, {}), **overrides})
+        super().__post_init__()
+        check_rollout(self)
 
     @property
     def rollout(self) -> int:
         """Decisions between two updates, over all environments."""
         return self.n_envs * self.n_steps
 
-    @property
-    def rounded_steps(self) -> int:
-        """Decisions that the run will take: whole rollouts."""
-        return math.ceil(self.total_steps / self.rollout) * self.rollout
+    def derived(self, control_period: float) -> dict[str, Any]:
+        """What follows from the hyperparameters, for a control period in s."""
+        return {**super().derived(control_period), "gae_lambda": self.gae_lambda}
 
-    @property
-    def first_lane_seed(self) -> int:
-        """Seed of the first training environment; the others count up from it.
-
-        Spread out, so that runs with neighbouring seeds do not share start states.
-        """
-        return int(np.random.SeedSequence(self.seed).generate_state(1)[0])
-
-    def discount(self, control_period: float) -> float:
-        """γ, the discount per decision, for a control period in s."""
-        return math.exp(-control_period / self.discount_time)
-
-
-ENVIRONMENT_DEFAULTS: dict[str, dict[str, Any]] = {
-    "IntegPendulum-v0": {},
-    "IntegCartPole-v0": {"total_steps": 100_000, "n_steps": 64},
-}
-"""Where an environment's defaults differ from those of `PPOConfig`.
-
-Balancing learns from short rollouts, because episodes end early at first: 5 of 5 seeds hold every
-start for 10 s after 33 000 decisions, and after 50 000 to 98 000 with rollouts of 256.
-"""
 
 # ------------------------------------------------------------------------------------- environments
 
 
-def make_training_envs(config: PPOConfig) -> VectorEnv[Any, Any, Any]:
+def make_training_envs(config: TrainingConfig) -> VectorEnv[Any, Any, Any]:
     """The training environments, which reset within the step that ends an episode.
 
     Raises:
@@ -193,14 +139,22 @@ def model_arguments(config: PPOConfig, control_period: float) -> dict[str, Any]:
     }
 
 
+def make_model(config: PPOConfig, environments: Any, control_period: float) -> Any:
+    """SB3's `PPO`, which has not learned yet."""
+    from stable_baselines3 import PPO
+
+    return PPO("MlpPolicy", environments, **model_arguments(config, control_period))
+
+
 # ------------------------------------------------------------------------------- learning and files
 
 
 def train_run(
-    config: PPOConfig,
+    config: TrainingConfig,
     folder: Path,
     evidence: TrainingEvidence | None = None,
     *,
+    make_model: Callable[[Any, Any, float], Any] = make_model,
     tell: Tell = lambda steps, words: None,
     tensorboard: bool = False,
 ) -> TrainedPolicy:
@@ -208,7 +162,6 @@ def train_run(
 
     Nothing outside the run changes: torch's thread count and the global random states are put back.
     """
-    from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecMonitor
 
     from integ_gym.train.sb3 import Sb3VecEnv, ScaledRewards
@@ -219,11 +172,11 @@ def train_run(
     if evidence is not None:
         vector_env = evidence.recorder(vector_env)
     try:
+        config.check_actions(vector_env.single_action_space)
         with reproducible():
             episodes = VecMonitor(Sb3VecEnv(vector_env, info_keys=("success",)))
             scaled = ScaledRewards(episodes, config.reward_scale)  # for the learner alone
-            arguments = model_arguments(config, mixture.setups[0].timing.control_period)
-            model = PPO("MlpPolicy", scaled, **arguments)
+            model = make_model(config, scaled, mixture.setups[0].timing.control_period)
             episodes.seed(config.first_lane_seed)
             model.set_logger(logger(folder / "tensorboard" if tensorboard else None))
             start = time.perf_counter()

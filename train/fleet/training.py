@@ -241,7 +241,7 @@ class _Trainer:
                 assembler.add(rows[:, :, place], first_rows[:, :, place], *of_steps)
 
 
-def _run(runs: Sequence[Run]) -> list[Outcome]:
+def _run(runs: Sequence[Run[PPOConfig]]) -> list[Outcome]:
     """One chunk, in a worker process."""
     evidence = [told for _, _, told in runs if told is not None]
     return train_chunk([config for config, _, _ in runs], evidence or None, report_work)

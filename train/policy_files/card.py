@@ -13,7 +13,7 @@ from integ_gym.envs import Mixture, Setup
 from integ_gym.support import host, installed_versions
 
 if TYPE_CHECKING:
-    from ..ppo import PPOConfig
+    from ..running import TrainingConfig
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 _OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}
@@ -37,7 +37,7 @@ def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:
 
 
 def make_card(
-    config: PPOConfig,
+    config: TrainingConfig,
     mixture: Mixture,
     trainer: str,
     seconds: float,
@@ -60,8 +60,8 @@ def make_card(
     mixed = config.env_arguments.get("mixture") is not None
     name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
     return {
-        "policy_id": f"ppo-{name}-seed{config.seed}",
-        "algorithm": "PPO",
+        "policy_id": f"{config.algorithm.lower()}-{name}-seed{config.seed}",
+        "algorithm": config.algorithm,
         "trainer": trainer,
         "env_id": config.env_id,
         "discretization": None if mixed else _discretization(setup),
@@ -71,12 +71,7 @@ def make_card(
         "units": setup.units(),
         "seed": config.seed,
         "config": asdict(config),
-        "derived": {
-            "gamma": config.discount(setup.timing.control_period),
-            "gae_lambda": config.gae_lambda,
-            "rollout": config.rollout,
-            "first_lane_seed": config.first_lane_seed,
-        },
+        "derived": config.derived(setup.timing.control_period),
         "steps": config.rounded_steps,
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**last_episodes, "exploring": True},

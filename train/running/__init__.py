@@ -1,20 +1,12 @@
-"""What both trainers have in common: checked values, runs side by side, evidence, errors."""
+"""What trainers have in common: configuration, runs side by side, evidence, errors."""
 
 from typing import TYPE_CHECKING
 
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .checks import (
-        ENV_ARGUMENTS,
-        LONGEST,
-        MOST_LANES,
-        check_config,
-        check_names,
-        fraction,
-        layer_sizes,
-        whole,
-    )
+    from .checks import LONGEST, MOST_LANES, check_rollout, fraction, whole
+    from .config import TrainingConfig
     from .error import TrainingError, explained
     from .evidence import TrainingEvidence
     from .side_by_side import (

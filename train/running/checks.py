@@ -7,15 +7,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
-
-from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS
-from integ_gym.support import check_values, nonnegative, unknown_name
+from integ_gym.support import nonnegative, unknown_name
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig
-
-_GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 
 def whole(least: int, most: float = math.inf) -> Callable[[Any], str | None]:
@@ -82,19 +77,12 @@ def check_names(owner: type[Any], names: Iterable[str]) -> None:
             raise TypeError(unknown_name("hyperparameter", name, known))
 
 
-def check_config(config: PPOConfig) -> None:
-    """Check every value, and that rollouts split into batches.
+def check_rollout(config: PPOConfig) -> None:
+    """Check that rollouts can be kept, and split into batches.
 
     Raises:
         ValueError: for an impossible value, in one sentence.
     """
-    check_values(type(config), vars(config))
-    if not (config.env_id in ENVIRONMENTS or config.env_id in gym.registry or ":" in config.env_id):
-        known = unknown_name("environment", config.env_id, ENVIRONMENTS)
-        raise ValueError(f"{known}; {BRING_YOUR_OWN}")
-    for name in _GIVEN_BY_THE_TRAINER:
-        if name in config.env_arguments:
-            raise ValueError(f"`{name}` is not an environment argument; leave it out")
     if config.rollout > LARGEST_ROLLOUT:
         raise ValueError(
             f"a rollout of `n_envs` × `n_steps` = {config.n_envs} × {config.n_steps} decisions is "

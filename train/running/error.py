@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.envs import INTEGRATORS, Mixture
 
 if TYPE_CHECKING:
-    from ..ppo import PPOConfig
+    from .config import TrainingConfig
 
 
 class TrainingError(RuntimeError):
@@ -17,7 +17,7 @@ class TrainingError(RuntimeError):
 
 
 @contextmanager
-def explained(config: PPOConfig, mixture: Mixture) -> Iterator[None]:
+def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
     """Learning on a mixture, of which integrators of the user's own may fail.
 
     Raises:

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from integ_gym.support import Progress, cores, report_work, work_bar
 
@@ -16,7 +16,7 @@ from .error import TrainingError
 from .evidence import TrainingEvidence
 
 if TYPE_CHECKING:
-    from ..ppo import PPOConfig
+    from .config import TrainingConfig
 
 OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
 """Told the place of a policy among the configurations once it and its evidence are written."""
@@ -25,7 +25,9 @@ OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
 Jobs: TypeAlias = Mapping[tuple[int, ...], tuple[Any, ...]]
 """Arguments of each job, by the places of the policies that it trains."""
 
-Run: TypeAlias = "tuple[PPOConfig, Path, TrainingEvidence | None]"
+C = TypeVar("C", bound="TrainingConfig")
+
+Run: TypeAlias = "tuple[C, Path, TrainingEvidence | None]"
 """A run, the folder for its policy and where its episodes are recorded."""
 
 
@@ -34,11 +36,11 @@ def unheard(place: int, trained: TrainedPolicy) -> None:
 
 
 def checked_runs(
-    configs: Sequence[PPOConfig],
+    configs: Sequence[C],
     out_dirs: Sequence[str | Path],
     evidence: Sequence[TrainingEvidence] | None,
     force: bool,
-) -> list[Run]:
+) -> list[Run[C]]:
     """Runs with what belongs to each.
 
     Raises:
@@ -57,7 +59,7 @@ def checked_runs(
 
 def train_each(
     train_run: Callable[..., TrainedPolicy],
-    runs: Sequence[Run],
+    runs: Sequence[Run[Any]],
     progress: bool,
     workers: int | None,
     on_trained: OnTrained,

@@ -8,7 +8,7 @@ from typing import Any
 
 from integ_gym.evidence import EpisodeContext
 from integ_gym.support import require
-from integ_gym.train import PPOConfig, TrainedPolicy, TrainingEvidence, card_hash, train_ppo
+from integ_gym.train import TrainedPolicy, TrainingConfig, TrainingEvidence, card_hash
 
 from ..specification import PanelSpec
 from .run_directory import RunDirectory, package_versions
@@ -26,7 +26,8 @@ def check_training(spec: PanelSpec, workers: int | None) -> None:
         ModuleNotFoundError: without the extra, with the command that installs it and another way.
         TypeError, ValueError: for a run that it cannot train.
     """
-    configs = [training_config(spec, unit) for unit in trained_units(spec)]
+    configs: list[Any] = [training_config(spec, unit) for unit in trained_units(spec)]
+    spec.algorithm.config.check_actions(spec.nominal.action_space)
     if not spec.fleet:
         return
     try:
@@ -87,14 +88,14 @@ def train_units(
 def _trainer(spec: PanelSpec) -> tuple[Any, dict[str, Any]]:
     """The trainer, and what it alone is told."""
     if not spec.fleet:
-        return train_ppo, {"tensorboard": False}
+        return spec.algorithm.train, {"tensorboard": False}
     from integ_gym.train import train_fleet
 
     return train_fleet, {"memory_gib": spec.memory_gib}
 
 
 def _evidence(
-    spec: PanelSpec, directory: RunDirectory, unit: Unit, config: PPOConfig
+    spec: PanelSpec, directory: RunDirectory, unit: Unit, config: TrainingConfig
 ) -> TrainingEvidence:
     """Where the training episodes of a unit go, and what they are for."""
     assert unit.home is not None

@@ -6,9 +6,16 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from integ_gym.train import POLICY_FILE, Policy, PPOConfig, card_hash, make_baseline
+from integ_gym.train import POLICY_FILE, Policy, TrainingConfig, card_hash, make_baseline
 
-from ..specification import Home, PanelSpec, engine_versions, file_name, training_arguments
+from ..specification import (
+    ALGORITHM,
+    Home,
+    PanelSpec,
+    engine_versions,
+    file_name,
+    training_arguments,
+)
 from .run_directory import RunDirectory, key_of
 
 
@@ -62,18 +69,19 @@ def baseline_of(spec: PanelSpec, name: str) -> Policy:
     return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
 
 
-def training_config(spec: PanelSpec, unit: Unit) -> PPOConfig:
+def training_config(spec: PanelSpec, unit: Unit) -> TrainingConfig:
     """Hyperparameters of one training run."""
     assert unit.home is not None
-    return PPOConfig.of(
+    told = {name: value for name, value in spec.training.items() if name != ALGORITHM}
+    return spec.algorithm.config.of(
         spec.env_id,
         env_arguments=training_arguments(unit.home, spec.environment),
         seed=unit.seed,
-        **spec.training,
+        **told,
     )
 
 
-def training_key(config: PPOConfig) -> str:
+def training_key(config: TrainingConfig) -> str:
     """Hash of all that a training run depends on."""
     arguments = config.env_arguments
     members = (arguments, *arguments.get("mixture", ()))

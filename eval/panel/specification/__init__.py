@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .checks import TRAINERS
     from .engine_cells import engine_versions, is_engine, map_of
     from .growth import grown, inputs, stages
-    from .panel_spec import PanelSpec
+    from .panel_spec import ALGORITHM, PanelSpec
     from .perturbations import standard_perturbations
     from .reading import BUILT_IN, built_in_spec, read_spec
     from .sweeps import swept_name

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, Discretization
+from integ_gym.train import ALGORITHMS
 
 from .cells import environments_of, file_name
-from .panel_spec import STARTS_APART, PanelSpec
+from .panel_spec import ALGORITHM, STARTS_APART, PanelSpec
 from .values import SpecError, check_known, check_unique
 
 TRAINERS = ("fleet", "sb3")
@@ -22,6 +23,7 @@ def check_parts(spec: PanelSpec) -> None:
         TypeError, ValueError: for a cell that cannot be made.
     """
     check_known("trainer", spec.trainer, TRAINERS)
+    _check_algorithm(spec)
     if spec.episodes < 1 or not spec.seeds or not spec.train:
         raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
     if spec.episodes > STARTS_APART:
@@ -73,6 +75,18 @@ def check_parts(spec: PanelSpec) -> None:
         for name in pair:
             check_known("training discretization in `compare`", name, homes)
         _check_comparison(spec, pair)
+
+
+def _check_algorithm(spec: PanelSpec) -> None:
+    name = spec.training.get(ALGORITHM)
+    if name is None:
+        return
+    check_known(f"`{ALGORITHM}` in `training`", str(name), ALGORITHMS)
+    if spec.fleet and name != next(iter(ALGORITHMS)):
+        raise SpecError(
+            f"the fleet does not train by {spec.algorithm.config.algorithm}; take "
+            '`trainer = "sb3"`, or --trainer sb3'
+        )
 
 
 def check_environment(environment: Mapping[str, Any]) -> None:

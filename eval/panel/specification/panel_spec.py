@@ -9,7 +9,7 @@ from typing import Any
 
 from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
 from integ_gym.support import package_version
-from integ_gym.train import BASELINES
+from integ_gym.train import ALGORITHMS, BASELINES, Algorithm
 
 from .cells import Cell, DiscretizationMixture, Home, Perturbation, nominal_setup
 from .engine_cells import engine_versions
@@ -24,6 +24,9 @@ STARTS_APART = 10_000
 
 START_SETS = 5
 """Seeds, from the first training seed on, whose starts a hand-made controller acts from."""
+
+ALGORITHM = "algorithm"
+"""Key in ``training`` that is no hyperparameter but says whose they are."""
 
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
@@ -202,6 +205,11 @@ class PanelSpec:
     def fleet(self) -> bool:
         """Whether the policies are trained by the fleet trainer."""
         return self.trainer == "fleet"
+
+    @property
+    def algorithm(self) -> Algorithm:
+        """What learns: PPO where nothing is said."""
+        return ALGORITHMS[self.training.get(ALGORITHM, next(iter(ALGORITHMS)))]
 
     def _sources(self) -> dict[str, str | None]:
         """SHA-256 of the source of every integrator of the user's own."""

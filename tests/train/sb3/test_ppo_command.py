@@ -43,9 +43,8 @@ def test_flags_reach_the_run() -> None:
             ]
         )
     )
-    config = command._config({k: v for k, v in given.items() if k not in (
-        "out", "force", "tensorboard", "progress", "trainer"
-    )})  # fmt: skip
+    told = ("out", "force", "tensorboard", "progress", "trainer", "algorithm")
+    config = command._config(PPOConfig, {k: v for k, v in given.items() if k not in told})
     assert config.env_arguments == {
         "control_period": None,
         "max_speed": 8.0,

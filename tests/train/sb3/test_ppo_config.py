@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from small_ppo import SMALL
 
-from integ_gym.train.ppo import ENVIRONMENT_DEFAULTS, PPOConfig
+from integ_gym.train.ppo import PPOConfig
 
 
 @pytest.mark.parametrize(
@@ -48,11 +48,11 @@ def test_config_survives_json() -> None:
     assert PPOConfig(**json.loads(json.dumps(asdict(SMALL)))) == SMALL
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENT_DEFAULTS)
+@pytest.mark.parametrize("env_id", PPOConfig.environment_defaults)
 def test_defaults_of_each_environment(env_id: str) -> None:
     config = PPOConfig.of(env_id, seed=5)
     assert (config.env_id, config.seed) == (env_id, 5)
-    for name, value in ENVIRONMENT_DEFAULTS[env_id].items():
+    for name, value in PPOConfig.environment_defaults[env_id].items():
         assert getattr(config, name) == value
 
 

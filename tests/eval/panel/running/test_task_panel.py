@@ -14,6 +14,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.algorithms import ALGORITHMS
 
 TOML = """
 name = "a task"
@@ -74,6 +75,9 @@ def test_a_specification_is_filled_in_from_the_task():
         ({"env_id": "CartPole-v1"}, "unknown integrator of ClassicControl"),
         ({"environment": {"mass": 2.0}}, "Gymnasium cannot make"),
         ({"trainer": "fleet"}, "--trainer sb3"),
+        ({"training": {"algorithm": "sax"}}, "unknown `algorithm` in `training` 'sax'. Did you"),
+        ({"training": {"algorithm": "sac"}, "trainer": "fleet"}, "does not train by SAC; take"),
+        ({"training": {"algorithm": "sac", "n_epochs": 2}}, "unknown hyperparameter 'n_epochs'"),
     ],
 )
 def test_what_a_task_cannot_have_is_refused(changes, fragment):
@@ -82,9 +86,17 @@ def test_what_a_task_cannot_have_is_refused(changes, fragment):
     assert fragment in str(caught.value)
 
 
+TRAINING = {
+    "ppo": "n_steps = 32\nbatch_size = 64",
+    "sac": 'algorithm = "sac"\nlearning_starts = 64\nbatch_size = 32',
+}
+
+
 @pytest.mark.slow
-def test_a_task_goes_from_training_to_the_page(tmp_path):
-    (tmp_path / "task.toml").write_text(TOML, encoding="utf-8")
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_task_goes_from_training_to_the_page(tmp_path, algorithm):
+    text = TOML.replace(TRAINING["ppo"], TRAINING[algorithm])
+    (tmp_path / "task.toml").write_text(text, encoding="utf-8")
     out = tmp_path / "out"
     command = ["panel", str(tmp_path / "task.toml"), "--out", str(out), "--no-progress"]
     assert main(command) == 0
@@ -111,6 +123,9 @@ def test_a_task_goes_from_training_to_the_page(tmp_path):
         home = json.loads(record["home"])
         assert (home["integrator"], home["dt"]) == (record["integrator"], record["dt"])
         assert record["control_period"] == home["control_period"] == 0.04
+    cards = [json.loads(path.read_text()) for path in (out / "policies").glob("*/policy.json")]
+    assert {card["algorithm"] for card in cards} == {ALGORITHMS[algorithm].config.algorithm}
+    assert len({card["content_hash"] for card in cards}) == len(cards) == 8
     assert "InvertedPendulum-v5" in (out / "report.html").read_text(encoding="utf-8")
 
     policy = out / "policies" / "mujoco-RK4-dt-0.01-seed1" / "policy.zip"
