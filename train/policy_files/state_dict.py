@@ -19,7 +19,7 @@ from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy
 from .error import PolicyFileError
 from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
 
-SUFFIXES = (".pt", ".pth", ".cleanrl_model")
+STATE_DICT_ENDINGS = (".pt", ".pth", ".cleanrl_model")
 
 
 class _Form(NamedTuple):
