@@ -66,12 +66,6 @@ def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | On
             f"{path}: is a pickle, which runs what it holds when it is read; {_WAY}"
         )
     if suffix in STATE_DICT_ENDINGS:
-        if not network.get("activation"):
-            raise PolicyFileError(
-                f"{path}: holds weights alone; write its side-car with integ_gym.write_sidecar"
-                "(path, env_id, activation=..., action_bounds=... or actions=...), or export the "
-                "actor with torch.onnx.export"
-            )
         return read_state_dict(path, {"action_bounds": bounds, **network})
     return read_sb3_zip(path, action_bounds=bounds)
 
