@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .policy_files import (
         HASH_KEY,
         HOW_TO_STATE,
+        ONNX_ENDING,
+        POLICY_ENDINGS,
         POLICY_FILE,
         STOCK,
         WEIGHTS_FILE,

@@ -15,6 +15,7 @@ from integ_gym.envs import IntegEnv, RediscretizedEnv
 from ..episodes import EpisodeContext, EpisodeHead
 from ..store import EvidenceStore
 from .recording import Recorder, is_known, now, recorded
+from .reservation import from_on
 from .stranger import Stranger
 
 _KINDS = (IntegEnv, RediscretizedEnv)
@@ -63,7 +64,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._stranger = None if is_known(env, _KINDS) else Stranger(env)
         self._inner = self._stranger or recorded(env, _KINDS, spaces)
         self._prepare(
-            env, [(self._inner.setup, 0)], store, [context], [context.first_episode],
+            env, [(self._inner.setup, 0)], store, [context], [from_on(context.first_episode)],
             commit_on_close, commit_every,
         )  # fmt: skip
         self._next_index = context.first_episode

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -17,7 +19,7 @@ from integ_gym.envs import Setup, quiet_status
 
 from ..episodes import EpisodeContext, EpisodeLog, Layout, ReplayLookups, SetupOfLane, record_table
 from ..store import EvidenceStore
-from .reservation import Reservation, batch_name, identity_of
+from .reservation import Episodes, Reservation, batch_name
 
 _CHANGING = (
     gym.ActionWrapper,
@@ -44,7 +46,7 @@ class Recorder:
         setups: list[SetupOfLane],
         store: EvidenceStore | str | Path,
         contexts: Sequence[EpisodeContext],
-        firsts: Sequence[int],
+        episodes: Sequence[Episodes],
         commit_on_close: bool,
         commit_every: int | None,
     ) -> None:
@@ -55,7 +57,7 @@ class Recorder:
             setups: its setups with the lane whose plant parameters hold.
             store: the store, or its directory.
             contexts: what the episodes are for; each belongs to one of them.
-            firsts: index of the first episode of each.
+            episodes: that are going to be recorded of each.
             commit_on_close: whether :meth:`close` commits what has not been committed.
             commit_every: finished episodes that are committed together; None: all at the end.
 
@@ -77,8 +79,14 @@ class Recorder:
         self._lay_out(None)
         self._reservation: Reservation | None = None
         if commit_on_close:
-            self._reservation = Reservation(self._store.directory, self._contexts, firsts)
-            self._at_exit = Finalize(None, self._end, exitpriority=0)
+            self._reservation = Reservation(self._store, self._contexts, episodes)
+            self._process = os.getpid()
+            self._at_exit = Finalize(None, _end_of, (weakref.ref(self),), exitpriority=0)
+
+    def __del__(self) -> None:
+        """What nobody has any more is written, and others may record the same episodes."""
+        if getattr(self, "_reservation", None) is not None and self._process == os.getpid():
+            self._end()
 
     def summaries(self) -> dict[str, npt.NDArray[Any]]:
         """Summaries of the finished episodes that are not committed yet.
@@ -122,19 +130,20 @@ class Recorder:
     def close(self, **kwargs: Any) -> None:
         """Commit, if wanted, and close the environment; finished episodes can still be taken."""
         try:
-            if self._reservation is not None:
-                self._at_exit.cancel()
+            if self._commit_on_close:
                 self._end()
         finally:
             super().close(**kwargs)  # type: ignore[misc]
 
     def _end(self) -> None:
         """Commit what is left, and let others record the same episodes."""
-        assert self._reservation is not None
         try:
             self.commit()
         finally:
-            self._reservation.release()
+            if self._reservation is not None:
+                self._at_exit.cancel()
+                self._reservation.release()
+                self._reservation = None
 
     def _commit_if_many(self) -> None:
         """Commit, if so many episodes have finished that they are wanted on disk."""
@@ -169,7 +178,14 @@ class Recorder:
 
     def _batch_name(self) -> str:
         episodes = [(head.context, head.index) for head in self._log.episodes().heads]
-        return batch_name(self._env_id, identity_of(self._contexts), episodes)
+        return batch_name(self._env_id, self._contexts, episodes)
+
+
+def _end_of(recorder: weakref.ref[Recorder]) -> None:
+    """At the end of the process."""
+    alive = recorder()
+    if alive is not None:
+        alive._end()
 
 
 def is_known(env: Any, kinds: tuple[type, ...]) -> bool:

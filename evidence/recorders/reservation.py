@@ -3,99 +3,207 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
 import re
-from collections.abc import Sequence
+import sys
+import uuid
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from integ_gym.support import FileLock, make_folder
 
 from ..episodes import EpisodeContext
 from ..schema import EvidenceError
+from ..store import EvidenceStore
+
+Episodes: TypeAlias = Sequence[int]
+"""Indices, listed or as a range; see also :func:`from_on`."""
 
 _REMEDY = (
     "every recorder needs a context of its own: give each environment of a vector its own `cell`, "
     "or record the vector environment as one with RecordVectorEvidence"
 )
 
+_ENDING = ".recording"
+
 
 class Reservation:
     """Episodes of some contexts, held in a store's directory until they are released.
 
+    A process that has ended, however it did, holds nothing.
+
     Args:
-        directory: of the store; made if it is not there.
+        store: of the records; its directory is made if it is not there.
         contexts: what the episodes are for.
-        firsts: index of the first episode of each.
+        episodes: of each context.
 
     Raises:
-        EvidenceError: if another recorder is open for them, or they have been recorded.
+        EvidenceError: see :meth:`hold`.
         ValueError: if the directory cannot be written to.
     """
 
     def __init__(
-        self, directory: Path, contexts: Sequence[EpisodeContext], firsts: Sequence[int]
+        self,
+        store: EvidenceStore,
+        contexts: Sequence[EpisodeContext],
+        episodes: Sequence[Episodes],
     ) -> None:
-        make_folder(directory)
-        self._locks: list[FileLock] = []
+        make_folder(store.directory)
+        self._store = store
+        self._claims = [(context, _claim(store.directory, context)) for context in contexts]
         try:
-            for context, first in zip(contexts, firsts, strict=True):
-                self._hold(directory, context, first)
-            _check_unrecorded(directory, contexts, min(firsts))
-        except EvidenceError:
+            self.hold(episodes)
+        except BaseException:
             self.release()
+            raise
+
+    def hold(self, episodes: Sequence[Episodes]) -> None:
+        """Hold further episodes of each context, all or none.
+
+        Of two that claim the same at one moment, at least one sees the other: each says what it
+        wants before it looks.
+
+        Raises:
+            EvidenceError: if another recorder is open for one of them, or one has been recorded.
+        """
+        before = [claim.path.stat().st_size for _, claim in self._claims]
+        try:
+            for (context, claim), wanted in zip(self._claims, episodes, strict=True):
+                _say(claim.path, wanted)
+                _check_free(claim.path, context, wanted)
+                _check_unrecorded(self._store, context, wanted)
+        except BaseException:
+            for (_, claim), size in zip(self._claims, before, strict=True):
+                os.truncate(claim.path, size)
             raise
 
     def release(self) -> None:
         """Let others record them."""
-        for lock in self._locks:
-            lock.release()
-        self._locks = []
-
-    def _hold(self, directory: Path, context: EpisodeContext, first: int) -> None:
-        lock = FileLock(directory / f".{identity_of([context])}-{first}.recording")
-        if not lock.acquire():
-            raise EvidenceError(
-                f"another recorder is open in {directory} for cell {context.cell!r}, policy "
-                f"{context.policy_id!r}, from episode {first} on; {_REMEDY}; if it is an earlier "
-                "one, close() it first"
-            )
-        self._locks.append(lock)
+        for _, claim in self._claims:
+            claim.release()
 
 
-def identity_of(contexts: Sequence[EpisodeContext]) -> str:
+def from_on(first: int) -> range:
+    """All episodes from ``first`` on, for nobody knows where a count ends."""
+    return range(first, sys.maxsize)
+
+
+def batch_name(
+    env_id: str, contexts: Sequence[EpisodeContext], episodes: Sequence[tuple[int, int]]
+) -> str:
+    """Name of a batch, the same for the same work.
+
+    Args:
+        env_id: of the environment.
+        contexts: of the recorder.
+        episodes: number of the context, and index of each.
+    """
+    owners, indices = zip(*episodes, strict=True)
+    stem = re.sub(r"[^A-Za-z0-9.]+", "-", env_id).strip(".-")[:80] or "records"
+    shared = f"{len(contexts)}x" if len(contexts) > 1 else ""
+    name = f"{stem}-{shared}{_identity(*contexts)}-{min(indices):07d}-{max(indices):07d}"
+    if len(set(owners)) == 1 and len(indices) == max(indices) - min(indices) + 1:
+        return name
+    return f"{name}-{hashlib.sha256(repr(sorted(episodes)).encode()).hexdigest()[:8]}"
+
+
+_OF_ONE_CONTEXT = re.compile(r".+-([0-9a-f]{16})-(\d{7,})-(\d{7,})(-[0-9a-f]{8})?\.parquet")
+"""A file that :func:`batch_name` named; the last part where episodes are missing in between."""
+
+
+def _identity(*contexts: EpisodeContext) -> str:
     """Hash of the cells and policies whose episodes are counted together."""
     identity = repr([(c.cell, c.policy_id, c.policy_hash) for c in contexts])
     return hashlib.sha256(identity.encode()).hexdigest()[:16]
 
 
-def batch_name(env_id: str, identity: str, episodes: Sequence[tuple[int, int]]) -> str:
-    """Name of a batch, the same for the same work.
-
-    Args:
-        env_id: of the environment.
-        identity: see :func:`identity_of`.
-        episodes: context and index of each.
-    """
-    contexts, indices = zip(*episodes, strict=True)
-    stem = re.sub(r"[^A-Za-z0-9.]+", "-", env_id).strip(".-")[:80] or "records"
-    name = f"{stem}-{identity}-{min(indices):07d}-{max(indices):07d}"
-    if len(set(contexts)) == 1 and len(indices) == max(indices) - min(indices) + 1:
-        return name
-    return f"{name}-{hashlib.sha256(repr(sorted(episodes)).encode()).hexdigest()[:8]}"
+def _claim(directory: Path, context: EpisodeContext) -> FileLock:
+    """A file of one's own, held, for what is going to be recorded of a context."""
+    name = f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
+    claim = FileLock(directory / name)
+    while not claim.acquire():  # who looks whether it is held holds it for a moment
+        pass
+    return claim
 
 
-def _check_unrecorded(directory: Path, contexts: Sequence[EpisodeContext], first: int) -> None:
-    """Refuse to record what a batch of :func:`batch_name` holds.
+def _say(path: Path, wanted: Episodes) -> None:
+    said = wanted.start if isinstance(wanted, range) else list(wanted)
+    with path.open("a", encoding="utf-8") as file:
+        file.write(f"{json.dumps(said)}\n")
 
-    Raises:
-        EvidenceError: with what to do.
-    """
-    name = re.compile(rf".+-{identity_of(contexts)}-(\d+)-(\d+)(-[0-9a-f]{{8}})?\.parquet")
-    for file in directory.iterdir():
-        held = name.fullmatch(file.name)
-        if held and int(held[1]) <= first <= int(held[2]):
+
+def _said(path: Path) -> list[Episodes]:
+    """What is claimed in a file; nothing if it has been released."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except FileNotFoundError:
+        return []
+    said = [json.loads(line) for line in lines if line.endswith("\n")]
+    return [from_on(some) if isinstance(some, int) else some for some in said]
+
+
+def _check_free(own: Path, context: EpisodeContext, wanted: Episodes) -> None:
+    """Refuse what another recorder is open for; what nobody holds any more is removed."""
+    for path in own.parent.glob(f".{_identity(context)}-*{_ENDING}"):
+        left_behind = FileLock(path)
+        if path == own:
+            continue
+        if left_behind.acquire():
+            left_behind.release()
+            continue
+        for other in _said(path):
+            common = _least_common(wanted, other)
+            if common is not None:
+                counted = isinstance(other, range)
+                held = f"from episode {other[0]} on" if counted else f"episode {common}"
+                raise EvidenceError(
+                    f"another recorder is open in {own.parent} for cell {context.cell!r}, policy "
+                    f"{context.policy_id!r}, {held}; {_REMEDY}; if it is an earlier one, close() "
+                    "it first"
+                )
+
+
+def _check_unrecorded(store: EvidenceStore, context: EpisodeContext, wanted: Episodes) -> None:
+    """Refuse what the store holds."""
+    recorded = list(_recorded(store, context))
+    last = max((max(indices) for _, indices in recorded), default=0)
+    for file, indices in recorded:
+        if _least_common(wanted, indices) is not None:
+            counted = isinstance(wanted, range)
+            others = f"count on with first_episode={last + 1}" if counted else "give other episodes"
             raise EvidenceError(
-                f"{file} holds episodes {int(held[1])} to {int(held[2])} of cell "
-                f"{contexts[0].cell!r} and policy {contexts[0].policy_id!r} already; count on with "
-                f"first_episode={int(held[2]) + 1}, give another cell or directory, or move the "
-                "file away to record them anew"
+                f"{file} holds episodes {min(indices)} to {max(indices)} of cell "
+                f"{context.cell!r} and policy {context.policy_id!r} already; {others}, give "
+                "another cell or directory, or move away what is to be recorded anew"
             )
+
+
+def _recorded(store: EvidenceStore, context: EpisodeContext) -> Iterator[tuple[Path, Episodes]]:
+    """Files of a store that hold a context's episodes, with their indices.
+
+    A name that a recorder gave tells enough, but for several contexts or with episodes missing.
+    """
+    for file in store.files():
+        named = _OF_ONE_CONTEXT.fullmatch(file.name)
+        if named and named[1] != _identity(context):
+            continue
+        indices: Episodes
+        if named and not named[4]:
+            indices = range(int(named[2]), int(named[3]) + 1)
+        else:
+            own = {name: getattr(context, name) for name in ("cell", "policy_id", "policy_hash")}
+            indices = store.episode_indices(file.name, **own)
+        if indices:
+            yield file, indices
+
+
+def _least_common(one: Episodes, other: Episodes) -> int | None:
+    """The least episode that is in both; None if there is none."""
+    if isinstance(one, range) and isinstance(other, range):
+        first = max(one.start, other.start)
+        return first if first < min(one.stop, other.stop) else None
+    listed, others = (other, one) if isinstance(one, range) else (one, other)
+    among = others if isinstance(others, range) else set(others)
+    return min((index for index in listed if index in among), default=None)

@@ -16,6 +16,7 @@ from ..episodes import EpisodeContext, EpisodeHead
 from ..store import EvidenceStore
 from .lane_buffer import LaneBuffer
 from .recording import Recorder, all_setups, now, recorded
+from .reservation import Episodes, from_on
 
 Array = npt.NDArray[Any]
 
@@ -76,7 +77,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._share = self._share_of(len(contexts))
         self._next_index = [context.first_episode for context in contexts]
         self._episodes = self._checked(episodes)
-        self._prepare(env, setups, store, contexts, self._firsts(), commit_on_close, commit_every)
+        claims = self._claims(self._episodes)
+        self._prepare(env, setups, store, contexts, claims, commit_on_close, commit_every)
         self._buffer: LaneBuffer | None = None
         self._waiting = np.zeros(self.num_envs, dtype=bool)
         self._recorded = np.zeros(self.num_envs, dtype=bool)
@@ -89,9 +91,13 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         """Give every lane its next paired episode, which begins when the lane is next reset.
 
         Raises:
+            EvidenceError: if another recorder is open for the same episodes, or they are recorded.
             ValueError: if it is not one index per lane, all different within a context.
         """
-        self._episodes = self._checked(episodes)
+        checked = self._checked(episodes)
+        if self._reservation is not None:
+            self._reservation.hold(self._claims(checked))
+        self._episodes = checked
         self._recorded[:] = False
         if self._buffer is not None:
             self._buffer.active[:] = False
@@ -149,12 +155,12 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._buffer = None
         super().close(**kwargs)
 
-    def _firsts(self) -> list[int]:
-        """Index of the first episode of each context."""
-        if self._episodes is None:
-            return list(self._next_index)
+    def _claims(self, episodes: list[int] | None) -> list[Episodes]:
+        """Episodes that are going to be recorded of each context."""
+        if episodes is None:
+            return [from_on(first) for first in self._next_index]
         shares = range(0, self.num_envs, self._share)
-        return [min(self._episodes[start : start + self._share]) for start in shares]
+        return [episodes[start : start + self._share] for start in shares]
 
     def _share_of(self, contexts: int) -> int:
         """Lanes of each context."""

@@ -127,6 +127,17 @@ class EvidenceStore:
         """
         return list(records_of(sample(self.directory / name, count)))
 
+    def episode_indices(self, name: str, **columns: str) -> list[int]:
+        """Indices of the episodes in the file of that name whose columns hold these values.
+
+        Raises:
+            EvidenceError: for a file that cannot be read or has another schema version.
+        """
+        wanted = [(column, "=", value) for column, value in columns.items()]
+        table = read(self.directory / name, columns=["episode_index"], filters=wanted)
+        indices: list[int] = table.column(0).to_pylist()
+        return indices
+
     def find(self, record_id: str) -> EvidenceRecord:
         """The record with that id, or with the one id that begins so.
 

@@ -55,15 +55,9 @@ def discretization_gap(
         TypeError, ValueError: for a home that is none, a cell that cannot be made, or a policy that
             gives no such actions.
     """
-    arguments = stated_arguments(home, env_id)
-    if "integrator" not in arguments:
-        raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
-    _check(environment or {}, episodes)
-    own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
-    testbed = testbed_of(env_id, {**own, **(environment or {})})
-    at_home = _discretization(arguments)
-    chosen = [_beside(stated, at_home, env_id) for stated in others] or _default(testbed, at_home)
-    cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
+    testbed, cells = compared(env_id, home, others, environment or {})
+    if episodes < 1:
+        raise ValueError(f"`episodes` must be 1 or above, got {episodes}")
     found = {name: _played(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
     scores: dict[str, float] = {}
     for place, what in enumerate(("return", "success")):
@@ -75,15 +69,35 @@ def discretization_gap(
     return scores
 
 
-def _check(environment: Mapping[str, Any], episodes: int) -> None:
+def compared(
+    env_id: str, home: Stated, others: Iterable[Stated], environment: Mapping[str, Any]
+) -> tuple[Testbed, dict[str, Discretization]]:
+    """The testbed and the discretizations of a gap, ``home`` first, each of which can be made.
+
+    Raises:
+        TypeError, ValueError: see :func:`discretization_gap`.
+    """
+    arguments = stated_arguments(home, env_id)
+    if "integrator" not in arguments:
+        raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
+    _check_arguments(environment)
+    own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
+    testbed = testbed_of(env_id, {**own, **environment})
+    at_home = _discretization(arguments)
+    chosen = [_beside(stated, at_home, env_id) for stated in others] or _default(testbed, at_home)
+    cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
+    for cell in cells.values():
+        make_checked(testbed, cell, 1).close()
+    return testbed, cells
+
+
+def _check_arguments(environment: Mapping[str, Any]) -> None:
     varied = [name for name in environment if name in DISCRETIZATION]
     if varied:
         raise ValueError(
             f"`environment` gives `{varied[0]}`, which is what differs; name it in `home` or in "
             "`others`"
         )
-    if episodes < 1:
-        raise ValueError(f"`episodes` must be 1 or above, got {episodes}")
 
 
 def _discretization(arguments: Mapping[str, Any]) -> Discretization:

@@ -9,7 +9,7 @@ from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.support import missing
 
 from ..policy_files import Stated
-from .gap import discretization_gap
+from .gap import compared, discretization_gap
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -36,8 +36,8 @@ class DiscretizationCallback(BaseCallback):
         verbose: 1 prints the gap.
 
     Raises:
-        ValueError: when training begins, if the home is neither given nor told by the environment;
-            see also :func:`discretization_gap`.
+        TypeError, ValueError: when training begins, if the home is neither given nor told by the
+            environment, or a discretization cannot be made; see :func:`discretization_gap`.
     """
 
     def __init__(
@@ -69,6 +69,7 @@ class DiscretizationCallback(BaseCallback):
             )
         if known:
             self._take_over(self.training_env.get_attr("setup"))
+        compared(str(self._env_id), self._home, self._others, self._environment or {})
 
     def _take_over(self, setups: Sequence[Any]) -> None:
         """What was not given, from the training environments."""

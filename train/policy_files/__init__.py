@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .error import PolicyFileError
     from .onnx_file import OnnxPolicy, onnx_card, onnx_data
     from .own_hash import HASH_KEY, card_hash
-    from .reading import read_weights
+    from .reading import ONNX_ENDING, POLICY_ENDINGS, read_weights
     from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip
     from .sidecar import (
         POLICY_FILE,

@@ -12,7 +12,11 @@ from .error import PolicyFileError
 from .onnx_file import OnnxPolicy, read_onnx
 from .safetensors_file import read_safetensors
 from .sb3_zip import read_observation_statistics, read_sb3_zip
-from .state_dict import SUFFIXES, read_state_dict
+from .state_dict import STATE_DICT_ENDINGS, read_state_dict
+
+ONNX_ENDING, SAFETENSORS_ENDING = ".onnx", ".safetensors"
+POLICY_ENDINGS = (".zip", ONNX_ENDING, *STATE_DICT_ENDINGS, SAFETENSORS_ENDING)
+"""Of the files that are read; where several hold one policy, the first is the one to read."""
 
 _PICKLES = (".pkl", ".pickle", ".joblib", ".cloudpickle", ".dill")
 _WAY = (
@@ -53,21 +57,15 @@ def read_weights(
 
 def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | OnnxPolicy:
     suffix = path.suffix.lower()
-    if suffix == ".safetensors":
+    if suffix == SAFETENSORS_ENDING:
         return read_safetensors(path)
-    if suffix == ".onnx":
+    if suffix == ONNX_ENDING:
         return read_onnx(path)
     if suffix in _PICKLES:
         raise PolicyFileError(
             f"{path}: is a pickle, which runs what it holds when it is read; {_WAY}"
         )
-    if suffix in SUFFIXES:
-        if not network.get("activation"):
-            raise PolicyFileError(
-                f"{path}: holds weights alone; write its side-car with integ_gym.write_sidecar"
-                "(path, env_id, activation=..., action_bounds=... or actions=...), or export the "
-                "actor with torch.onnx.export"
-            )
+    if suffix in STATE_DICT_ENDINGS:
         return read_state_dict(path, {"action_bounds": bounds, **network})
     return read_sb3_zip(path, action_bounds=bounds)
 

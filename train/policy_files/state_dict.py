@@ -19,7 +19,13 @@ from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy
 from .error import PolicyFileError
 from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
 
-SUFFIXES = (".pt", ".pth", ".cleanrl_model")
+STATE_DICT_ENDINGS = (".pt", ".pth", ".cleanrl_model")
+
+
+_ALONE = (
+    "holds weights alone; write its side-car with integ_gym.write_sidecar(path, env_id, "
+    "activation=..., action_bounds=... or actions=...), or export the actor with torch.onnx.export"
+)
 
 
 class _Form(NamedTuple):
@@ -57,9 +63,11 @@ def read_state_dict(path: Path, network: Mapping[str, Any]) -> MlpPolicy:
     """
     try:
         tensors = load_tensors(read_bounded(path, MAX_WEIGHTS_BYTES), "the file")
+        if not network.get("activation"):
+            raise PolicyFileError(_ALONE)
         form, layers = _layers(tensors)
         actions = _actions(network, form.squash, tensors)
-        return MlpPolicy(layers, str(network.get("activation")), actions, policy_id=path.stem)
+        return MlpPolicy(layers, str(network["activation"]), actions, policy_id=path.stem)
     except OSError as error:
         raise PolicyFileError(f"{path}: cannot be opened ({error.strerror})") from error
     except (KeyError, TypeError, ValueError) as error:

@@ -16,7 +16,7 @@ from ..policy import BoxActions, MlpPolicy
 from .error import PolicyFileError
 from .onnx_file import OnnxPolicy, onnx_bytes
 from .own_hash import FORMAT, hashed
-from .reading import read_weights
+from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_observation_statistics, read_sb3_model
 from .sidecar import has_sidecar, read_trained
@@ -114,11 +114,11 @@ def save_policy(
             policy's.
     """
     file, name = Path(path), policy_id or Path(path).stem
-    if file.suffix not in (".onnx", ".safetensors"):
+    if file.suffix not in (ONNX_ENDING, SAFETENSORS_ENDING):
         raise ValueError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
     own = _feed_forward(policy, name, None if obs_stats is None else Path(obs_stats))
     training = _training(env_id, home, environment)
-    if file.suffix == ".safetensors":
+    if file.suffix == SAFETENSORS_ENDING:
         _check_alone(file)
         replace_file(file, safetensors_bytes(own))
         write_sidecar(file, env_id, home=home, environment=environment, policy_id=name, seed=seed)

@@ -12,6 +12,8 @@ from gymnasium import spaces
 
 from integ_gym.train import (
     BASELINES,
+    ONNX_ENDING,
+    POLICY_ENDINGS,
     MlpPolicy,
     Policy,
     PolicyFileError,
@@ -25,9 +27,6 @@ from integ_gym.train import (
 
 from ..specification import Home
 from .home import Provenance, provenance
-
-_WEIGHTS = (".zip", ".onnx", ".pt", ".pth", ".cleanrl_model", ".safetensors")
-"""Endings of a policy's file, the first that is there being read."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     if obs_stats is not None:
         files[f"obs_stats{obs_stats.suffix}"] = obs_stats
     card = None
-    if path.suffix.lower() == ".onnx":
+    if path.suffix.lower() == ONNX_ENDING:
         card = onnx_card(path)
         files |= {data.name: data for data in onnx_data(path)}
     if not has_sidecar(path):
@@ -120,7 +119,7 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
 
 def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
     """File and observation statistics of a policy in its folder of a run; None without a file."""
-    found = (folder / f"policy{ending}" for ending in _WEIGHTS)
+    found = (folder / f"policy{ending}" for ending in POLICY_ENDINGS)
     file = next((path for path in found if path.exists()), None)
     return None if file is None else (file, next(folder.glob("obs_stats.*"), None))
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .axes import RATE_AXIS, Axis, difference_axis
+    from .axes import RATE_AXIS, Axis, difference_axis, value_axis
     from .checks import check_forest
     from .findings import findings_of
     from .forest import Forest, Line, Mark, Tone
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         success_matrix,
         time_matrix,
     )
+    from .paired import paired_return, paired_success
     from .remedy import costs_of, mixtures_of, remedy_forest
     from .sweeps import sweep_plots
     from .trust import CLASS_WORDS, Trust, trust_of

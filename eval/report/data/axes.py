@@ -47,3 +47,19 @@ def difference_axis(values: Iterable[Estimate], size: float = 0.2, margins: bool
     first, last = math.ceil(low / size - 1e-9), math.floor(high / size + 1e-9)
     ticks = [round(size * k, 2) for k in range(first, last + 1)]
     return Axis(low, high, tuple((tick, fixed(tick, 1)) for tick in ticks), margins)
+
+
+def value_axis(values: Iterable[Estimate]) -> Axis:
+    """An axis for differences of any unit that holds all of them and zero, with five ticks or so.
+
+    Its ticks are multiples of 1, 2 or 5 times a power of ten.
+    """
+    ends = [end for value in values for end in (value.estimate, *value.ends)]
+    low, high = min([0.0, *ends]), max([0.0, *ends])
+    wanted = (high - low) / 5.0 or 1.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    size = next(power * step for step in (1.0, 2.0, 5.0, 10.0) if power * step >= wanted - 1e-12)
+    first, last = min(math.floor(low / size), -1), max(math.ceil(high / size), 1)
+    digits = max(0, -math.floor(math.log10(size)))
+    ticks = tuple((size * k, fixed(size * k, digits)) for k in range(first, last + 1))
+    return Axis(size * first, size * last, ticks)

@@ -19,7 +19,7 @@ from integ_gym.envs import (
     environment_setup,
     script_of,
 )
-from integ_gym.train import MlpPolicy, PolicyFileError, read_weights
+from integ_gym.train import WEIGHTS_FILE, MlpPolicy, PolicyFileError, read_weights
 
 from ...panel.model import Cell, Panel, Policy
 from .choice import Lead
@@ -106,7 +106,7 @@ def policy_read(told: Policy, directory: Path) -> MlpPolicy | None:
         return None
     kept = directory / told.file
     statistics = next(kept.parent.glob("obs_stats.*"), None)
-    for path in (kept.with_suffix(".safetensors"), kept):
+    for path in (kept.with_name(WEIGHTS_FILE), kept):
         with suppress(OSError, ValueError, PolicyFileError, ModuleNotFoundError):
             card = path.with_suffix(".json")
             beside = json.loads(card.read_text("utf-8")) if card.exists() else None

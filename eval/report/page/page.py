@@ -33,6 +33,8 @@ from ..data import (
     ladder_plots,
     mixtures_of,
     ordered_verdicts,
+    paired_return,
+    paired_success,
     success_matrix,
     sweep_plots,
     trust_of,
@@ -161,6 +163,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "cards": cards,
         "tally": tally_of(cards),
         "gaps": gap_forest(panel),
+        "paired": _paired(panel),
         "remedies": mixtures_of(panel),
         "engine_lines": sorted(
             panel.engine_agreement, key=lambda one: (one.map, one.engine, -one.dt)
@@ -187,6 +190,13 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),
         "plural": plural,
     }
+
+
+def _paired(panel: Panel) -> list[Any]:
+    """Given policies held against themselves, what tells more first."""
+    success, earned = paired_success(panel), paired_return(panel)
+    both = (success, earned) if panel.truth is not None else (earned, success)
+    return [forest for forest in both if forest is not None]
 
 
 def _watch_title(told: Told | None) -> str:

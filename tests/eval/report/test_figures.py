@@ -123,7 +123,8 @@ def test_figures_take_whatever_names_a_panel_has(tmp_path: Path) -> None:
 
 
 def test_figures_of_a_policy_given(given: list[Path]) -> None:
-    assert _names(given) == ["success_matrix", "energy_residual", "refinement_ladder"]
+    paired = ["paired_success", "paired_return"]
+    assert _names(given) == ["success_matrix", *paired, "energy_residual", "refinement_ladder"]
 
 
 def test_figures_of_an_earlier_panel_do_not_stay(given: list[Path]) -> None:

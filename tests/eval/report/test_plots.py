@@ -15,11 +15,14 @@ from report_rows import IMPOSSIBLE, SLOW
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.eval.panel.model.part import Estimate
 from integ_gym.eval.report import page as report
+from integ_gym.eval.report.data.axes import value_axis
 from integ_gym.eval.report.data.checks import check_forest
 from integ_gym.eval.report.data.gaps import gap_forest
 from integ_gym.eval.report.data.ladders import ladder_plots
 from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
+from integ_gym.eval.report.data.paired import paired_return, paired_success
 from integ_gym.eval.report.data.remedy import remedy_forest
 from integ_gym.eval.report.figures.write import FIGURES
 from integ_gym.eval.report.page.naming import said
@@ -105,19 +108,25 @@ def test_other_names_have_a_style_of_their_own_that_stays() -> None:
     assert styles_of(["my_module:Heun"])["my_module:Heun"].marker in MARKERS
 
 
-def _drawn(name: str) -> str:
+def _drawn(name: str, panel: str = "full") -> str:
     """All text of a figure."""
     describe, draw = FIGURES[name]
-    figure = draw(describe(panel_of("full")))
+    figure = draw(describe(panel_of(panel)))
     return " ".join(text.get_text().replace("\n", "") for text in figure.findobj(Text))
 
 
 @pytest.mark.parametrize(
-    ("name", "describe"),
-    [("transfer_gaps", gap_forest), ("perturbations", check_forest), ("remedy", remedy_forest)],
+    ("name", "panel", "describe"),
+    [
+        ("transfer_gaps", "full", gap_forest),
+        ("perturbations", "full", check_forest),
+        ("remedy", "full", remedy_forest),
+        ("paired_success", "given", paired_success),
+        ("paired_return", "given", paired_return),
+    ],
 )
-def test_forests_are_the_same_on_the_page_and_in_the_figure(name, describe) -> None:
-    forest, text, page = describe(panel_of("full")), _drawn(name), page_of("full")
+def test_forests_are_the_same_on_the_page_and_in_the_figure(name, panel, describe) -> None:
+    forest, text, page = describe(panel_of(panel)), _drawn(name, panel), page_of(panel)
     shown = " ".join(page.text.split())
     for _, label in forest.axis.ticks:
         assert label in text
@@ -125,9 +134,41 @@ def test_forests_are_the_same_on_the_page_and_in_the_figure(name, describe) -> N
     for block in forest.blocks:
         for line in block.lines:
             assert f"{line.number} {line.detail}" in shown
-            assert line.words in page.values("aria-label")
+            assert said(panel_of(panel), line.words) in page.values("aria-label")
             for part in (line.number, line.detail, line.cell):
                 assert part in text
+
+
+def test_a_given_policy_is_held_against_itself_cell_by_cell() -> None:
+    """A mark is filled where the adjusted p-value is below 0.05; the truth is named so."""
+    panel = panel_of("given")
+    success, earned = paired_success(panel), paired_return(panel)
+    assert [line.cell for line in success.blocks[0].lines] == [one.cell for one in panel.paired]
+    filled = {line.cell for line in success.blocks[0].lines if line.marks[0].filled}
+    assert filled == {one.cell for one in panel.paired if one.p_success_adjusted < 0.05}
+    assert 0 < len(filled) < len(panel.paired)
+    assert not any(line.marks[0].filled for line in earned.blocks[0].lines)
+    assert len(earned.blocks[0].lines) == sum(one.returns is not None for one in panel.paired)
+    text = " ".join(page_of("given").text.split())
+    assert "my_policy.zip, 40 starts, against what it does on the truth" in text
+    assert paired_success(panel_of("full")) is None
+    assert "paired" not in page_of("full").values("id")
+
+
+@pytest.mark.parametrize(
+    ("ends", "ticks"),
+    [
+        ((0.0, 799.0), ["\u2212200", "0", "200", "400", "600", "800"]),
+        ((-0.03, 0.011), ["\u22120.03", "\u22120.02", "\u22120.01", "0.00", "0.01", "0.02"]),
+        ((0.0, 0.0), ["\u22121", "0", "1"]),
+        ((-12.0, -3.0), ["\u221215", "\u221210", "\u22125", "0", "5"]),
+    ],
+)
+def test_an_axis_of_values_holds_them_and_zero(ends, ticks) -> None:
+    axis = value_axis(Estimate(end) for end in ends)
+    assert [text for _, text in axis.ticks] == ticks
+    assert axis.low < 0.0 < axis.high
+    assert axis.low <= min(ends) <= max(ends) <= axis.high
 
 
 @pytest.mark.parametrize(

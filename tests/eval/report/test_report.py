@@ -26,7 +26,7 @@ from integ_gym.evidence.schema.fields import LABELS
 from integ_gym.support.terminal.formatting import fixed, true_minus
 
 SECTIONS = [
-    "matrix", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
+    "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
     "comparisons", "method", "reproduce",
 ]  # fmt: skip
 AN_ENTRY = re.compile(r"r\d+c\d+(s\d+e\d+)?")

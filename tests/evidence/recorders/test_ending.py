@@ -22,9 +22,12 @@ import gymnasium as gym
 import integ_gym
 from integ_gym import EpisodeContext, RecordEvidence
 
+kept = []
+
 def record(directory, episodes=200):
     env = gym.make("IntegPendulum-v0", duration=0.1)
     env = RecordEvidence(env, directory, EpisodeContext("run", "cell", trace_every=50))
+    kept.append(env)
     for seed in range(episodes):
         env.reset(seed=seed)
         ended = False
@@ -140,6 +143,117 @@ def test_episodes_that_are_recorded_are_refused_at_construction(tmp_path, contex
     play(env, [3])
     env.close()
     assert EvidenceStore(tmp_path).verify() == []
+
+
+@pytest.mark.parametrize("firsts", [(0, 3), (3, 0)])
+def test_two_counts_of_one_context_would_meet(firsts, tmp_path, context, play):
+    """Nobody knows how far a count goes; without a refusal both write the same records."""
+    first, second = (replace(context, first_episode=first) for first in firsts)
+    env = _made(tmp_path, first)()
+    with pytest.raises(EvidenceError, match=rf"another .* open .* from episode {firsts[0]} on"):
+        _made(tmp_path, second)()
+    play(env, range(5))
+    env.close()
+    assert EvidenceStore(tmp_path).verify() == []
+    assert EvidenceStore(tmp_path).count() == 5
+
+
+def test_a_count_that_would_come_to_what_is_recorded_is_refused(tmp_path, context, play):
+    """The message tells the first episode that is free behind all batches."""
+    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=0.1), tmp_path,
+                         replace(context, first_episode=3), commit_every=2)  # fmt: skip
+    play(env, range(5))
+    env.close()
+    assert len(EvidenceStore(tmp_path).files()) == 3
+    for first in (0, 3, 4, 7):
+        with pytest.raises(EvidenceError, match=r"count on with first_episode=8,"):
+            _made(tmp_path, replace(context, first_episode=first))()
+    _made(tmp_path, replace(context, first_episode=8))().close()
+    assert [file.suffix for file in tmp_path.iterdir()] == [".parquet"] * 3
+
+
+def test_what_was_committed_by_another_name_or_beside_others_is_known(tmp_path, context, play):
+    env = _made(tmp_path, context)()
+    play(env, range(2))
+    env.commit("mine")
+    env.close()
+    with pytest.raises(EvidenceError, match=r"mine.parquet holds episodes 0 to 1 .*_episode=2,"):
+        _made(tmp_path, context)()
+    pair = [replace(context, cell=name) for name in ("a", "b")]
+    vector = gym.make_vec("IntegPendulum-v0", num_envs=2, duration=0.1)
+    vector = RecordVectorEvidence(vector, tmp_path, pair)
+    vector.reset(seed=0)
+    for _ in range(2):
+        vector.step(vector.action_space.sample())
+    vector.close()
+    for one in pair:
+        with pytest.raises(EvidenceError, match=r"holds episodes 0 to 0 .* first_episode=1,"):
+            _made(tmp_path, one)()
+    _made(tmp_path, replace(context, cell="c"))().close()
+
+
+def _paired(directory, context, episodes):
+    env = gym.make_vec("IntegPendulum-v0", num_envs=len(episodes), duration=0.1)
+    env = RecordVectorEvidence(env, directory, context, episodes=episodes)
+    env.reset(seed=list(episodes))
+    return env
+
+
+def _played(env):
+    while not env.recorded.all():
+        env.step(env.action_space.sample())
+    env.close()
+
+
+def test_paired_episodes_are_refused_where_they_are_the_same(tmp_path, context):
+    """And nowhere else: their least and greatest say nothing of those in between."""
+    even = _paired(tmp_path, context, [0, 2, 4])
+    odd = _paired(tmp_path, context, [5, 1, 3])
+    for wanted, same in (([9, 4], 4), ([1, 6], 1)):
+        with pytest.raises(EvidenceError, match=rf"another .* open .*, episode {same};"):
+            _paired(tmp_path, context, wanted)
+    with pytest.raises(EvidenceError, match="another recorder is open"):
+        _made(tmp_path, replace(context, first_episode=5))()
+    later = _made(tmp_path, replace(context, first_episode=6))()
+    with pytest.raises(EvidenceError, match="from episode 6 on"):
+        even.assign([7, 8, 9])
+    later.close()
+    _played(even)
+    with pytest.raises(EvidenceError, match=r"holds episodes 0 to 4 .*; give other episodes,"):
+        odd.assign([7, 2, 9])
+    _played(odd)
+    assert EvidenceStore(tmp_path).verify() == []
+    assert sorted(r["episode_index"] for r in EvidenceStore(tmp_path).records()) == [*range(6)]
+    _played(_paired(tmp_path, context, [6, 7]))
+
+
+def test_assigned_episodes_are_held_and_a_refusal_leaves_what_was(tmp_path, context):
+    env = _paired(tmp_path, context, [0, 1])
+    env.assign([2, 3])
+    for held in (0, 1, 2, 3):
+        with pytest.raises(EvidenceError, match=rf"open .*, episode {held};"):
+            _paired(tmp_path, context, [held])
+    other = _paired(tmp_path, context, [8])
+    with pytest.raises(EvidenceError, match=r"open .*, episode 8;"):
+        env.assign([7, 8])
+    _paired(tmp_path, context, [7]).close()
+    other.close()
+    env.reset(seed=[2, 3])
+    _played(env)
+    assert sorted(r["episode_index"] for r in EvidenceStore(tmp_path).records()) == [2, 3]
+
+
+def test_a_recorder_that_nobody_has_any_more_holds_nothing_and_loses_nothing(
+    tmp_path, context, play
+):
+    env = _made(tmp_path, context)()
+    play(env, range(2))
+    del env
+    assert EvidenceStore(tmp_path).count() == 2
+    with pytest.raises(EvidenceError, match="give each environment of a vector its own"):
+        gym.vector.SyncVectorEnv([_made(tmp_path, replace(context, first_episode=2))] * 2)
+    _made(tmp_path, replace(context, first_episode=2))().close()
+    assert [file.suffix for file in tmp_path.iterdir()] == [".parquet"]
 
 
 def test_a_recorder_that_leaves_writing_to_others_holds_nothing(tmp_path, context):

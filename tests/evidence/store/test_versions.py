@@ -57,7 +57,7 @@ def old(tmp_path, table):
 def both(old, play, context):
     """A store with three records of version 1 and three of the present one."""
     env = gym.make("IntegPendulum-v0", duration=0.5)
-    env = RecordEvidence(env, old, context)
+    env = RecordEvidence(env, old, context, commit_on_close=False)
     play(env, range(3))
     env.commit("new", Replays(home_success=0.25, cell_status="achievable", second_horizon=False))
     return old

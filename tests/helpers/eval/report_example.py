@@ -137,6 +137,26 @@ def every_verdict_panel() -> dict[str, Any]:
     return panel
 
 
+def paired(cell: str, place: int) -> dict[str, Any]:
+    """What a given policy loses on the place-th cell; on every fifth no return is finite."""
+    share, finite = (place % 7 - 2) / 5.0, place % 5 > 0
+    ends = {"low": max(share - 0.15, -1.0), "high": min(share + 0.1, 1.0), "level": 0.95}
+    earned = {"estimate": 900.0 * share, "low": 900.0 * share - 50.0, "high": 900.0 * share + 60.0}
+    return {
+        "row": "my_policy.zip",
+        "cell": cell,
+        "against": "truth",
+        "scope": "this policy, these starts",
+        "episodes": 40,
+        "success": {"estimate": share, **ends},
+        "p_success": 0.0004 if share else 1.0,
+        "p_success_adjusted": 0.012 if share else 1.0,
+        "returns": {**earned, "level": 0.95} if finite else None,
+        "p_return": 0.002 if finite else None,
+        "p_return_adjusted": 0.06 if finite else None,
+    }
+
+
 def given_panel() -> dict[str, Any]:
     """One given policy of one seed: no verdicts, no gaps."""
     rows = [row("my_policy.zip", "given", None, 1)]
@@ -145,6 +165,7 @@ def given_panel() -> dict[str, Any]:
     rows[0]["learned"] = None
     for entry in panel["matrix"]:
         entry["success"] = {**entry["success"], "low": None, "high": None}
+    panel["paired"] = [paired(entry["cell"], k) for k, entry in enumerate(panel["matrix"])]
     panel["warnings"] = ["The policy file names no training discretization."]
     panel["answer"] = "One policy was evaluated; one seed cannot tell a policy from its luck."
     return panel

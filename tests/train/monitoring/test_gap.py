@@ -85,6 +85,23 @@ def test_a_stock_environment_must_be_told_its_home():
     assert len(_learned("Pendulum-v1", told)) == 2
 
 
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"others": ["rk4"]}, "'rk4' cannot be read; give integrator="),
+        ({"others": ["integrator=rk9,dt=0.05"]}, "unknown integrator 'rk9'"),
+        ({"others": ["integrator=rk4,dt=0.03"]}, "not a whole multiple"),
+        ({"environment": {"masss": 1.0}}, "masss"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_the_training(told, message):
+    """And not after the first so many steps of it."""
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
+    callback = DiscretizationCallback(10**6, env_id="IntegPendulum-v0", home="stock", **told)
+    with pytest.raises((TypeError, ValueError), match=message):
+        model.learn(8, callback=callback)
+
+
 def test_nothing_is_evaluated_in_less_than_a_step():
     with pytest.raises(ValueError, match="1 or above"):
         DiscretizationCallback(0)

@@ -221,6 +221,8 @@ def test_what_would_be_executed_is_refused_with_the_way_that_works(tmp_path):
     torch.jit.trace(nn.Linear(3, 1), torch.zeros(1, 3)).save(program)
     with pytest.raises(PolicyFileError, match="TorchScript program, which is never run; export"):
         write_sidecar(program, "IntegPendulum-v0", home=None, activation="Tanh")
+    with pytest.raises(PolicyFileError, match="TorchScript program, which is never run; export"):
+        read_weights(program)
     whole = tmp_path / "whole.pt"
     torch.save(nn.Linear(3, 1), whole)
     with pytest.raises(PolicyFileError, match="something other than plain weights"):

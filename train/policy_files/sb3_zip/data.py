@@ -14,8 +14,12 @@ Json: TypeAlias = Mapping[str, Any]
 _CLASS_TEXT = re.compile(r"<class '([\w.]+)'>")
 
 
-def parse_json(content: bytes, sentence: str) -> Json:
-    """A JSON object; on anything else PolicyFileError with `sentence`, completed by the defect."""
+def json_object(content: bytes, sentence: str) -> Json:
+    """A JSON object, whose numbers may be infinite as those of models are.
+
+    Raises:
+        PolicyFileError: on anything else, with `sentence`, completed by the defect.
+    """
     try:
         parsed = json.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as error:

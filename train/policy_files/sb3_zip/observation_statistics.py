@@ -12,7 +12,7 @@ from ...policy import ObservationStatistics
 from ..error import PolicyFileError
 from ..vec_normalize import looks_pickled, read_vec_normalize
 from . import limits
-from .data import Json, parse_json
+from .data import Json, json_object
 
 
 def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStatistics | None:
@@ -35,7 +35,7 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
         content = _read_small_file(file)
         if looks_pickled(content):
             return read_vec_normalize(content)
-        return _statistics(parse_json(content, "the file {}"))
+        return _statistics(json_object(content, "the file {}"))
     except ValueError as error:
         raise PolicyFileError(f"{file}: {error}; {remedy}") from error
 

@@ -29,7 +29,7 @@ from .architecture import (
     quantile_count,
     squashed,
 )
-from .data import parse_json, section
+from .data import json_object, section
 from .observation_statistics import read_observation_statistics
 from .spaces import decoding, vector_size
 from .weights import averaged, layers_of, load_tensors
@@ -117,7 +117,7 @@ def read_archive(
         ValueError: what is wrong with the zip or the policy, without a file's name.
     """
     data_text, weights = _read_members(archive)
-    data = parse_json(data_text, f"its member 'data' {{}}; {DAMAGED}")
+    data = json_object(data_text, f"its member 'data' {{}}; {DAMAGED}")
     actor, kwargs = actor_class(data), policy_kwargs(data)
     inputs = vector_size(section(data, "observation_space"), "observation space")
     activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)

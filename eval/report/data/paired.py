@@ -1,0 +1,78 @@
+"""Given policies held against themselves, start by start: success and mean return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+
+from integ_gym.support import compact, fixed
+
+from ...panel.model import Estimate, PairedEpisodes, Panel
+from ...verdict import ALPHA, p_text
+from .axes import Axis, difference_axis, value_axis
+from .forest import Block, Forest, Line, Mark
+
+_Compared = tuple[PairedEpisodes, Estimate, float]
+"""Of one cell: what is held against what, the difference and its adjusted p-value."""
+
+
+def paired_success(panel: Panel) -> Forest | None:
+    """What every given policy loses of its success in each cell; None without any."""
+    found = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
+    return _forest("Success lost", found, difference_axis, partial(fixed, digits=2))
+
+
+def paired_return(panel: Panel) -> Forest | None:
+    """What every given policy loses of its mean return in each cell; None without any."""
+    found = [
+        (one, one.returns, one.p_return_adjusted)
+        for one in panel.paired
+        if one.returns is not None and one.p_return_adjusted is not None
+    ]
+    return _forest("Mean return lost", found, value_axis, partial(compact, digits=3))
+
+
+def _forest(
+    title: str,
+    found: list[_Compared],
+    axis: Callable[[Iterable[Estimate]], Axis],
+    told: Callable[..., str],
+) -> Forest | None:
+    if not found:
+        return None
+    rows = dict.fromkeys(one.row for one, _, _ in found)
+    blocks = [[compared for compared in found if compared[0].row == row] for row in rows]
+    levels = {value.level for _, value, _ in found if value.level is not None}
+    percent = f"{100 * levels.pop():.0f} %, " if len(levels) == 1 else ""
+    return Forest(
+        title,
+        f"positive is worse; intervals over starts, {percent}not adjusted; p adjusted over the "
+        f"cells; filled: below {ALPHA}",
+        axis(value for _, value, _ in found),
+        tuple(
+            Block(_heading(block[0][0]), [_line(title, told, *compared) for compared in block])
+            for block in blocks
+        ),
+    )
+
+
+def _heading(one: PairedEpisodes) -> str:
+    where = "at home" if one.against == "home" else "on the truth"
+    return f"{one.row}, {one.episodes} starts, against what it does {where}"
+
+
+def _line(
+    title: str, told: Callable[..., str], one: PairedEpisodes, value: Estimate, p: float
+) -> Line:
+    low, high = value.ends
+    interval = f"{told(low)} to {told(high)}, " if value.bounded else ""
+    number, shown = told(value.estimate, sign=True), p < ALPHA
+    return Line(
+        "",
+        one.cell,
+        (one.row, one.cell),
+        (Mark(value, "accent" if shown else "soft", filled=shown),),
+        number,
+        f"{interval}{p_text(p)}",
+        f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}",
+    )
