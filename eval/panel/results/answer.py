@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...verdict import LEARNED, WITHOUT_VERDICT, Judgement
+from ...verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
 from ..model import EngineAgreement
 from .engine_agreement import agreement_answer
 from .layout import PanelLayout
@@ -34,7 +34,8 @@ def answer_of(
     declared = "declared transfers" + (" that can be judged" if some else "")
     holds = sum(judgement.verdict == "transfers" for judgement, _ in judged)
     if holds == len(judged):
-        return f"Yes: all {holds} {declared} hold within ±0.1 success.{unreached}"
+        late = _lost_otherwise(judged, matrix)
+        return f"Yes: all {holds} {declared} hold within ±0.1 success.{late}{unreached}"
     verdict = "No" if fails else "Not shown either way"
     return (
         f"{verdict}: of {len(judged)} {declared} {fails} fail and {holds} hold; "
@@ -67,6 +68,24 @@ def _most(judgement: Judgement, pair: tuple[str, str], matrix: Matrix) -> str:
         f"the most is lost by overfitting to {row}: success is {at_home:.2f} at home and "
         f"{there:.2f} on {cell} (overfitting {loss.overfitting}, deadline "
         f"{loss.deadline.estimate:z.2f}, difficulty {loss.difficulty.estimate:z.2f})"
+    )
+
+
+def _lost_otherwise(judged: Sequence[tuple[Judgement, tuple[str, str]]], matrix: Matrix) -> str:
+    """The largest loss that is no overfitting, in a sentence after a space; nothing if small."""
+    loss, (row, cell) = max(
+        ((judgement.loss, pair) for judgement, pair in judged),
+        key=lambda one: one[0].deadline.estimate + one[0].difficulty.estimate,
+    )
+    deadline, difficulty = loss.deadline, loss.difficulty
+    if deadline.estimate + difficulty.estimate < EQUIVALENCE_MARGIN:
+        return ""
+    home = matrix.home_rates(row)
+    assert home is not None
+    return (
+        f" What is lost otherwise is most of {row} on {cell}: success is {home.mean():.2f} at home "
+        f"and {matrix.rates(row, cell).mean():.2f} there (deadline {deadline}, difficulty "
+        f"{difficulty.estimate:z.2f})."
     )
 
 

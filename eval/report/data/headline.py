@@ -22,7 +22,8 @@ def headline_of(panel: Panel) -> str:
     if not judged:
         return panel.answer
     worst = max(judged, key=lambda one: one.overfitting.estimate)
-    return f"{_largest(panel, worst)} {_rest(panel, judged)}"
+    late = max(judged, key=lambda one: one.deadline.estimate)
+    return f"{_largest(panel, worst)}{_late(panel, late)} {_rest(panel, judged)}"
 
 
 def _largest(panel: Panel, worst: Verdict) -> str:
@@ -39,6 +40,18 @@ def _largest(panel: Panel, worst: Verdict) -> str:
         f"Policies trained on {worst.row} reach success {fixed(home.estimate)} at home and "
         f"{fixed(success)} on {worst.cell}; {fixed(overfitting)} is lost by overfitting to the "
         f"simulator{'' if worst.verdict == 'fails' else f' ({worst.verdict})'}."
+    )
+
+
+def _late(panel: Panel, late: Verdict) -> str:
+    """The largest loss to the deadline, in a sentence after a space; nothing if small."""
+    there = panel.entry(late.row, late.cell)
+    if there is None or late.deadline.estimate < EQUIVALENCE_MARGIN:
+        return ""
+    return (
+        f" The deadline costs {late.row} {fixed(late.deadline.estimate)} on {late.cell}: success "
+        f"{fixed(there.success.estimate)} there, {fixed(there.recovered.estimate)} in twice the "
+        "time."
     )
 
 

@@ -17,6 +17,7 @@ from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.running.achievability import Tried
 from integ_gym.eval.panel.specification.cells import Cell
+from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.verdict.achievability import Search
 
 Rates = npt.NDArray[np.float64]
@@ -80,6 +81,22 @@ def test_all_transfer() -> None:
     panel = planted(lambda row, cell: PERFECT)
     assert set(verdicts(panel).values()) == {"transfers"}
     assert panel.answer == "Yes: all 3 declared transfers hold within ±0.1 success."
+
+
+def test_what_holds_and_comes_late_is_told() -> None:
+    late = FAMILY[1]
+    panel = planted(
+        lambda row, cell: PERFECT * (0.6 if (row, cell) == late else 1.0),
+        lambda row, cell: PERFECT,
+    )
+    assert set(verdicts(panel).values()) == {"transfers"}
+    assert panel.answer.startswith(
+        "Yes: all 3 declared transfers hold within ±0.1 success. What is"
+    )
+    assert f"{HERE.name} on {TRUTH.name}: success is 1.00 at home and 0.60 there" in panel.answer
+    told = headline_of(panel)
+    assert f"The deadline costs {HERE.name} 0.40 on {TRUTH.name}: success 0.60 there, 1.00" in told
+    assert "0.40" not in headline_of(planted(lambda row, cell: PERFECT))
 
 
 def test_overfitting_fails() -> None:
