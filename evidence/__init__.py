@@ -19,6 +19,8 @@ if TYPE_CHECKING:
         argument_values,
         plain,
         record_table,
+        told_perturbation,
+        told_training,
     )
     from .exchange import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
     from .recorders import RecordEvidence, RecordVectorEvidence, now
@@ -41,12 +43,15 @@ if TYPE_CHECKING:
         Signature,
         broken_seals,
         broken_signature,
+        lift_seal,
+        lower_seal,
         missing_episodes,
         read_key,
         read_seal,
         read_signature,
         recompute,
         replay,
+        replay_some,
         seal,
         sign,
         unbroken_seal,

@@ -5,7 +5,6 @@ Controls are those of the trace, or what the policy decides again.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +17,14 @@ import numpy.typing as npt
 
 from integ_gym.envs import is_integ_environment
 
-from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
+from ..episodes import (
+    EpisodeContext,
+    EvidenceRecord,
+    choices,
+    records_of,
+    told_perturbation,
+    told_training,
+)
 from ..recorders import RecordVectorEvidence
 from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
 from .findings import deviation, same
@@ -42,6 +48,8 @@ _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
 """Fields that say how controls came about."""
 
 _OWN_CODE = "made with code of somebody's own, see --own-code"
+
+UNDECIDED = "of training or of a policy without a hash, and nothing tells their controls"
 
 MOST_LANES = 512
 """Episodes that are played side by side."""
@@ -133,7 +141,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     if not (record.trace or decided):
         return "without a trace"
     if decided and not fields["policy_hash"]:
-        return "of training, whose policy has changed since"
+        return UNDECIDED
     if decided and fields["observation_noise"] and not record.first_of_seed:
         return "whose noise cannot be drawn again"
     if fields["float_width"] != 64:
@@ -153,30 +161,42 @@ def _play(
     records = [record for _, record in alike]
     try:
         act = None if policy is None else policy(records[0])
-    except ValueError as error:
+    except (ModuleNotFoundError, ValueError) as error:
         done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
         return
     try:
         env = _made(records)
+        contexts = [_context(record) for record in records]
     except (ModuleNotFoundError, TypeError, ValueError) as error:
         done.skip(f"that cannot be made here: {_line(error)}", len(records))
         return
-    contexts = [_context(record) for record in records]
+    try:
+        played = _simulated(env, contexts, records, act)
+    except (LookupError, TypeError, ValueError) as error:
+        message = f"cannot be played again from what it holds: {_line(error)}"
+        names = ((file, str(record.fields["record_id"])) for file, record in alike)
+        done.findings += [Finding(file, name, message) for file, name in names]
+        return
+    differences = partial(_differences, decided=act is not None)
+    for file, record in alike:
+        again = played.get(record.fields["record_id"])
+        _compare(file, record, again, exact, done, differences)
+
+
+def _simulated(
+    env: Any, contexts: list[EpisodeContext], records: Sequence[EvidenceRecord], act: Acting | None
+) -> dict[str, EvidenceRecord]:
+    """The records of the same episodes, as they come out here, by id."""
     indices = [record.fields["episode_index"] for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
     if act is None:
         _repeat(recorder, records)
     else:
         _decide(recorder, records, act)
-    table = recorder.take(
-        [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
-    )
+    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    table = recorder.take(replays)
     recorder.close()
-    played = {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
-    differences = partial(_differences, decided=act is not None)
-    for file, record in alike:
-        again = played.get(record.fields["record_id"])
-        _compare(file, record, again, exact, done, differences)
+    return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
 
 
 def _line(error: Exception) -> str:
@@ -192,19 +212,29 @@ def _repeat(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -
 
 
 def _decide(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting) -> None:
-    """Do what the policy does, from starts and noise that are drawn again where they can be."""
-    if all(record.first_of_seed for record in records):
-        observation, _ = recorder.reset(seed=[record.fields["seed"] for record in records])
-    else:
-        observation = _start(recorder, records)
+    """Do what the policy does.
+
+    It sees observations together where all lanes are stepped together, as when it was evaluated.
+    """
+    together = recorder.unwrapped.setup.engine.batched  # type: ignore[attr-defined]
+    observation = _start(recorder, records)
     for _ in range(max(record.fields["length"] for record in records)):
-        actions = np.asarray(act(observation), dtype=np.float64)
+        seen = [observation] if together else np.split(observation, len(observation))
+        actions = np.concatenate([np.asarray(act(part), dtype=np.float64) for part in seen])
         observation = recorder.step(actions.reshape(recorder.action_space.shape))[0]
 
 
 def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -> Any:
+    """First observations, from starts and noise that are drawn again where they can be."""
+    if all(map(_drawn_again, records)):
+        return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
     states = np.array([record.fields["initial_state"] for record in records])
     return recorder.reset(options={"state": states})[0]
+
+
+def _drawn_again(record: EvidenceRecord) -> bool:
+    """Whether its seed gives its start; lanes of a training may have drawn a discretization too."""
+    return record.first_of_seed and record.fields["phase"] == "evaluation"
 
 
 def _made(records: Sequence[EvidenceRecord]) -> Any:
@@ -225,10 +255,10 @@ def _context(record: EvidenceRecord) -> EpisodeContext:
         phase=fields["phase"],
         policy_id=fields["policy_id"],
         policy_hash=fields["policy_hash"],
-        training_discretization=json.loads(fields["training_discretization"] or "null"),
+        training_discretization=told_training(fields),
         home_known=is_home_known(fields),
         training_seed=fields["training_seed"],
-        perturbation=json.loads(fields["perturbation"] or "null"),
+        perturbation=told_perturbation(fields),
         float_width=fields["float_width"],
     )
 
@@ -281,11 +311,16 @@ def _differences(
         if not _alike(recorded, computed, tolerance):
             yield own.name, recorded, computed
     for column, values in record.trace.items():
-        if column.startswith("sensed_") and fields["observation_noise"] and not decided:
+        noisy = column.startswith("sensed_") and fields["observation_noise"]
+        if noisy and not (decided or _drawn_again(record)):
             continue
-        place = _first_difference(values, again.trace.get(column), tolerance)
+        other = again.trace.get(column)
+        if other is None or other.shape != values.shape:
+            yield f"len({column})", len(values), None if other is None else len(other)
+            continue
+        place = _first_difference(values, other, tolerance)
         if place is not None:
-            yield f"{column}[{place}]", values[place].item(), again.trace[column][place].item()
+            yield f"{column}[{place}]", values[place].item(), other[place].item()
 
 
 def _alike(recorded: Any, computed: Any, tolerance: float) -> bool:
@@ -295,10 +330,8 @@ def _alike(recorded: Any, computed: Any, tolerance: float) -> bool:
     return same(recorded, computed, tolerance)
 
 
-def _first_difference(values: Array, again: Array | None, tolerance: float) -> int | None:
+def _first_difference(values: Array, again: Array, tolerance: float) -> int | None:
     """Place of the first value that differs; None if none does."""
-    if again is None or again.shape != values.shape:
-        return None
     gone = np.isnan(values.astype(np.float64)) & np.isnan(again.astype(np.float64))
     limit = tolerance * np.maximum(1.0, np.abs(values))
     differs = ~((values == again) | (np.abs(values - again) <= limit) | gone)
