@@ -22,7 +22,14 @@ if TYPE_CHECKING:
         told_perturbation,
         told_training,
     )
-    from .exchange import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
+    from .exchange import (
+        EXPORT_FORMATS,
+        TEXT_FORMATS,
+        Exported,
+        changed_since_export,
+        export,
+        read_export,
+    )
     from .recorders import RecordEvidence, RecordVectorEvidence, now
     from .schema import SCHEMA_VERSION, EvidenceError, Finding
     from .store import (

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         plain,
         records_of,
         told_arguments,
+        told_engine,
         told_perturbation,
         told_training,
     )

@@ -114,6 +114,18 @@ def told_perturbation(fields: Mapping[str, Any]) -> dict[str, Any] | None:
     raise _damaged("perturbation", "it is no object of arguments")
 
 
+def told_engine(text: str) -> dict[str, Any]:
+    """What a record's field `engine_description` says.
+
+    Raises:
+        EvidenceError: if it is not of that form, in one sentence.
+    """
+    told = _told("engine_description", text)
+    if isinstance(told, dict):
+        return told
+    raise _damaged("engine_description", "it is no object")
+
+
 def _told(name: str, text: Any) -> Any:
     try:
         return parse_json(text.encode())

@@ -71,7 +71,7 @@ def _recomputed(
 ) -> Iterator[Finding]:
     try:
         for place, said, computed in deviations(directory, planned_spec(plan), plan, panel):
-            message = f"`{place}` is recorded as {said!r}, and comes out as {computed!r}"
+            message = f"`{place}` is recorded as {said!r:.80}, and comes out as {computed!r:.80}"
             yield Finding(FILE_NAME, None, message)
     except (LookupError, ValueError) as error:
         message = f"cannot be made again from plan and records: {error}"
