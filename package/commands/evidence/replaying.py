@@ -32,6 +32,11 @@ def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str]
         f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
         f"bit, the others within {ELSEWHERE:g}"
     ]
+    if done.sensitive:
+        told.append(
+            f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "
+            "rounding grows to: most numbers differ here, so another machine made them"
+        )
     told += [f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n]
     left = count - done.records - sum(done.skipped.values())
     if left:
