@@ -36,7 +36,8 @@ SHARES = (
     (DAMAGES, "file {}", 0.25),
     (FORGERIES, "{}", 0.06),
     (FORGERIES, "{}, all made to fit", 0.06),
-    (HOSTILE, "hostile {}", 0.6),
+    ([kind for kind in HOSTILE if kind != "record"], "hostile {}", 0.57),
+    (["record"], "hostile {}", 0.03),
     (INTERRUPTIONS, "{}", 0.03),
 )
 """Attacks of a kind, their names, and what share of the tries they have together."""

@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .census import PUBLISHED, render_census, row, take_census
     from .diagnosis import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
-    from .film import Film, check_writable, policy_of, show_film, side_by_side, watch
+    from .film import Film, check_writable, show_film, side_by_side, watch
     from .panel import (
         BUILT_IN,
         FILE_NAME,
@@ -20,11 +20,13 @@ if TYPE_CHECKING:
         Panel,
         PanelSpec,
         Verdict,
+        acting_in,
         against_plan,
         check_finished,
         evaluate,
         family_power,
         grown,
+        policy_of,
         read_panel,
         run_panel,
         specified,

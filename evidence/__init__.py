@@ -19,8 +19,17 @@ if TYPE_CHECKING:
         argument_values,
         plain,
         record_table,
+        told_perturbation,
+        told_training,
     )
-    from .exchange import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
+    from .exchange import (
+        EXPORT_FORMATS,
+        TEXT_FORMATS,
+        Exported,
+        changed_since_export,
+        export,
+        read_export,
+    )
     from .recorders import RecordEvidence, RecordVectorEvidence, now
     from .schema import SCHEMA_VERSION, EvidenceError, Finding
     from .store import (
@@ -41,12 +50,15 @@ if TYPE_CHECKING:
         Signature,
         broken_seals,
         broken_signature,
+        lift_seal,
+        lower_seal,
         missing_episodes,
         read_key,
         read_seal,
         read_signature,
         recompute,
         replay,
+        replay_some,
         seal,
         sign,
         unbroken_seal,

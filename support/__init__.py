@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from .reading import (
         Kinds,
         check_regular,
+        checked_object,
         parse_json,
         read_bounded,
         read_json,

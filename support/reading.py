@@ -101,12 +101,21 @@ def read_object(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
     """
     content = read_json(path, remedy)
     try:
-        if not isinstance(content, dict):
-            raise ValueError(f"it holds {_word(type(content))} where an object was expected")
-        for name, kind in kinds.items():
-            _check_kind(content, name, kind if isinstance(kind, tuple) else (kind,))
+        return checked_object(content, kinds)
     except ValueError as error:
         raise _damaged(path, error, remedy) from None
+
+
+def checked_object(content: Any, kinds: Kinds) -> dict[str, Any]:
+    """Parsed JSON that is an object with some keys; see :func:`read_object`.
+
+    Raises:
+        ValueError: if it is not, without the name of what holds it.
+    """
+    if not isinstance(content, dict):
+        raise ValueError(f"it holds {_word(type(content))} where an object was expected")
+    for name, kind in kinds.items():
+        _check_kind(content, name, kind if isinstance(kind, tuple) else (kind,))
     return content
 
 

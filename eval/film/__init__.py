@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from .film import Film
     from .of_policy import side_by_side
     from .of_record import watch
-    from .run_policies import policy_of
     from .window import show_film
     from .writing import check_writable
 else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,15 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, TRUTH, Discretization
-from integ_gym.evidence import EvidenceRecord, EvidenceStore, open_run
+from integ_gym.evidence import (
+    EvidenceRecord,
+    EvidenceStore,
+    open_run,
+    told_perturbation,
+    told_training,
+)
 from integ_gym.support import require
 from integ_gym.train import Policy
 
+from ..panel import policy_of
 from .choosing import Asked, arguments_on, check_filmed, chosen
 from .episode import Episode, played, recorded
 from .film import Film
 from .of_policy import told
-from .run_policies import policy_of
 
 
 def watch(
@@ -81,7 +86,7 @@ def _check_code(record: EvidenceRecord, own_code: bool) -> None:
 
 
 def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
-    stated = json.loads(record["training_discretization"] or "[]")
+    stated = told_training(record.fields) or []
     return [stated] if isinstance(stated, dict) else stated
 
 
@@ -135,7 +140,7 @@ def _ends(success: bool) -> str:
 
 
 def _note(record: EvidenceRecord, homes: Sequence[Discretization], episode: Episode) -> str:
-    changed = json.loads(record["perturbation"] or "{}")
+    changed = told_perturbation(record.fields) or {}
     start = ", ".join(
         [
             f"start {record['episode_index']}",

@@ -9,8 +9,9 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .calls import evaluate, run_panel, specified
+    from .checking import against_plan, check_finished
+    from .existing import acting_in, policy_of
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
-    from .plan_check import against_plan, check_finished
     from .power import family_power
     from .running import MANIFEST
     from .specification import BUILT_IN, TRAINERS, PanelSpec, grown

@@ -13,7 +13,16 @@ if TYPE_CHECKING:
     from .episode_log import EpisodeHead, EpisodeLog
     from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout
-    from .record import EvidenceRecord, argument_values, plain, records_of
+    from .record import (
+        EvidenceRecord,
+        argument_values,
+        plain,
+        records_of,
+        told_arguments,
+        told_engine,
+        told_perturbation,
+        told_training,
+    )
     from .table import ReplayLookups, SetupOfLane, record_table
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -12,9 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..schema import SUMMARY_FIELDS, described, is_trace, pyarrow
+from integ_gym.support import Kinds, checked_object, parse_json
+
+from ..schema import SUMMARY_FIELDS, EvidenceError, described, is_trace, pyarrow
 
 Array = npt.NDArray[Any]
+
+_ARGUMENT: Kinds = {"value": (object, bool), "unit": str}
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,74 @@ class EvidenceRecord:
 
 
 def argument_values(text: str) -> dict[str, Any]:
-    """Constructor arguments and plant parameters of a record's field, without their units."""
-    return {name: argument["value"] for name, argument in json.loads(text).items()}
+    """Constructor arguments and plant parameters of a record's field, without their units.
+
+    Raises:
+        EvidenceError: if it is not of that form, in one sentence.
+    """
+    told = told_arguments(text)
+    return {name: argument["value"] for name, argument in told.items()}
+
+
+def told_arguments(text: str) -> dict[str, dict[str, Any]]:
+    """Value and unit of constructor arguments and plant parameters, by name.
+
+    Raises:
+        EvidenceError: if the field is not of that form, in one sentence.
+    """
+    told = _told("arguments", text)
+    try:
+        return {name: checked_object(one, _ARGUMENT) for name, one in told.items()}
+    except (AttributeError, ValueError):
+        raise _damaged("arguments", "it is no object of values with units") from None
+
+
+def told_training(fields: Mapping[str, Any]) -> dict[str, Any] | list[dict[str, Any]] | None:
+    """What the policy of a record with these fields was trained on, a list for a mixture.
+
+    Raises:
+        EvidenceError: if the field is not of that form, in one sentence.
+    """
+    told = _told("training_discretization", fields["training_discretization"] or "null")
+    members = told if isinstance(told, list) else [told or {}]
+    if not all(isinstance(member, dict) for member in members):
+        raise _damaged("training_discretization", "it is no discretization and no list of some")
+    return told  # type: ignore[no-any-return]
+
+
+def told_perturbation(fields: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Plant parameters that are changed in a record with these fields; None without any.
+
+    Raises:
+        EvidenceError: if the field is not of that form, in one sentence.
+    """
+    told = _told("perturbation", fields["perturbation"] or "null")
+    if told is None or isinstance(told, dict):
+        return told
+    raise _damaged("perturbation", "it is no object of arguments")
+
+
+def told_engine(text: str) -> dict[str, Any]:
+    """What a record's field `engine_description` says.
+
+    Raises:
+        EvidenceError: if it is not of that form, in one sentence.
+    """
+    told = _told("engine_description", text)
+    if isinstance(told, dict):
+        return told
+    raise _damaged("engine_description", "it is no object")
+
+
+def _told(name: str, text: Any) -> Any:
+    try:
+        return parse_json(text.encode())
+    except (AttributeError, ValueError) as error:
+        raise _damaged(name, f"it is no JSON ({error})") from None
+
+
+def _damaged(name: str, fault: str) -> EvidenceError:
+    return EvidenceError(f"`{name}` is damaged: {fault}; restore the file from a copy")
 
 
 def records_of(table: Any) -> list[EvidenceRecord]:

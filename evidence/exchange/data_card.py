@@ -25,7 +25,8 @@ def data_card(chosen: Selection, store: EvidenceStore) -> str:
     parts = [
         _head(store),
         f"# Evidence of {runs}",
-        f"{len(chosen.ids)} records of integ-gym, schema version {SCHEMA_VERSION}: one episode in "
+        f"{len(chosen.ids)} of {chosen.store.count()} records of integ-gym, those that are "
+        f"`{chosen.where}`, schema version {SCHEMA_VERSION}: one episode in "
         f"a row, {traced} of them with a trace of every control step. "
         "`integ-gym evidence verify` recomputes outcomes and plays episodes again, and "
         f"`{CROISSANT_FILE}` describes the columns for machines.",

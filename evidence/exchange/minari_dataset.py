@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from copy import deepcopy
 from functools import partial
@@ -14,7 +15,7 @@ import numpy as np
 from integ_gym.envs import ENVIRONMENTS, NATIVE, TRUTH
 from integ_gym.support import load
 
-from ..episodes import EvidenceRecord, argument_values
+from ..episodes import EvidenceRecord, argument_values, told_engine
 from ..schema import EvidenceError
 from .selection import Selection
 from .steps import NO_CHOICE, Columns, actions_of, column, columns_of, stacked_instants
@@ -43,7 +44,7 @@ def write_minari(chosen: Selection, folder: Path) -> int:
     # Minari adds up all files of the data set after every episode.
     storage.get_size = lambda: 0.0
     for record in chosen.episodes():
-        buffer = _episode(record, columns, actions.dtype)
+        buffer = _episode(record, columns, observations, actions)
         if buffer is None:
             chosen.leave_out(NO_CHOICE)
             continue
@@ -78,15 +79,46 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     """Spaces that hold all episodes, and the environment if it is the same for all."""
     texts = chosen.distinct("arguments")
     if chosen.env_id not in ENVIRONMENTS:
-        shapes = ((columns.sensed, np.float32), (columns.controls, np.float64))
-        free = [gym.spaces.Box(-np.inf, np.inf, (len(n),), dtype) for n, dtype in shapes]
-        return free[0], free[1], None
+        told = list(map(told_engine, chosen.distinct("engine_description")))
+        return (
+            _stated("observation", told, columns.sensed, np.float32),
+            _stated("action", told, columns.controls, np.float64),
+            None,
+        )
     made = [_made(chosen.env_id, text) for text in texts]
     observations, actions = (
         _widest([getattr(env, f"{kind}_space") for env in made])
         for kind in ("observation", "action")
     )
     return observations, actions, _spec(chosen.env_id, texts[0]) if len(texts) == 1 else None
+
+
+def _stated(of: str, told: list[Any], names: tuple[str, ...], dtype: Any) -> Any:
+    """The space of an environment that is not ours, as its records say it, without bounds.
+
+    Raises:
+        EvidenceError: for a space of which a trace has numbers that are no value of it.
+    """
+    spaces = [one.get(f"{of}_space") for one in told if one.get("known") is False]
+    if not spaces:
+        return gym.spaces.Box(-np.inf, np.inf, (len(names),), dtype)
+    space = spaces[0]
+    if space is None or any(other != space for other in spaces):
+        raise EvidenceError(
+            f"the records do not say one {of} space for all; export to csv, jsonl or parquet"
+        )
+    if space["kind"] == "Discrete":
+        return gym.spaces.Discrete(space["n"], start=space["start"])
+    if space["kind"] != "Box" or math.prod(space["shape"]) != len(names):
+        raise EvidenceError(
+            f"{of}s of a {space['kind']} space are recorded as numbers that are no value of it, or "
+            "left out; export to csv, jsonl or parquet"
+        )
+    kind = np.dtype(space["dtype"])
+    low, high = -np.inf, np.inf
+    if kind.kind != "f":
+        low, high = np.iinfo(kind).min, np.iinfo(kind).max
+    return gym.spaces.Box(low, high, tuple(space["shape"]), kind.type)
 
 
 def _made(env_id: str, text: str) -> gym.Env[Any, Any]:
@@ -111,7 +143,7 @@ def _widest(spaces: list[Any]) -> Any:
     return gym.spaces.Box(low, high, dtype=dtype)
 
 
-def _episode(record: EvidenceRecord, columns: Columns, kind: Any) -> Any:
+def _episode(record: EvidenceRecord, columns: Columns, seen: Any, acted: Any) -> Any:
     """A record as Minari's buffer; None where its actions are none of the space."""
     actions = actions_of(record, columns.controls)
     if actions is None:
@@ -126,13 +158,18 @@ def _episode(record: EvidenceRecord, columns: Columns, kind: Any) -> Any:
         infos[name] = np.concatenate(([np.nan], column(record, name, length)))
     return load("minari.data_collector", "exchange").EpisodeBuffer(
         seed=fields["seed"] if record.first_of_seed else None,
-        observations=stacked_instants(record, columns.sensed).astype(np.float32),
-        actions=actions.astype(kind),
+        observations=_values(seen, stacked_instants(record, columns.sensed)),
+        actions=_values(acted, actions),
         rewards=record.trace["reward"].tolist(),
         terminations=(last & fields["terminated"]).tolist(),
         truncations=(last & fields["truncated"]).tolist(),
         infos={name: values.tolist() for name, values in infos.items()},
     )
+
+
+def _values(space: Any, numbers: Any) -> Any:
+    """Values of a space, one below the other."""
+    return numbers.reshape(len(numbers), *space.shape).astype(space.dtype)
 
 
 def _metadata(record: EvidenceRecord) -> dict[str, Any]:

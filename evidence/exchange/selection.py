@@ -24,6 +24,7 @@ class Selection:
 
     Attributes:
         store: that holds them.
+        where: condition that they meet, in SQL.
         ids: of the records.
         env_ids: of their environments, sorted.
         left_out: why records that were asked for are not among them, in words, to how many.
@@ -31,6 +32,7 @@ class Selection:
     """
 
     store: EvidenceStore
+    where: str
     ids: frozenset[str]
     env_ids: tuple[str, ...]
     left_out: dict[str, int] = field(default_factory=dict)
@@ -134,7 +136,7 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
         )
     left_out = {"without a trace": without} if without else {}
     ids = frozenset(row["record_id"] for row in chosen)
-    return Selection(store, ids, tuple(sorted({row["env_id"] for row in chosen})), left_out)
+    return Selection(store, where, ids, tuple(sorted({row["env_id"] for row in chosen})), left_out)
 
 
 def _env_ids(file: Path) -> list[str]:

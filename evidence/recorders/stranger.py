@@ -124,7 +124,19 @@ def _said(env: gym.Env[Any, Any]) -> Mapping[str, Any]:
         "unknown": "engine, integrator, steps, state, energy and success",
         "wrappers": list(_wrappers(env)),
         "left_out": left_out,
+        "observation_space": _described(env.observation_space),
+        "action_space": _described(env.action_space),
     }
+
+
+def _described(space: gym.Space[Any]) -> dict[str, Any]:
+    """A space, of which boxes and discrete sets can be made again."""
+    kind = {"kind": type(space).__name__}
+    if isinstance(space, gym.spaces.Discrete):
+        return {**kind, "n": int(space.n), "start": int(space.start)}
+    if not isinstance(space, gym.spaces.Box):
+        return kind
+    return {**kind, "shape": list(space.shape), "dtype": str(space.dtype)}
 
 
 def _wrappers(env: Any) -> Iterator[str]:
@@ -137,7 +149,7 @@ def _wrappers(env: Any) -> Iterator[str]:
 def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
     """A value of a space as numbers."""
     if isinstance(space, gym.spaces.Discrete):
-        return [float(value)]
+        return [float(np.asarray(value).item())]
     flat: Any = gym.spaces.flatten(space, value)
     numbers: list[float] = np.ravel(flat).astype(np.float64).tolist()
     return numbers

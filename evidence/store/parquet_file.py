@@ -13,6 +13,7 @@ from ..schema import (
     SUMMARY_FIELDS,
     VERSION_KEY,
     EvidenceError,
+    arrow_type,
     is_trace,
     parquet,
     pyarrow,
@@ -56,10 +57,26 @@ def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
             waiting.append(table)
             rows, size = rows + table.num_rows, size + table.nbytes
         if rows >= _rows_per_group(rows, size):
-            yield pyarrow().concat_tables(waiting)
+            yield _together(waiting)
             waiting, rows, size = [], 0, 0
     if waiting:
-        yield pyarrow().concat_tables(waiting)
+        yield _together(waiting)
+
+
+def _together(tables: list[Any]) -> Any:
+    """Tables below each other.
+
+    Raises:
+        EvidenceError: if they have not the same columns.
+    """
+    first = tables[0].schema
+    for table in tables:
+        if not table.schema.equals(first):
+            raise EvidenceError(
+                "records of one environment come from files with other columns or types, which do "
+                "not fit into one file; choose those of one run"
+            )
+    return pyarrow().concat_tables(tables)
 
 
 def _writer(schema: Any, file: Path) -> Any:
@@ -197,7 +214,26 @@ def check_schema(file: Path) -> Any:
         raise EvidenceError(
             f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
         )
+    for field in SUMMARY_FIELDS:
+        if field.name in schema.names and schema.field(field.name).type != arrow_type(field.kind):
+            raise EvidenceError(
+                f"{file}: column {field.name} is {schema.field(field.name).type} where "
+                f"{arrow_type(field.kind)} was expected; restore it from a copy or move it away"
+            )
+    for name in filter(is_trace, schema.names):
+        if not _is_trace_type(schema.field(name).type):
+            raise EvidenceError(
+                f"{file}: column {name} is {schema.field(name).type} where a list of numbers was "
+                "expected; restore it from a copy or move it away"
+            )
     return schema
+
+
+def _is_trace_type(kind: Any) -> bool:
+    types = pyarrow().types
+    if not types.is_list(kind):
+        return False
+    return bool(types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
 
 
 def row_count(file: Path) -> int:

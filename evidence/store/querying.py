@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..schema import SUMMARY_FIELDS, EvidenceError, duckdb
@@ -18,7 +19,8 @@ _ONE_STATEMENT = (
 def query(files: Sequence[Path], sql: str) -> Any:
     """Run SQL over the view ``records``, which holds all files with their columns united.
 
-    Nothing but these files can be read, nothing written, and no extension loaded.
+    Nothing but these files can be read, nothing written, and no extension loaded; what does not fit
+    into memory goes to the system's folder for temporary files.
 
     Args:
         files: committed files.
@@ -33,7 +35,12 @@ def query(files: Sequence[Path], sql: str) -> Any:
     """
     engine = duckdb()
     extensions = ("autoinstall_known_extensions", "autoload_known_extensions")
-    with engine.connect(config=dict.fromkeys(extensions, False)) as connection:
+    with (
+        TemporaryDirectory(prefix="integ-gym-", ignore_cleanup_errors=True) as spill,
+        engine.connect(
+            config={**dict.fromkeys(extensions, False), "temp_directory": spill}
+        ) as connection,
+    ):
         try:
             _offer(connection, [str(file.resolve()) for file in files])
             _check_reads(engine, connection, sql)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
@@ -12,7 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.support import beside, visible
 
-from ..episodes import EvidenceRecord
+from ..episodes import EvidenceRecord, told_arguments
 from ..schema import SUMMARY_FIELDS
 
 BARS = "▁▂▃▄▅▆▇█"
@@ -55,7 +54,7 @@ def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
 
 def _arguments(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     yield from ("", "constructor arguments")
-    for name, argument in json.loads(record.fields["arguments"]).items():
+    for name, argument in told_arguments(record.fields["arguments"]).items():
         yield _line(name, number(argument["value"]), argument["unit"], width)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,12 @@ class EvidenceStore:
 
     Args:
         directory: made by the first commit.
+        pattern: of the names of the files that are looked at.
     """
 
-    def __init__(self, directory: str | Path) -> None:
+    def __init__(self, directory: str | Path, pattern: str = "*.parquet") -> None:
         self.directory = Path(directory)
+        self._pattern = pattern
 
     @property
     def run(self) -> Path:
@@ -43,7 +46,11 @@ class EvidenceStore:
 
     def files(self) -> list[Path]:
         """The committed files, sorted."""
-        return sorted(file for file in self.directory.glob("*.parquet") if file.is_file())
+        return sorted(file for file in self.directory.glob(self._pattern) if file.is_file())
+
+    def only(self, name: str) -> EvidenceStore:
+        """The same with the file of that name alone."""
+        return EvidenceStore(self.directory, escape(name))
 
     def batches(self) -> tuple[str, ...]:
         """Names of the committed batches, sorted."""

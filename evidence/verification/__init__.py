@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from .gaps import missing_episodes
     from .recomputing import recompute
     from .replaying import ELSEWHERE, Acting, Replayed, replay
-    from .sealing import SEAL_FILE, broken_seals, read_seal, seal, unbroken_seal
+    from .sampling import replay_some
+    from .sealing import (
+        SEAL_FILE,
+        broken_seals,
+        lift_seal,
+        lower_seal,
+        read_seal,
+        seal,
+        unbroken_seal,
+    )
     from .signing import Signature, broken_signature, read_key, read_signature, sign
 else:
     __getattr__, __dir__ = lazy_door(__name__)

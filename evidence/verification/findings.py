@@ -23,7 +23,7 @@ def same(recorded: Any, computed: Any, tolerance: float, scale: float = 0.0) -> 
         tolerance: of numbers, relative to the larger of 1, themselves and ``scale``.
         scale: what a number was added up from.
     """
-    if not (_is_number(recorded) and _is_number(computed)):
+    if not (is_number(recorded) and is_number(computed)):
         return bool(recorded == computed)
     if math.isnan(recorded) or math.isnan(computed):
         return math.isnan(recorded) and math.isnan(computed)
@@ -33,5 +33,6 @@ def same(recorded: Any, computed: Any, tolerance: float, scale: float = 0.0) -> 
     return bool(abs(recorded - computed) <= tolerance * largest)
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a value is a number, which a flag is not."""
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -18,15 +18,21 @@ ORDER BY phase, cell, policy_id, policy_hash
 """
 
 
-def missing_episodes(store: EvidenceStore) -> Iterator[Finding]:
-    """Cells in which episodes between the first and the last are missing, or there twice."""
+def missing_episodes(store: EvidenceStore, part: bool = False) -> Iterator[Finding]:
+    """Cells in which episodes between the first and the last are missing, or there twice.
+
+    Args:
+        store: of the records.
+        part: whether they are a part of a run's, of which some may be missing.
+    """
     for row in store.query(_COUNTED).to_pylist():
-        missing = row["last"] - row["first"] + 1 - row["present"]
+        missing = 0 if part else row["last"] - row["first"] + 1 - row["present"]
         twice = row["records"] - row["present"]
         episodes = f"of episodes {row['first']} to {row['last']}"
         counts = [f"{missing} missing {episodes}"] if missing else []
         counts += [f"{plural(twice, 'record')} too many {episodes}"] if twice else []
-        yield Finding(_named(row), None, ", ".join(counts))
+        if counts:
+            yield Finding(_named(row), None, ", ".join(counts))
 
 
 def _named(row: dict[str, Any]) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from math import gcd
 from typing import Any, NamedTuple
@@ -26,8 +25,9 @@ from ..episodes import (
     Replays,
     failure_label,
     told_setup,
+    told_training,
 )
-from ..schema import Finding, in_words
+from ..schema import EvidenceError, Finding, in_words
 from .findings import deviation, same
 
 Array = npt.NDArray[Any]
@@ -47,6 +47,13 @@ _SUMS = {
 
 _MOST = {"penetration_max": "penetration", "constraint_violation_max": "constraint_violation"}
 
+_RESTORE = "restore the file from a copy"
+
+_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What values of a stranger's end in, where others were expected."""
+
+_Told = Callable[[str, Any, Any], Finding]
+
 _ALIKE = ("control_error", "planning_error")
 """Labels that only a trace tells apart."""
 
@@ -59,36 +66,61 @@ class _Course(NamedTuple):
     since: float | None
     success: bool
     terminated: bool
+    truncated: bool
 
 
 def recompute(record: EvidenceRecord, file: str) -> Iterator[Finding]:
     """What of a record is not what its trace and its replays make of it.
 
-    Without a trace, only what the label rests on is checked.
+    Without a trace, only its length and what the label rests on are checked.
 
     Args:
         record: with its trace, if it has one.
         file: that it is in.
     """
     told = partial(deviation, file, str(record.fields["record_id"]))
+    try:
+        yield from list(_recomputed(record, told))
+    except EvidenceError as error:
+        yield Finding(file, str(record.fields["record_id"]), str(error))
+    except _UNFIT as error:
+        message = f"cannot be recomputed ({error}): its values are not of this schema; {_RESTORE}"
+        yield Finding(file, str(record.fields["record_id"]), message)
+
+
+def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
     course = None
+    every, index = record.fields["trace_every"], record.fields["episode_index"]
+    if bool(record.trace) != (index % every == 0):
+        fault = "it has a trace" if record.trace else "its trace is gone"
+        raise EvidenceError(f"{fault}, at episode {index} with `trace_every` {every}; {_RESTORE}")
     if record.trace:
         length = len(record.trace["reward"])
         if record.fields["length"] != length:
             yield told("length", record.fields["length"], length)
             return
+        for name, values in record.trace.items():
+            if len(values) - length not in (0, 1):
+                raise EvidenceError(
+                    f"`{name}` has {len(values)} values in an episode of {length} control steps; "
+                    f"{_RESTORE}"
+                )
         for name, computed, scale in _from_trace(record):
             tolerance = TOLERANCE.get(record.fields["float_width"], TOLERANCE[32])
             if not same(record.fields[name], computed, tolerance, scale):
                 yield told(name, record.fields[name], computed)
         course = _course(record)
         if course is not None:
-            for name in ("success", "terminated"):
+            for name in ("success", "terminated", "truncated"):
                 if record.fields[name] != getattr(course, name):
                     yield told(name, record.fields[name], getattr(course, name))
             took = course.since if course.success else None
             if not same(record.fields["time_to_success"], took, 1e-9):
                 yield told("time_to_success", record.fields["time_to_success"], took)
+    elif record.fields["env_id"] in ENVIRONMENTS:
+        truncated = record.fields["length"] >= _setup(record.fields).timing.horizon
+        if record.fields["truncated"] != truncated:
+            yield told("truncated", record.fields["truncated"], truncated)
     if record.fields["schema_version"] > 1:  # which did not keep what its labels rest on
         yield from _label(record, course, told)
 
@@ -131,7 +163,7 @@ def _course(record: EvidenceRecord) -> _Course | None:
     fields = record.fields
     if fields["env_id"] not in ENVIRONMENTS:
         return None
-    setup = told_setup(fields["env_id"], fields["arguments"])
+    setup = _setup(fields)
     q, v = split_state(tuple(_states(record)))
     time = record.trace["time"]
     there = np.broadcast_to(np.asarray(setup.task.at_goal(ARRAY, q, v)), time.shape)
@@ -153,7 +185,22 @@ def _course(record: EvidenceRecord) -> _Course | None:
         since=since,
         success=truncated and stayed and not terminated,
         terminated=terminated,
+        truncated=truncated,
     )
+
+
+def _setup(fields: Any) -> Any:
+    """The setup of one of our environments, with its goal and times.
+
+    Raises:
+        EvidenceError: where there is none with the record's arguments.
+    """
+    try:
+        return told_setup(fields["env_id"], fields["arguments"])
+    except EvidenceError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise EvidenceError(f"`arguments` make no environment: {error}; {_RESTORE}") from None
 
 
 def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterator[Finding]:
@@ -168,7 +215,7 @@ def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterato
 
 
 def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
-    given = json.loads(fields["training_discretization"] or "null")
+    given = told_training(fields)
     period = fields["control_period"]
     return EpisodeFacts(
         success=fields["success"],
@@ -204,7 +251,7 @@ def replays_of(fields: Any) -> Replays:
         fields["run_id"],
         fields["cell"],
         phase=fields["phase"],
-        training_discretization=json.loads(fields["training_discretization"] or "null"),
+        training_discretization=told_training(fields),
         home_known=is_home_known(fields),
     )
     home = fields["replay_home"]

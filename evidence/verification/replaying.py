@@ -5,10 +5,8 @@ Controls are those of the trace, or what the policy decides again.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -18,10 +16,18 @@ import numpy.typing as npt
 
 from integ_gym.envs import is_integ_environment
 
-from ..episodes import EpisodeContext, EvidenceRecord, choices, records_of
+from ..episodes import (
+    EpisodeContext,
+    EvidenceRecord,
+    choices,
+    records_of,
+    told_perturbation,
+    told_training,
+)
 from ..recorders import RecordVectorEvidence
-from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES, Finding
-from .findings import deviation, same
+from ..schema import Finding
+from .differing import differences, drawn_again
+from .findings import deviation
 from .recomputing import is_home_known, replays_of
 
 Array = npt.NDArray[Any]
@@ -29,19 +35,16 @@ Array = npt.NDArray[Any]
 ELSEWHERE = 1e-6
 """Relative tolerance where other versions, another processor or another engine computed."""
 
+NUDGE, DECIDED_NUDGE = 1e-12, 1e-6
+"""By how much a start is moved, relative to the larger of 1 and itself, to see what rounding grows
+to: that of a recorded motion in 64 bits, and of a network's decisions in 32 bits."""
+
 Acting = Callable[[Array], Any]
 """From observations of shape (n, obs_dim) to n actions, of one policy."""
 
-_NOT_REPLAYED = VOLATILE_NAMES | {
-    *("seed", "rng_key", "failure_reason"),
-    *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
-}
-"""Fields that say how starts came about, or that a replay is told."""
-
-_OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
-"""Fields that say how controls came about."""
-
 _OWN_CODE = "made with code of somebody's own, see --own-code"
+
+UNDECIDED = "of training or of a policy without a hash, and nothing tells their controls"
 
 MOST_LANES = 512
 """Episodes that are played side by side."""
@@ -55,12 +58,14 @@ class Replayed:
         records: that were played again.
         exact: of them, those that came out the same to the last bit.
         findings: what deviated.
+        sensitive: what deviated of records which rounding alone changes as much.
         skipped: reason to number of records that were not.
     """
 
     records: int = 0
     exact: int = 0
     findings: list[Finding] = field(default_factory=list)
+    sensitive: list[list[Finding]] = field(default_factory=list)
     skipped: dict[str, int] = field(default_factory=dict)
 
     def skip(self, reason: str, count: int = 1) -> None:
@@ -72,6 +77,7 @@ class Replayed:
         self.records += other.records
         self.exact += other.exact
         self.findings += other.findings
+        self.sensitive += other.sensitive
         for reason, count in other.skipped.items():
             self.skip(reason, count)
 
@@ -84,6 +90,10 @@ def replay(
     policy: Callable[[EvidenceRecord], Acting] | None = None,
 ) -> Replayed:
     """Play episodes again from their first states, with the controls of their traces.
+
+    Where most come out to the last bit, this machine computes as the one that made them did, and
+    any other deviation is a finding. Where they do not, what rounding alone changes as much, which
+    a start moved by :data:`NUDGE` shows, is told apart.
 
     Args:
         records: file and record.
@@ -110,6 +120,9 @@ def replay(
             continue
         for first in range(0, len(alike), MOST_LANES):
             _play(alike[first : first + MOST_LANES], exact, done)
+    if 2 * done.exact >= done.records:
+        done.findings += [finding for found in done.sensitive for finding in found]
+        done.sensitive.clear()
     return done
 
 
@@ -133,7 +146,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     if not (record.trace or decided):
         return "without a trace"
     if decided and not fields["policy_hash"]:
-        return "of training, whose policy has changed since"
+        return UNDECIDED
     if decided and fields["observation_noise"] and not record.first_of_seed:
         return "whose noise cannot be drawn again"
     if fields["float_width"] != 64:
@@ -153,57 +166,116 @@ def _play(
     records = [record for _, record in alike]
     try:
         act = None if policy is None else policy(records[0])
-    except ValueError as error:
+    except (ModuleNotFoundError, ValueError) as error:
         done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
         return
     try:
         env = _made(records)
+        contexts = [_context(record) for record in records]
     except (ModuleNotFoundError, TypeError, ValueError) as error:
         done.skip(f"that cannot be made here: {_line(error)}", len(records))
         return
-    contexts = [_context(record) for record in records]
+    try:
+        played = _simulated(env, contexts, records, act)
+    except (LookupError, TypeError, ValueError) as error:
+        message = f"cannot be played again from what it holds: {_line(error)}"
+        names = ((file, str(record.fields["record_id"])) for file, record in alike)
+        done.findings += [Finding(file, name, message) for file, name in names]
+        return
+    off = [item for item in alike if not _is_same(*item, played, exact, done, act is not None)]
+    nudged: dict[str, EvidenceRecord] = {}
+    if off and not (exact or any(record.fields["observation_noise"] for _, record in off)):
+        nudged = _simulated(_made(records), contexts, records, act, nudged=True)
+    for file, record in off:
+        name = str(record.fields["record_id"])
+        again, other = played.get(name), nudged.get(name)
+        if again is None:
+            message = "the episode does not end within its length when it is played again"
+            done.findings.append(Finding(file, name, message))
+            continue
+        decided = act is not None
+        tolerance = 0.0 if exact else ELSEWHERE
+        found = [deviation(file, name, *x) for x in differences(record, again, tolerance, decided)]
+        grown = exact or other is None
+        if grown or any(differences(record, again, tolerance, decided, other)):
+            done.findings += found
+        else:
+            done.sensitive.append(found)
+
+
+def _is_same(
+    file: str,
+    record: EvidenceRecord,
+    played: Mapping[str, EvidenceRecord],
+    exact: bool,
+    done: Replayed,
+    decided: bool,
+) -> bool:
+    """Whether a record came out as it is, to the last bit or within the tolerance."""
+    done.records += 1
+    again = played.get(record.fields["record_id"])
+    if again is None:
+        return False
+    same = not any(differences(record, again, 0.0, decided))
+    done.exact += same
+    return same or not (exact or any(differences(record, again, ELSEWHERE, decided)))
+
+
+def _simulated(
+    env: Any,
+    contexts: list[EpisodeContext],
+    records: Sequence[EvidenceRecord],
+    act: Acting | None,
+    nudged: bool = False,
+) -> dict[str, EvidenceRecord]:
+    """The records of the same episodes as they come out here, by id; from nudged starts if told."""
     indices = [record.fields["episode_index"] for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
     if act is None:
-        _repeat(recorder, records)
+        _repeat(recorder, records, NUDGE if nudged else 0.0)
     else:
-        _decide(recorder, records, act)
-    table = recorder.take(
-        [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
-    )
+        _decide(recorder, records, act, DECIDED_NUDGE if nudged else 0.0)
+    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    table = recorder.take(replays)
     recorder.close()
-    played = {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
-    differences = partial(_differences, decided=act is not None)
-    for file, record in alike:
-        again = played.get(record.fields["record_id"])
-        _compare(file, record, again, exact, done, differences)
+    return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
 
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _repeat(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -> None:
+def _repeat(
+    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float
+) -> None:
     """Do what was done."""
     actions = _actions(recorder.unwrapped.setup, records)  # type: ignore[attr-defined]
-    _start(recorder, records)
+    _start(recorder, records, nudge)
     for step in range(actions.shape[1]):
         recorder.step(actions[:, step])
 
 
-def _decide(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting) -> None:
-    """Do what the policy does, from starts and noise that are drawn again where they can be."""
-    if all(record.first_of_seed for record in records):
-        observation, _ = recorder.reset(seed=[record.fields["seed"] for record in records])
-    else:
-        observation = _start(recorder, records)
+def _decide(
+    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting, nudge: float
+) -> None:
+    """Do what the policy does.
+
+    It sees observations together where all lanes are stepped together, as when it was evaluated.
+    """
+    together = recorder.unwrapped.setup.engine.batched  # type: ignore[attr-defined]
+    observation = _start(recorder, records, nudge)
     for _ in range(max(record.fields["length"] for record in records)):
-        actions = np.asarray(act(observation), dtype=np.float64)
+        seen = [observation] if together else np.split(observation, len(observation))
+        actions = np.concatenate([np.asarray(act(part), dtype=np.float64) for part in seen])
         observation = recorder.step(actions.reshape(recorder.action_space.shape))[0]
 
 
-def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord]) -> Any:
+def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:
+    """First observations, from starts and noise that are drawn again where they can be."""
+    if not nudge and all(map(drawn_again, records)):
+        return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
     states = np.array([record.fields["initial_state"] for record in records])
+    states = states + nudge * np.maximum(1.0, np.abs(states))
     return recorder.reset(options={"state": states})[0]
 
 
@@ -225,10 +297,10 @@ def _context(record: EvidenceRecord) -> EpisodeContext:
         phase=fields["phase"],
         policy_id=fields["policy_id"],
         policy_hash=fields["policy_hash"],
-        training_discretization=json.loads(fields["training_discretization"] or "null"),
+        training_discretization=told_training(fields),
         home_known=is_home_known(fields),
         training_seed=fields["training_seed"],
-        perturbation=json.loads(fields["perturbation"] or "null"),
+        perturbation=told_perturbation(fields),
         float_width=fields["float_width"],
     )
 
@@ -246,61 +318,3 @@ def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
     for lane, record in enumerate(records):
         actions[lane, record.fields["length"] :] = 0.0
     return actions
-
-
-def _compare(
-    file: str,
-    record: EvidenceRecord,
-    again: EvidenceRecord | None,
-    exact: bool,
-    done: Replayed,
-    differences: Callable[..., Iterator[tuple[str, Any, Any]]],
-) -> None:
-    name, done.records = str(record.fields["record_id"]), done.records + 1
-    if again is None:
-        message = "the episode does not end within its length when it is played again"
-        done.findings.append(Finding(file, name, message))
-        return
-    differing = list(differences(record, again, 0.0))
-    done.exact += not differing
-    if differing and not exact:
-        differing = list(differences(record, again, ELSEWHERE))
-    done.findings += [deviation(file, name, *values) for values in differing]
-
-
-def _differences(
-    record: EvidenceRecord, again: EvidenceRecord, tolerance: float, decided: bool
-) -> Iterator[tuple[str, Any, Any]]:
-    """Field or place in the trace, recorded and computed value."""
-    fields = record.fields
-    left_out = _NOT_REPLAYED if decided else _NOT_REPLAYED | _OF_ACTIONS
-    for own in SUMMARY_FIELDS:
-        if own.name in left_out or own.since > fields["schema_version"]:
-            continue
-        recorded, computed = fields[own.name], again.fields[own.name]
-        if not _alike(recorded, computed, tolerance):
-            yield own.name, recorded, computed
-    for column, values in record.trace.items():
-        if column.startswith("sensed_") and fields["observation_noise"] and not decided:
-            continue
-        place = _first_difference(values, again.trace.get(column), tolerance)
-        if place is not None:
-            yield f"{column}[{place}]", values[place].item(), again.trace[column][place].item()
-
-
-def _alike(recorded: Any, computed: Any, tolerance: float) -> bool:
-    if isinstance(recorded, list) and isinstance(computed, list):
-        pairs = zip(recorded, computed, strict=False)
-        return len(recorded) == len(computed) and all(same(a, b, tolerance) for a, b in pairs)
-    return same(recorded, computed, tolerance)
-
-
-def _first_difference(values: Array, again: Array | None, tolerance: float) -> int | None:
-    """Place of the first value that differs; None if none does."""
-    if again is None or again.shape != values.shape:
-        return None
-    gone = np.isnan(values.astype(np.float64)) & np.isnan(again.astype(np.float64))
-    limit = tolerance * np.maximum(1.0, np.abs(values))
-    differs = ~((values == again) | (np.abs(values - again) <= limit) | gone)
-    places = np.flatnonzero(differs)
-    return int(places[0]) if places.size else None

@@ -18,6 +18,7 @@ from integ_gym.support import Kinds, file_hash, read_object, write_json
 from ..schema import EvidenceError, Finding
 
 SEAL_FILE = "seal.json"
+_LIFTED = f".{SEAL_FILE}"
 SIGNATURE_FILE = f"{SEAL_FILE}.sig"
 FORMAT = "integ-gym seal 1"
 
@@ -33,13 +34,12 @@ def seal(run: Path) -> str:
     Returns:
         The hash that pins the run, 64 hexadecimal digits.
     """
-    files = _hashes(run)
-    pinned = _pin(files)
-    content = {"format": FORMAT, "seal": pinned, "files": files}
+    content = _made(run)
+    lower_seal(run, content)
     if not _holds(run, content):
         (run / SIGNATURE_FILE).unlink(missing_ok=True)
         write_json(run / SEAL_FILE, content)
-    return pinned
+    return str(content["seal"])
 
 
 def _holds(run: Path, content: dict[str, Any]) -> bool:
@@ -49,13 +49,43 @@ def _holds(run: Path, content: dict[str, Any]) -> bool:
     return False
 
 
+def lift_seal(run: Path) -> None:
+    """Put the seal of a run aside, so that it has none while files may be added."""
+    with suppress(FileNotFoundError):
+        (run / SEAL_FILE).replace(run / _LIFTED)
+
+
+def lower_seal(run: Path, made: dict[str, Any] | None = None) -> None:
+    """Put a seal back that was lifted, if it is still that of the files; if not it is removed.
+
+    Args:
+        run: the directory.
+        made: the seal of its files as they are, where that is known.
+    """
+    lifted = run / _LIFTED
+    if not lifted.exists():
+        return
+    with suppress(EvidenceError):
+        if _read(lifted) == (made or _made(run)):
+            lifted.replace(run / SEAL_FILE)
+    lifted.unlink(missing_ok=True)
+
+
+def _made(run: Path) -> dict[str, Any]:
+    files = _hashes(run)
+    return {"format": FORMAT, "seal": _pin(files), "files": files}
+
+
 def read_seal(run: Path) -> dict[str, Any] | None:
     """What the seal of a run says; None if the run is not sealed.
 
     Raises:
         EvidenceError: if it is damaged.
     """
-    path = run / SEAL_FILE
+    return _read(run / SEAL_FILE)
+
+
+def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:

@@ -160,7 +160,7 @@ def _parsed(text: str) -> Signature:
     if (namespace, reserved, digest) != (NAMESPACE, b"", _HASH):
         raise ValueError(f"it was made for {namespace!r} with {digest!r}")
     kind, content = _exactly(2, signature)
-    if kind != _KIND or next(_strings(key)) != _KIND:
+    if kind != _KIND or next(_strings(key), b"") != _KIND:
         raise ValueError(f"its key is of another kind than Ed25519; {_MAKE}")
     return Signature(key, content)
 

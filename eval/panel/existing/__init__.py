@@ -12,5 +12,6 @@ if TYPE_CHECKING:
     from .given import given_policy, is_reference
     from .planning import plan
     from .policy import hashes_of, kept_policy, read_existing, read_policy_file
+    from .run_policies import acting_in, policy_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -10,12 +10,20 @@ from integ_gym.evidence import EvidenceStore
 from integ_gym.support import check_spawning, cores, replace_file
 from integ_gym.train import HOW_TO_STATE, Policy
 
+from ..checking import check_records
 from ..model import Panel
 from ..model import Policy as PanelPolicy
-from ..results import Matrix, Row, cost_of, paired_episodes, paired_remark, reduced, write_outputs
+from ..results import (
+    Matrix,
+    cost_of,
+    given_remark,
+    given_rows,
+    home_cell,
+    reduced,
+    write_outputs,
+)
 from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds
-from ..specification import Cell, PanelSpec
-from .planning import main_home
+from ..specification import PanelSpec
 from .policy import Existing
 
 SHORT = 10.0
@@ -65,10 +73,8 @@ def evaluate_existing(
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
         evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
-        baselines = (Row(name, "baseline", (name,)) for name in spec.baselines)
-        layout, matrix = reduced(spec, directory, (Row(row, "given", (row,), home), *baselines))
-        paired = paired_episodes(layout, matrix)
-        returns = _returns(existing, spec, matrix)
+        check_records(directory)
+        layout, matrix = reduced(spec, directory, given_rows(spec, row, home))
         panel = write_outputs(
             spec,
             directory,
@@ -78,7 +84,7 @@ def evaluate_existing(
             command=command,
             cost=cost_of(directory, (), max(1, processes)),
             spec={**spec.to_json(), "home": existing.told},
-            remark=f"{returns} {paired_remark(paired, spec.reference is not None)}".strip(),
+            remark=given_remark(spec, layout, matrix),
             warnings=(
                 *_homeless(existing),
                 *_no_better(existing, spec, matrix),
@@ -109,29 +115,6 @@ def _told(existing: Existing, policy: Policy) -> PanelPolicy:
     return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)
 
 
-def _home_cell(existing: Existing) -> str | None:
-    home = main_home(existing.home)
-    return None if home is None else Cell(home, "grid").name
-
-
-def _returns(existing: Existing, spec: PanelSpec, matrix: Matrix) -> str:
-    """The range of the policy's returns in one sentence."""
-    row, home = existing.policy.policy_id, _home_cell(existing)
-    cells = [cell.name for cell in spec.columns()]
-    means = {name: float(matrix.values(row, name, "return").mean()) for name in cells}
-    low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
-    if means[low] == means[high]:
-        return f"Its mean return is {means[low]:.1f} on each of them."
-    at_home = ""
-    if home is not None:
-        spread = float(matrix.values(row, home, "return").std())
-        at_home = f"{means[home]:.1f} at home (standard deviation {spread:.1f}), and "
-    return (
-        f"Its mean return is {at_home}between {means[low]:.1f} ({low}) and {means[high]:.1f} "
-        f"({high})."
-    )
-
-
 def _homeless(existing: Existing) -> list[str]:
     """What is not known where the home is not."""
     if existing.home is not None:
@@ -144,7 +127,7 @@ def _homeless(existing: Existing) -> list[str]:
 
 def _no_better(existing: Existing, spec: PanelSpec, matrix: Matrix) -> list[str]:
     """Doubt where the policy is no better than random at home, or anywhere without a home."""
-    home = _home_cell(existing)
+    home = home_cell(existing.home)
     row = existing.policy.policy_id
     cells = [cell.name for cell in spec.columns()] if home is None else [home]
     leads = {cell: _lead(matrix, row, cell) for cell in cells}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from integ_gym.envs import (
 )
 from integ_gym.train import HASH_KEY, HOW_TO_STATE, STOCK, Stated, stated_arguments
 
-from ..specification import DiscretizationMixture, Home
+from ..specification import UNNAMED, DiscretizationMixture, Home, texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 
@@ -65,21 +65,13 @@ def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict
             f"{config.get('env_id')}"
         )
     arguments = dict(given)
-    foreign = [text for text in _texts(arguments) if ":" in text]
+    foreign = [text for text in texts_of(arguments) if ":" in text]
     if foreign and not own_code:
         raise ValueError(
             f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
             "pass --own-code"
         )
     return arguments
-
-
-def _texts(value: Any) -> list[str]:
-    """All texts in plain data, keys left out."""
-    if isinstance(value, str):
-        return [value]
-    inner = value.values() if isinstance(value, Mapping) else value
-    return [t for x in inner for t in _texts(x)] if isinstance(inner, Iterable) else []
 
 
 def provenance(
@@ -169,4 +161,4 @@ def _home(mixture: Mixture) -> Home:
         weights[member] = weights.get(member, 0.0) + float(share)
     if len(weights) == 1:
         return next(iter(weights))
-    return DiscretizationMixture("its mixture", tuple(weights.items()))
+    return DiscretizationMixture(UNNAMED, tuple(weights.items()))

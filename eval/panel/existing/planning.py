@@ -8,7 +8,7 @@ from dataclasses import replace
 from integ_gym.envs import Discretization, testbed_of
 from integ_gym.train import possible_baselines
 
-from ..specification import Home, PanelSpec, environments_of, standard_perturbations
+from ..specification import PanelSpec, environments_of, main_home, standard_perturbations
 from .policy import Existing
 
 
@@ -64,9 +64,3 @@ def plan(
         perturbations=standard_perturbations(spec.nominal),
         baselines=possible_baselines(spec.nominal, testbed.controller),
     )
-
-
-def main_home(home: Home | None) -> Discretization | None:
-    """The discretization that most of the training ran on, the first of equals; None: unknown."""
-    shares = {} if home is None else home.shares
-    return max(shares, key=lambda member: shares[member], default=None)

@@ -53,8 +53,10 @@ class Existing:
     @property
     def told(self) -> dict[str, Any]:
         """What a panel's specification says of its home; null where that is unknown."""
-        members = None if self.home is None else [one.arguments() for one in self.home.shares]
-        return {"discretizations": members, "origin": self.provenance.origin}
+        shares = {} if self.home is None else self.home.shares
+        members = [one.arguments() for one in shares] or None
+        told = {"discretizations": members, "origin": self.provenance.origin}
+        return {**told, "shares": list(shares.values())} if len(shares) > 1 else told
 
 
 def read_existing(

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .matrix import Matrix, Row
+    from .comparing import ROUNDING
+    from .given import given_remark, given_rows, home_cell
+    from .matrix import Matrix
     from .outputs import cost_of, reduced, write_artefact, write_outputs
-    from .paired import paired_episodes, paired_remark
+    from .remaking import deviations
 else:
     __getattr__, __dir__ = lazy_door(__name__)

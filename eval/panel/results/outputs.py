@@ -11,11 +11,12 @@ from integ_gym.train import POLICY_FILE
 
 from ...report.figures import write_figures
 from ...report.page import write_report
+from ..checking import check_records
 from ..model import Cost, Panel, Policy, write_panel
-from ..plan_check import check_records
 from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
+from .comparing import as_sealed
 from .engine_agreement import agreements
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
@@ -38,9 +39,25 @@ def write_artefact(
         workers: processes that it ran in.
         of: the panel whose stage it is; nothing is decided then.
     """
-    units, held = units_of(spec), evaluated(directory)
-    homes = {home.name: home for home in spec.train}
-    rows = tuple(
+    check_records(directory)
+    layout, matrix = reduced(spec, directory, rows_of(spec))
+    return write_outputs(
+        spec,
+        directory,
+        layout,
+        matrix,
+        policies_of(spec, directory),
+        command=command,
+        cost=cost_of(directory, [unit.training for unit in units_of(spec)], workers),
+        **trained(spec, directory, layout, matrix),
+        **_looks(spec, directory) if of is None else stage(spec, of),
+    )
+
+
+def rows_of(spec: PanelSpec) -> tuple[Row, ...]:
+    """What was trained, then the baselines."""
+    units, homes = units_of(spec), {home.name: home for home in spec.train}
+    return tuple(
         Row(
             name=name,
             kind="trained" if name in homes else "baseline",
@@ -49,32 +66,32 @@ def write_artefact(
         )
         for name in dict.fromkeys((*homes, *spec.baselines))
     )
-    layout, matrix = reduced(spec, directory, rows)
-    policies = [
+
+
+def policies_of(spec: PanelSpec, directory: RunDirectory) -> list[Policy]:
+    """Policies of a panel, with the hashes that they were evaluated under."""
+    held = evaluated(directory)
+    return [
         Policy(
             id=unit.policy,
             seed=unit.seed,
             hash=held[unit.policy].policy_hash,
             file=f"policies/{unit.policy}/{POLICY_FILE}" if unit.home else None,
         )
-        for unit in units
+        for unit in units_of(spec)
     ]
-    return write_outputs(
-        spec,
-        directory,
-        layout,
-        matrix,
-        policies,
-        command=command,
-        cost=cost_of(directory, [unit.training for unit in units], workers),
-        training_steps=training_config(spec, units[-1]).total_steps,
-        training_costs=training_costs(
-            EvidenceStore(directory.evidence),
-            {row.name: row.policies for row in rows if row.kind == "trained"},
-        ),
-        engine_agreement=agreements(layout, matrix, spec),
-        **_looks(spec, directory) if of is None else _stage(spec, of),
-    )
+
+
+def trained(
+    spec: PanelSpec, directory: RunDirectory, layout: PanelLayout, matrix: Matrix
+) -> dict[str, Any]:
+    """What a panel finds beside the outcomes of its rows in their cells."""
+    rows = {row.name: row.policies for row in layout.rows if row.kind == "trained"}
+    return {
+        "training_steps": training_config(spec, units_of(spec)[-1]).total_steps,
+        "training_costs": training_costs(EvidenceStore(directory.evidence), rows),
+        "engine_agreement": agreements(layout, matrix, spec),
+    }
 
 
 def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
@@ -91,7 +108,7 @@ def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
     }
 
 
-def _stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
+def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
     sentence = (
         f"Not decided yet: {len(spec.seeds)} of {len(of.seeds)} training seeds are here; the rest "
         "is being trained and judged, and this page is written again as they arrive."
@@ -102,12 +119,7 @@ def _stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
 def reduced(
     spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
 ) -> tuple[PanelLayout, Matrix]:
-    """The rows' cells, and what the evaluation episodes on record came to.
-
-    Raises:
-        RunDirectoryError: for records that are not those of its units; see `check_records`.
-    """
-    check_records(directory)
+    """The rows' cells, and what the evaluation episodes on record came to."""
     table = EvidenceStore(directory.evidence).query(
         f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
     )
@@ -126,6 +138,8 @@ def write_outputs(
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.
 
+    Of a sealed run that nothing was added to, ``panel.json`` stays as it is, and so does the seal.
+
     Args:
         spec: of the panel.
         directory: of the finished run.
@@ -142,19 +156,33 @@ def write_outputs(
         "directory": told_path(directory.path),
         "versions": directory.versions(),
     }
-    panel = build_artefact(
-        layout,
-        matrix,
-        {policy.id: policy for policy in policies},
-        {policy: there.files for policy, there in evaluated(directory).items()},
-        **{**own, **told},
-    )
-    write_panel(panel, directory.path)
+    made = artefact_of(directory, layout, matrix, policies, **{**own, **told})
+    panel = as_sealed(directory, made)
+    if panel is made:
+        write_panel(panel, directory.path)
     write_figures(panel, directory.path / "figures")
     if not told.get("undecided"):
         seal(directory.path)
     write_report(panel, directory.path)
     return panel
+
+
+def artefact_of(
+    directory: RunDirectory,
+    layout: PanelLayout,
+    matrix: Matrix,
+    policies: Sequence[Policy],
+    /,
+    **told: Any,
+) -> Panel:
+    """What ``panel.json`` holds; see :func:`build_artefact`."""
+    return build_artefact(
+        layout,
+        matrix,
+        {policy.id: policy for policy in policies},
+        {policy: there.files for policy, there in evaluated(directory).items()},
+        **told,
+    )
 
 
 def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> Cost:

@@ -19,6 +19,6 @@ if TYPE_CHECKING:
         package_versions,
         read_manifest,
     )
-    from .units import baseline_of, is_card_of, training_config, units_of
+    from .units import baseline_of, is_card_of, trained_units, training_config, units_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

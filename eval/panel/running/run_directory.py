@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import SEAL_FILE, broken_seals
+from integ_gym.evidence import SEAL_FILE, broken_seals, lift_seal, lower_seal
 from integ_gym.support import (
     FileLock,
     Kinds,
@@ -45,8 +45,8 @@ RECORDS = "records"
 
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
-    "train": {"policy": str},
-    "evaluate": {"policies": dict, "cells": dict},
+    "train": {"policy": str, RECORDS: str},
+    "evaluate": {"policies": dict, "cells": dict, RECORDS: str},
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
 """What a marker holds, and by the first word of the unit's name what else."""
@@ -83,6 +83,8 @@ class RunDirectory:
         self._units = path / "units"
         self._specification = json.loads(json.dumps(specification))
         self._engines = dict(engines or {})
+        self.was_sealed = False
+        """Whether what is in it was sealed when it was opened, and was as it was sealed."""
 
     def versions(self) -> dict[str, str]:
         """Versions of Python and of all packages that this run's results depend on."""
@@ -105,12 +107,15 @@ class RunDirectory:
             for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
-            self._break_seal()
-            self._write_manifest()
-            yield
+            self._lift_seal()
+            try:
+                self._write_manifest()
+                yield
+            finally:
+                lower_seal(self.path)
 
-    def _break_seal(self) -> None:
-        """Remove the seal of a finished run, whose files may now be added to.
+    def _lift_seal(self) -> None:
+        """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
         units' records and policies are checked where they are built on.
@@ -118,7 +123,10 @@ class RunDirectory:
         Raises:
             RunDirectoryError: if another file is not what was sealed.
         """
-        for finding in broken_seals(self.path):
+        lower_seal(self.path)
+        broken = list(broken_seals(self.path))
+        self.was_sealed = (self.path / SEAL_FILE).exists() and not broken
+        for finding in broken:
             path = self.path / finding.file
             known = path.parent == self.evidence and self._marker(path.stem).exists()
             if path.exists() and not known and path.name not in (PANEL_FILE, SEAL_FILE):
@@ -126,7 +134,7 @@ class RunDirectory:
                     f"{path} {finding.message}; restore it from a copy, or give another directory "
                     "with --out"
                 )
-        (self.path / SEAL_FILE).unlink(missing_ok=True)
+        lift_seal(self.path)
 
     def looked(self, seeds: int) -> list[int]:
         """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
@@ -273,16 +281,16 @@ class RunDirectory:
             RunDirectoryError: if they are whole, and others.
         """
         file = self._records(unit)
-        if not file.is_file() or (RECORDS in held and file_hash(file) == held[RECORDS]):
-            return file.is_file()
+        if not file.is_file():
+            return False
+        if file_hash(file) == held.get(RECORDS):
+            return True
         if _is_cut_off(file):
             return False
-        if RECORDS in held:
-            raise RunDirectoryError(
-                f"{file} was changed after unit {unit} was finished; restore it from a copy, or "
-                "remove it to do the unit again"
-            )
-        return True
+        raise RunDirectoryError(
+            f"{file} was changed after unit {unit} was finished; restore it from a copy, or remove "
+            "it to do the unit again"
+        )
 
     def faults(self) -> Iterator[tuple[str, str]]:
         """Files of finished units that are missing or were changed: file, and what is wrong."""
@@ -292,7 +300,7 @@ class RunDirectory:
             name = file.relative_to(self.path).as_posix()
             if RECORDS in held and not file.is_file():
                 yield name, "is missing"
-            elif RECORDS in held and file_hash(file) != held[RECORDS]:
+            elif file.is_file() and file_hash(file) != held.get(RECORDS):
                 yield name, "is not what its unit was finished with"
         for file in sorted(self.evidence.glob("*.parquet")):
             if file.stem not in markers:

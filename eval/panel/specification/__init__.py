@@ -9,11 +9,14 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .cells import (
+        UNNAMED,
         Cell,
         DiscretizationMixture,
         Home,
+        changes_of,
         environments_of,
         file_name,
+        main_home,
         training_arguments,
     )
     from .checks import TRAINERS
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from .growth import grown, inputs, stages
     from .panel_spec import ALGORITHM, PanelSpec
     from .perturbations import standard_perturbations
+    from .planned import names_code, planned_home, planned_spec, texts_of
     from .reading import BUILT_IN, built_in_spec, read_spec
     from .sweeps import swept_name
     from .values import SpecError

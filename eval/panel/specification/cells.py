@@ -47,8 +47,17 @@ class DiscretizationMixture:
         return [member.arguments() for member, _ in self.weights]
 
 
+UNNAMED = "its mixture"
+"""What the mixture of a policy that was given is called."""
+
 Home: TypeAlias = Discretization | DiscretizationMixture
 """What a policy is trained on."""
+
+
+def main_home(home: Home | None) -> Discretization | None:
+    """The discretization that most of the training ran on, the first of equals; None: unknown."""
+    shares = {} if home is None else home.shares
+    return max(shares, key=lambda member: shares[member], default=None)
 
 
 @dataclass(frozen=True)

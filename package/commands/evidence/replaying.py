@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import argparse
 import random
-from collections.abc import Callable, Iterator
-from itertools import groupby, islice
+from collections.abc import Callable
+from functools import cache
 
-from integ_gym.evidence import ELSEWHERE, Acting, EvidenceRecord, EvidenceStore, Replayed, replay
+from integ_gym.evidence import ELSEWHERE, Acting, EvidenceRecord, EvidenceStore, replay_some
 from integ_gym.support import plural
-
-BLOCK = 4096
-"""Records that are in memory at once; those of one setup are played side by side."""
-
-_TRACED = "SELECT record_id FROM records WHERE reward IS NOT NULL ORDER BY record_id"
-_BY_CELL = """
-SELECT list(record_id ORDER BY episode_index) AS ids FROM records
-GROUP BY env_id, phase, policy_id, policy_hash, cell ORDER BY policy_hash, policy_id, cell, phase
-"""
-
-_Records = Iterator[tuple[str, EvidenceRecord]]
 
 
 def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str], list[str]]:
@@ -29,19 +18,25 @@ def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str]
         store: of the run.
         given: ``all``, ``sample``, ``seed``, ``exact``, ``own_code`` and ``policy`` of `verify`.
     """
-    chosen = set(_of_cells(store, given) if given.policy else _of_traces(store, given))
-    policy = _policies(store, given.own_code) if given.policy else None
-    done, count = Replayed(), store.count()
-    records: _Records = store.named_records(chosen) if chosen else iter(())
-    for block in _files(records) if given.policy else _blocks(records):
-        done.add(replay(block, exact=given.exact, own_code=given.own_code, policy=policy))
-    if not given.policy:
-        without = count - store.query(_TRACED).num_rows
-        done.skip("without a trace", without)
+    done = replay_some(
+        store,
+        None if given.all else max(0, given.sample),
+        random.Random(given.seed),
+        _policies(store, given.own_code),
+        decide=given.policy,
+        exact=given.exact,
+        own_code=given.own_code,
+    )
+    count = store.count()
     told = [
         f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
         f"bit, the others within {ELSEWHERE:g}"
     ]
+    if done.sensitive:
+        told.append(
+            f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "
+            "rounding grows to: most numbers differ here, so another machine made them"
+        )
     told += [f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n]
     left = count - done.records - sum(done.skipped.values())
     if left:
@@ -49,45 +44,13 @@ def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str]
     return list(map(str, done.findings)), told
 
 
-def _of_traces(store: EvidenceStore, given: argparse.Namespace) -> list[str]:
-    """Ids of the records with a trace that are played again."""
-    ids: list[str] = store.query(_TRACED).column("record_id").to_pylist()
-    count = len(ids) if given.all else min(len(ids), max(0, given.sample))
-    return random.Random(given.seed).sample(ids, count)
-
-
-def _of_cells(store: EvidenceStore, given: argparse.Namespace) -> Iterator[str]:
-    """Ids of the records of cells, each with all episodes of a policy, as many as are wanted."""
-    cells = store.query(_BY_CELL).column("ids").to_pylist()
-    random.Random(given.seed).shuffle(cells)
-    drawn = 0
-    for ids in cells:
-        if given.all or drawn < given.sample:
-            yield from ids
-            drawn += len(ids)
-
-
-def _blocks(records: _Records) -> Iterator[list[tuple[str, EvidenceRecord]]]:
-    while block := list(islice(records, BLOCK)):
-        yield block
-
-
-def _files(records: _Records) -> Iterator[list[tuple[str, EvidenceRecord]]]:
-    """By file, where all episodes of a policy in a cell are together."""
-    for _, block in groupby(records, key=lambda item: item[0]):
-        yield list(block)
-
-
 def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord], Acting]:
-    """What gives the policy of a record, found once for all its cells."""
-    from integ_gym.eval import policy_of
+    """What gives the policy of a record, loaded when it is first asked for."""
 
-    found: dict[tuple[str, str], Acting] = {}
+    @cache
+    def found() -> Callable[[EvidenceRecord], Acting]:
+        from integ_gym.eval import acting_in
 
-    def policy(record: EvidenceRecord) -> Acting:
-        key = (record["policy_id"], record["policy_hash"])
-        if key not in found:
-            found[key] = policy_of(record, store, own_code).act
-        return found[key]
+        return acting_in(store, own_code)
 
-    return policy
+    return lambda record: found()(record)

@@ -17,12 +17,14 @@ from integ_gym.evidence import (
     Finding,
     broken_seals,
     broken_signature,
+    changed_since_export,
     missing_episodes,
+    read_export,
     read_seal,
     read_signature,
     recompute,
 )
-from integ_gym.support import whole_number
+from integ_gym.support import plural, whole_number
 
 from .replaying import replayed
 
@@ -46,7 +48,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add(
         "--sample", type=whole_number, default=SAMPLE, metavar="N",
-        help=f"records with a trace that are simulated again, drawn by --seed (default: {SAMPLE})",
+        help="records that are simulated again, about, drawn by --seed; those without a trace by "
+        f"whole cells of a policy (default: {SAMPLE})",
     )  # fmt: skip
     add("--all", action="store_true", help="simulate all of them again")
     add("--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)")
@@ -56,8 +59,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add(
         "--policy", action="store_true",
-        help="let the policies of the run decide again, where otherwise recorded controls are "
-        "repeated: of whole cells of a policy, with records that have no trace",
+        help="let the policies of the run decide again everywhere, where otherwise they do without "
+        "a trace alone, and recorded controls are repeated",
     )  # fmt: skip
     add("--own-code", action="store_true", help="load classes that records name as module:Class")
     add(
@@ -77,7 +80,7 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         EvidenceError: for ``sealed`` or a signature without a seal.
     """
     run = store.run
-    sealed = read_seal(run)
+    sealed, exported = read_seal(run), read_export(run)
     if sealed is None and (given.depth == "sealed" or given.public_key is not None):
         raise EvidenceError(
             f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end, and `integ-gym "
@@ -87,9 +90,9 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
     found = [str(problem) for problem in store.verify()]
     with contextlib.suppress(*([ValueError] if found else [])):  # what cannot be read is named
-        found.extend(map(str, _against_plan(run)))
-    with contextlib.suppress(*([ValueError] if found else [])):
-        found.extend(map(str, _whole(store)))
+        found.extend(map(str, _whole(store, exported)))
+    sound = not found
+    found += _against_plan(run, given.own_code, sound)
     if given.depth != "whole":
         found += map(str, broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
@@ -97,10 +100,10 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
     if given.public_key is not None:
         found += map(str, broken_signature(run, given.public_key))
     told: list[str] = []
-    if not found and given.depth == "replayed":
+    if given.depth == "replayed" and all(line.startswith(_PAGE) for line in found):
         played, told = replayed(store, given)
         found += played
-    for line in found or [*_checked(store, given, sealed), *told]:
+    for line in found or [*_checked(store, given, sealed, exported), *told]:
         print(line)
     if found:
         print(f"problems in {run}: {len(found)}")
@@ -108,14 +111,25 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
 
 
 def _checked(
-    store: EvidenceStore, given: argparse.Namespace, sealed: Mapping[str, Any] | None
+    store: EvidenceStore,
+    given: argparse.Namespace,
+    sealed: Mapping[str, Any] | None,
+    exported: Mapping[str, Any] | None,
 ) -> Iterator[str]:
     """What was found to be in order before any episode was played again."""
     count, files = store.count(), len(store.files())
     yield f"records: {count}, files: {files}, schema version {SCHEMA_VERSION}"
+    if exported is None:
+        complete = "no episode is missing"
+    else:
+        complete = "nothing was changed since the export"
+        yield (
+            f"exported: {exported['records']} of {plural(exported['of'], 'record')} of a run, "
+            f"those that are {exported['where']!r}"
+        )
     yield (
-        "whole: every content hash matches, no episode is missing, and outcomes, ledgers and "
-        "labels follow from traces and stored replays"
+        f"whole: every content hash matches, {complete}, and outcomes, ledgers and labels follow "
+        "from traces and stored replays"
     )
     if sealed is None or given.depth == "whole":
         return
@@ -127,14 +141,21 @@ def _checked(
         yield f"signed: by {signature.fingerprint}, {how}"
 
 
-def _against_plan(run: Path) -> Iterator[Finding]:
-    if any((run / name).exists() for name in _PLANNED):
-        from integ_gym.eval import against_plan
+def _against_plan(run: Path, own_code: bool, sound: bool) -> list[str]:
+    """What contradicts the plan; what cannot be read is an error where the records are sound."""
+    if not any((run / name).exists() for name in _PLANNED):
+        return []
+    from integ_gym.eval import against_plan
 
-        yield from against_plan(run)
+    found: list[str] = []
+    with contextlib.suppress(*([] if sound else [ValueError])):
+        found.extend(map(str, against_plan(run, own_code)))
+    return found
 
 
-def _whole(store: EvidenceStore) -> Iterator[Finding]:
-    yield from missing_episodes(store)
+def _whole(store: EvidenceStore, exported: Mapping[str, Any] | None) -> Iterator[Finding]:
+    if exported is not None:
+        yield from changed_since_export(store, exported)
+    yield from missing_episodes(store, part=exported is not None)
     for file, record in store.named_records():
         yield from recompute(record, file)

@@ -12,7 +12,7 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.eval.film import of_record, watch
-from integ_gym.eval.film.run_policies import policy_of
+from integ_gym.eval.panel.existing.run_policies import policy_of
 from integ_gym.evidence import open_run
 
 

@@ -324,3 +324,71 @@ def test_records_of_any_environment_are_exported(form, tmp_path):
     else:
         assert export(store, form, tmp_path / "out").records == 1
         assert any(read_bounded(file) for file in (tmp_path / "out").rglob("*") if file.is_file())
+
+
+class _Counting(gym.Env):
+    """Somebody's environment, whose actions are what is asked for."""
+
+    observation_space = gym.spaces.Box(-9, 9, (2, 2), np.int64)
+
+    def __init__(self, actions):
+        self.action_space = actions
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.left = 3
+        return np.full((2, 2), self.left), {}
+
+    def step(self, action):
+        self.left -= 1
+        return np.full((2, 2), self.left), 1.0, self.left == 0, False, {}
+
+
+def _counted(actions, taken, folder):
+    env = RecordEvidence(_Counting(actions), folder / "evidence", EpisodeContext("own", "cell"))
+    env.reset(seed=0)
+    for action in taken:
+        env.step(action)
+    env.close()
+    return open_run(folder)
+
+
+STRANGE = {
+    "numbers": (gym.spaces.Discrete(3, start=-1), (-1, 1, 0)),
+    "arrays": (gym.spaces.Discrete(3, start=5), (np.array([5]), np.array(7), np.int64(6))),
+    "matrices": (gym.spaces.Box(-1, 1, (2, 3), np.float32), (np.eye(2, 3, dtype=np.float32),) * 3),
+}
+
+
+@pytest.mark.parametrize(("actions", "taken"), STRANGE.values(), ids=STRANGE)
+def test_minari_gets_a_stranger_s_actions_as_they_were(actions, taken, tmp_path, monkeypatch):
+    run = _counted(actions, taken, tmp_path / "run")
+    export(run, "minari", tmp_path / "out")
+    (path,) = (tmp_path / "out").glob("*/*/data")
+    data = minari.MinariDataset(path)
+    (episode,) = data.iterate_episodes()
+    expected = [np.reshape(action, actions.shape) for action in taken]
+    np.testing.assert_array_equal(episode.actions, expected)
+    assert all(actions.contains(action) for action in episode.actions)
+    assert data.action_space.dtype == actions.dtype
+    assert episode.observations.tolist() == [[[k, k], [k, k]] for k in (3, 2, 1, 0)]
+
+
+def test_minari_refuses_actions_that_it_could_not_give_back(tmp_path):
+    run = _counted(gym.spaces.MultiDiscrete([2, 3]), [np.array([1, 2])] * 3, tmp_path / "run")
+    with pytest.raises(EvidenceError, match="actions of a MultiDiscrete space are recorded as"):
+        export(run, "minari", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_exported_part_verifies_as_what_it_is(run, tmp_path, capsys):
+    export(run, "parquet", tmp_path / "out", where="episode_index <> 1 AND cell = 'rk4'")
+    assert main(["evidence", "verify", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert "of 8 records of a run, those that are \"episode_index <> 1 AND cell = 'rk4'\"" in told
+    assert "of 8 records" in (tmp_path / "out" / "README.md").read_text()
+    (file,) = (tmp_path / "out" / "evidence").iterdir()
+    table = pq.read_table(file)
+    pq.write_table(table.slice(0, table.num_rows - 1), file)
+    assert main(["evidence", "verify", str(tmp_path / "out")]) == 1
+    assert f"{file.name}: is not what was exported" in capsys.readouterr().out

@@ -14,8 +14,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from integ_gym.evidence.schema.arrow import is_trace
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
+from integ_gym.train.policy_files.own_hash import card_hash, hashed
 
 Names = tuple[str, ...]
 """Of what was changed, one of which must be told: record, file, policy or what is too few."""
@@ -62,7 +64,55 @@ def trace(run: Path, other: Path, rng: random.Random) -> Names:
         places = range(1, len(row[column]) - 1)
         row[column][rng.choice(places)] += rng.choice((-1.0, 1.0)) * 10 ** rng.uniform(-3, 1)
 
-    return _one_row(run, rng, forge)
+    return _one_row(run, rng, forge, traced=True)
+
+
+def untraced(run: Path, other: Path, rng: random.Random) -> Names:
+    """Change the outcome of an episode of which no trace is kept, its label with it."""
+
+    def forge(row: dict[str, Any]) -> None:
+        row["return"] += rng.choice((-1.0, 1.0)) * 10 ** rng.uniform(-4, 2)
+        if rng.random() < 0.5:
+            _succeed(row)
+
+    return _one_row(run, rng, forge, traced=False)
+
+
+def trace_gone(run: Path, other: Path, rng: random.Random) -> Names:
+    """Change an outcome and take the trace away that denies it."""
+
+    def forge(row: dict[str, Any]) -> None:
+        row["return"] += rng.choice((-1.0, 1.0)) * 10 ** rng.uniform(-4, 2)
+        if rng.random() < 0.5:
+            _succeed(row)
+        for name in row:
+            if is_trace(name):
+                row[name] = None
+        if rng.random() < 0.5:
+            row["trace_every"] = 7
+
+    return *_one_row(run, rng, forge, traced=True), "`trace_every` is recorded", "`traceless`"
+
+
+def _succeed(row: dict[str, Any]) -> None:
+    """A success in all that a record says of one without a trace."""
+    told = {"success": True, "failure_label": "none", "failure_reason": "", "truncated": True}
+    row |= {**told, "terminated": False, "time_to_success": 0.5}
+
+
+def moved(run: Path, other: Path, rng: random.Random) -> Names:
+    """Say that all episodes of a cell were played in another."""
+    names: list[str] = []
+
+    def change(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        policy = rng.choice(sorted({row["policy_id"] for row in rows}))
+        own = [row for row in rows if row["policy_id"] == policy]
+        source, target = rng.sample(sorted({row["cell"] for row in own}), 2)
+        rest = [row for row in rows if row["policy_id"] != policy or row["cell"] != target]
+        names.append(f"in cell {target!r}")
+        return rest + [row | {"cell": target} for row in own if row["cell"] == source]
+
+    return _rewrite(run, rng, change), *names
 
 
 def dropped(run: Path, other: Path, rng: random.Random) -> Names:
@@ -117,12 +167,23 @@ def told(run: Path, other: Path, rng: random.Random) -> Names:
     file = run / "panel.json"
     panel = json.loads(file.read_text(encoding="utf-8"))
     entry = rng.choice(panel["matrix"])
-    if rng.random() < 0.5:
+    kind = rng.choice(("rate", "count", "number", "number", "answer"))
+    if kind == "rate":
         entry["success_by_seed"][0] = 1.0 - entry["success_by_seed"][0]
-    else:
+    elif kind == "count":
         entry["episodes"] += 1
+    elif kind == "answer":
+        panel["answer"] = "Yes: all declared transfers hold."
+    else:
+        name = rng.choice([name for name, held in entry.items() if _is_estimate(held)])
+        end = rng.choice([end for end, held in entry[name].items() if held is not None])
+        entry[name][end] += rng.choice((-1.0, 1.0)) * 10 ** rng.uniform(-4, 0)
     file.write_text(json.dumps(panel), encoding="utf-8")
     return (file.name,)
+
+
+def _is_estimate(value: Any) -> bool:
+    return isinstance(value, dict) and "estimate" in value
 
 
 def plan(run: Path, other: Path, rng: random.Random) -> Names:
@@ -147,11 +208,25 @@ def home(run: Path, other: Path, rng: random.Random) -> Names:
     return (file.parent.name,)
 
 
+def _mend_cards(run: Path) -> None:
+    """Have every side-car's hash, and what its unit's marker says of it, fit what it says."""
+    for file in run.glob("policies/*/policy.json"):
+        card = hashed(json.loads(file.read_text(encoding="utf-8")))
+        file.write_text(json.dumps(card), encoding="utf-8")
+        marker = run / "units" / f"train-{file.parent.name}.json"
+        held = json.loads(marker.read_text(encoding="utf-8"))
+        held |= {"card": card_hash(card)} if held["policy"] == card["content_hash"] else {}
+        marker.write_text(json.dumps(held), encoding="utf-8")
+
+
 FORGERIES: dict[str, Callable[[Path, Path, random.Random], Names]] = {
     "forged outcome": outcome,
     "forged number": number,
     "forged label": label,
     "forged trace": trace,
+    "forged outcome without a trace": untraced,
+    "forged outcome, its trace removed": trace_gone,
+    "rows of another cell": moved,
     "dropped rows": dropped,
     "doubled rows": doubled,
     "rows of another policy or run": whose,
@@ -171,6 +246,7 @@ def make_fit(run: Path, panel: bool = True) -> None:
         if "records" in held and file.exists():
             held["records"] = hashlib.sha256(file.read_bytes()).hexdigest()
             marker.write_text(json.dumps(held), encoding="utf-8")
+    _mend_cards(run)
     if panel:
         _tell(run)
     seal(run)
@@ -199,12 +275,17 @@ def _tell(run: Path) -> None:
     file.write_text(json.dumps(panel), encoding="utf-8")
 
 
-def _one_row(run: Path, rng: random.Random, forge: Callable[[dict[str, Any]], None]) -> Names:
-    """Change one record of an evaluation; its id."""
+def _one_row(
+    run: Path,
+    rng: random.Random,
+    forge: Callable[[dict[str, Any]], None],
+    traced: bool | None = None,
+) -> Names:
+    """Change one record of an evaluation, with or without a trace if that is asked for; its id."""
     changed: list[str] = []
 
     def change(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        row = rng.choice(rows)
+        row = rng.choice([x for x in rows if traced in (None, x["reward"] is not None)])
         forge(row)
         changed.append(row["record_id"])
         return rows

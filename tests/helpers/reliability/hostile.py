@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import random
 import re
 import zipfile
@@ -12,18 +13,27 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import pyarrow as pa
+import pyarrow.parquet as pq
 from damage import flip, lengthen, overwrite, truncate
-from victim import SPEC, Victim
+from forgery import EVALUATED, make_fit
+from victim import SPEC, Victim, command
 
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.running.run_directory import RunDirectory, read_manifest
 from integ_gym.eval.panel.specification.reading import read_spec
+from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS
+from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.support.parameters import finite_number
 from integ_gym.train.policy_files.sidecar import read_sidecar, read_trained
 
 NUMBERS = (
     "0", "-1", "1e9", "1e400", "-1e-400", "nan", "inf", "1" * 5000, "1" + "0" * 400, "true", '"x"',
     "[]", "{}", "[1e9]", "null", "0x7fffffffffffffff", "9223372036854775808", "1.5",
+)  # fmt: skip
+TEXTS = (
+    "", "null", "[]", "{}", "1", '"x"', "{", "[" * 5000, "1" * 5000, "IntegCartPole-v0",
+    "module:Class", "rk4", "none", "\x1b[2J", "x/y/z", "-1/0", "1/0", "CartPole-v1",
 )  # fmt: skip
 NESTED = ("[" * 100_000, "[" * 100_000 + "]" * 100_000, '{"a":' * 5000, "[[[[]]]]")
 
@@ -103,6 +113,58 @@ def constructor(victim: Victim, folder: Path, rng: random.Random) -> None:
     assert env.observation_space.contains(observation), observation
 
 
+def record(victim: Victim, folder: Path, rng: random.Random) -> None:
+    """A run with a record in which anything stands, and hashes that fit: named, in sentences."""
+    run = victim.copied(folder / "run")
+    file = rng.choice(sorted(run.glob(EVALUATED)))
+    table = pq.read_table(file)
+    column = table.schema.field(rng.randrange(len(table.schema)))
+    values = table.column(column.name).to_pylist()
+    place = rng.randrange(len(values))
+    values[place] = _any_value(values[place], rng)
+    kind = column.type if rng.random() < 0.9 else pa.string()
+    if kind != column.type:
+        values = [str(value) for value in values]
+    changed = pa.field(column.name, kind, True, column.metadata)
+    where = table.schema.get_field_index(column.name)
+    table = table.set_column(where, changed, pa.array(values, kind)).combine_chunks()
+    hashed = refused_or(lambda: with_hashes(table))
+    pq.write_table(table if hashed is None else hashed, file)
+    make_fit(run)
+    name = pq.read_table(victim.run / "evidence" / file.name)["record_id"][place].as_py()
+    for words in (
+        ("evidence", "verify", run),
+        ("report", run),
+        ("evidence", "show", run, name),
+        ("evidence", "export", run, "--to", rng.choice(EXPORT_FORMATS), "--out", folder / "out"),
+    ):
+        code, told = command(*words, *(("--no-progress",) if "export" in words else ()))
+        assert code in (0, 1, 2), code
+        assert "Traceback" not in told, told
+        if code == 2:
+            assert len(told.strip().splitlines()) == 1, told
+
+
+def _any_value(value: Any, rng: random.Random) -> Any:
+    """Another value of a column's type, or none."""
+    if rng.random() < 0.1:
+        return None
+    if isinstance(value, str):
+        nested = rng.choice(('{"mixture": 1}', "[[]]", '[{"dt": "x"}]', '{"dt": {"value": []}}'))
+        return rng.choice((*TEXTS, nested, value[: len(value) // 2], value * 2))
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return rng.choice((0, -1, 1 << 40, value + 1))
+    if isinstance(value, float):
+        return rng.choice((0.0, -1.0, 1e308, math.nan, math.inf))
+    if isinstance(value, list):
+        others = [x for x in value if x is not None]
+        kinds = ([], value[:-1], [*value, *value], [None] * len(value), value[::-1])
+        return rng.choice((*kinds, [x * 0 - 7 for x in others]))
+    return value
+
+
 def refused_or(act: Callable[[], Any]) -> Any:
     """What an act gives; None if it is refused, which must be in one line."""
     try:
@@ -171,4 +233,5 @@ HOSTILE: dict[str, Callable[[Victim, Path, random.Random], None]] = {
     "marker or manifest": marker,
     "specification": specification,
     "constructor arguments": constructor,
+    "record": record,
 }

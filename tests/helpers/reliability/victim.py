@@ -18,7 +18,8 @@ name = "victim"
 env_id = "IntegPendulum-v0"
 control_period = 0.05
 seeds = [{first}, {second}]
-episodes = 2
+episodes = 4
+trace_every = 2
 trainer = "sb3"
 baselines = ["zero"]
 

@@ -19,7 +19,7 @@ from integ_gym.eval.panel.running.run_directory import (
 def directory(tmp_path):
     made = RunDirectory(tmp_path / "run", {"name": "a"})
     with made.opened():
-        made.finish("train-a", "key", time.time(), policy="hash")
+        made.finish("train-a", "key", time.time(), policy="hash", records="hash")
     return made
 
 
@@ -29,6 +29,7 @@ def directory(tmp_path):
         ("{}", "it lacks 'key'"),
         ('{"key": "key", "start": 1, "end": 2, "policy": "hash"}', "it lacks 'seconds'"),
         ('{"key": "key", "start": 1, "end": 2, "seconds": 1}', "it lacks 'policy'"),
+        ('{"key": "key", "start": 1, "end": 2, "seconds": 1, "policy": ""}', "it lacks 'records'"),
         ('{"key": "key", "start": 1, "end": 2, "seconds": 1e400, "policy": ""}', "not finite"),
         ("[]", "a list where an object was expected"),
         ("[" * 100_000, "deep"),

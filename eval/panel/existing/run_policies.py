@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import environment_setup, testbed_of
-from integ_gym.evidence import EvidenceRecord, EvidenceStore, argument_values
+from integ_gym.evidence import Acting, EvidenceRecord, EvidenceStore, argument_values
 from integ_gym.support import read_object
 from integ_gym.train import BASELINES, Policy, make_baseline
 
-from ..panel.existing import kept_policy, read_existing
+from .policy import kept_policy, read_existing
 
 
 def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = False) -> Policy:
@@ -44,6 +44,19 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
         f"the policy {name} of this record is not in {policies} and cannot be made again; restore "
         "its folder, or give a record with a trace without --on"
     )
+
+
+def acting_in(store: EvidenceStore, own_code: bool = False) -> Callable[[EvidenceRecord], Acting]:
+    """What acted in the records of a run, each policy found once; see :func:`policy_of`."""
+    found: dict[tuple[str, str], Acting] = {}
+
+    def policy(record: EvidenceRecord) -> Acting:
+        key = (record["policy_id"], record["policy_hash"])
+        if key not in found:
+            found[key] = policy_of(record, store, own_code).act
+        return found[key]
+
+    return policy
 
 
 def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:

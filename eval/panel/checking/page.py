@@ -1,0 +1,105 @@
+"""What ``panel.json`` says, held against what the records come to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from integ_gym.evidence import EvidenceStore, Finding, broken_seals
+
+from ..model import FILE_NAME, Panel, read_panel
+from ..results import deviations
+from ..running import MANIFEST, RunDirectory, read_manifest
+from ..specification import names_code, planned_spec
+from .plan import planned
+from .sample import of_sample, refuse_first
+
+_LABELS = """
+SELECT policy_id, cell, failure_label, count(*) AS records
+FROM records WHERE phase = 'evaluation' GROUP BY ALL
+"""
+
+_SUCCESS = "none"
+
+
+def check_finished(path: Path) -> None:
+    """Refuse a run whose files are not those that it was finished and sealed with.
+
+    Raises:
+        RunDirectoryError: with the first of them and the remedy.
+    """
+    directory = RunDirectory(path, {})
+    refuse_first(path, against_plan(path), broken_seals(path), of_sample(directory))
+
+
+def against_plan(path: Path, own_code: bool = False) -> Iterator[Finding]:
+    """What of a run is not as it was planned, or told otherwise than its records say.
+
+    Nothing for a directory that no panel was run in. Numbers of ``panel.json`` are computed again
+    once the rest is in order.
+
+    Args:
+        path: the run's directory.
+        own_code: whether code that the plan names as ``"module:Name"`` may be loaded; if not, of
+            such a run counts and rates alone are compared.
+    """
+    found = False
+    for finding in planned(path, own_code):
+        found = True
+        yield finding
+    file = path / FILE_NAME
+    if found or not (path / MANIFEST).exists() or not file.exists():
+        return
+    try:
+        panel = read_panel(file)
+    except ValueError as error:
+        yield Finding(FILE_NAME, None, str(error))
+        return
+    directory = RunDirectory(path, {})
+    yield from _counted(directory, panel)
+    plan = read_manifest(path / MANIFEST)["specification"]
+    if own_code or not names_code(plan):
+        yield from _recomputed(directory, plan, panel)
+
+
+def _recomputed(
+    directory: RunDirectory, plan: Mapping[str, Any], panel: Panel
+) -> Iterator[Finding]:
+    try:
+        for place, said, computed in deviations(directory, planned_spec(plan), plan, panel):
+            message = f"`{place}` is recorded as {said!r:.80}, and comes out as {computed!r:.80}"
+            yield Finding(FILE_NAME, None, message)
+    except (LookupError, ValueError) as error:
+        message = f"cannot be made again from plan and records: {error}"
+        yield Finding(FILE_NAME, None, f"{message}; run the panel's command again")
+
+
+def _counted(directory: RunDirectory, panel: Panel) -> Iterator[Finding]:
+    """Counts and rates of the matrix that the records deny."""
+    found: dict[tuple[str, str], Counter[str]] = {}
+    for row in EvidenceStore(directory.evidence).query(_LABELS).to_pylist():
+        own = found.setdefault((row["policy_id"], row["cell"]), Counter())
+        own[row["failure_label"]] += row["records"]
+    policies = {row.name: [policy.id for policy in row.policies] for row in panel.rows}
+    for entry in panel.matrix:
+        each = [found.get((name, entry.cell), Counter()) for name in policies[entry.row]]
+        rates = [own[_SUCCESS] / max(1, own.total()) for own in each]
+        records = sum(each, Counter())
+        told = (entry.episodes, dict(entry.labels), tuple(entry.success_by_seed))
+        if not _alike(told, (records.total(), dict(records), tuple(rates))):
+            yield Finding(
+                FILE_NAME,
+                None,
+                f"what it says of {entry.row!r} in cell {entry.cell!r} is not what the records say",
+            )
+
+
+def _alike(told: tuple[Any, ...], found: tuple[Any, ...]) -> bool:
+    """Whether counts are the same, and rates to rounding."""
+    *counts, rates = told
+    *others, again = found
+    return counts == others and len(rates) == len(again) and bool(np.allclose(rates, again))

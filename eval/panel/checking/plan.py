@@ -1,0 +1,180 @@
+"""A finished run held against its own plan: units, policies and records."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from integ_gym.envs import DISCRETIZATION, Discretization
+from integ_gym.evidence import EvidenceStore, Finding
+from integ_gym.train import POLICY_FILE, WEIGHTS_FILE, read_trained, read_weights
+
+from ..existing import hashes_of
+from ..model import FILE_NAME
+from ..running import MANIFEST, Evaluated, RunDirectory, evaluated, is_card_of, read_manifest
+from ..specification import (
+    PanelSpec,
+    SpecError,
+    names_code,
+    planned_spec,
+    training_arguments,
+)
+from .setups import PlannedPolicy, of_setups, planned_policies
+
+_EVALUATED = """
+SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
+       max(episode_index) AS last, count(*) AS records
+FROM records WHERE phase = 'evaluation' GROUP BY ALL ORDER BY policy_id, cell
+"""
+
+_WHOSE = """
+SELECT run_id, phase, policy_id, policy_hash, count(*) AS records
+FROM records GROUP BY ALL ORDER BY run_id, policy_id
+"""
+
+
+def planned(path: Path, own_code: bool) -> Iterator[Finding]:
+    """What of a run is not as it was planned; nothing for a directory that no panel was run in.
+
+    Args:
+        path: the run's directory.
+        own_code: whether code that the plan names as ``"module:Name"`` may be loaded.
+    """
+    directory = RunDirectory(path, {})
+    if not (path / MANIFEST).exists():
+        if (path / FILE_NAME).exists() or directory.markers(""):
+            yield Finding(MANIFEST, None, "is missing, which says what was planned")
+        return
+    plan = read_manifest(path / MANIFEST)["specification"]
+    try:
+        spec = planned_spec(plan)
+        policies = planned_policies(plan, spec)
+    except SpecError as error:
+        yield Finding(MANIFEST, None, f"is damaged: {error}; restore it from a copy")
+        return
+    yield from of_files(directory)
+    found = evaluated(directory, lost=True)
+    yield from _of_policies(directory, found, spec, policies)
+    yield from _of_records(directory, found, spec)
+    store = EvidenceStore(directory.evidence)
+    yield from of_setups(spec, policies, store, own_code or not names_code(plan))
+
+
+def of_files(directory: RunDirectory) -> Iterator[Finding]:
+    """Files of finished units that are missing or changed, and files of no unit."""
+    for file, fault in directory.faults():
+        yield Finding(file, None, fault)
+
+
+def _of_policies(
+    directory: RunDirectory,
+    found: Mapping[str, Evaluated],
+    spec: PanelSpec,
+    policies: Mapping[str, PlannedPolicy],
+) -> Iterator[Finding]:
+    """Policies that are not those that were trained or evaluated."""
+    trained = {
+        unit.removeprefix("train-"): held for unit, held in directory.markers("train-").items()
+    }
+    for policy in {**found, **trained}:
+        if policy not in policies:
+            yield Finding("units", None, f"policy {policy!r} is none of the plan's")
+            continue
+        folder, name = directory.policies / policy, f"policies/{policy}"
+        if policy in trained and not (folder / POLICY_FILE).exists():
+            yield Finding(name, None, "is missing")
+            continue
+        try:
+            same = (
+                _is_trained(folder, trained[policy])
+                if policy in trained
+                else _is_given(folder, found[policy].policy_hash)
+            )
+        except ValueError as error:
+            yield Finding(name, None, str(error))
+            continue
+        if not same:
+            yield Finding(name, None, "is not the policy that this run was made with")
+        elif policy in trained:
+            yield from _of_card(folder, spec, policies[policy])
+
+
+def _of_card(folder: Path, spec: PanelSpec, policy: PlannedPolicy) -> Iterator[Finding]:
+    """What a policy's side-car says of its training, and the plan does not."""
+    _, card = read_trained(folder / POLICY_FILE)
+    assert policy.home is not None
+    given = training_arguments(policy.home, spec.environment)
+    expected: dict[str, Any] = {
+        "config.env_id": spec.env_id,
+        "config.env_arguments": given,
+        "config.seed": policy.seed,
+        **{f"config.{name}": value for name, value in spec.training.items()},
+        "seed": policy.seed,
+    }
+    if isinstance(policy.home, Discretization):
+        expected |= {f"discretization.{name}": given[name] for name in DISCRETIZATION}
+    for place, wanted in json.loads(json.dumps(expected)).items():
+        part, _, name = place.rpartition(".")
+        within = card.get(part) if part else card
+        recorded = within.get(name) if isinstance(within, Mapping) else None
+        if recorded != wanted:
+            file = f"policies/{folder.name}/policy.json"
+            message = f"`{place}` is recorded as {recorded!r}, and planned as {wanted!r}"
+            yield Finding(file, None, message)
+
+
+def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
+    """Whether policy, side-car and copy of the weights are what a training unit ended with."""
+    _, card = read_trained(folder / POLICY_FILE)
+    copy = folder / WEIGHTS_FILE
+    same = not copy.exists() or read_weights(copy).content_hash == card["content_hash"]
+    return same and is_card_of(card, marker)
+
+
+def _is_given(folder: Path, expected: str) -> bool:
+    """Whether a policy that was evaluated, if it came as a file, has the expected hash."""
+    hashes = hashes_of(folder)
+    return not hashes or expected in hashes
+
+
+def _of_records(
+    directory: RunDirectory, found: Mapping[str, Evaluated], spec: PanelSpec
+) -> Iterator[Finding]:
+    """Records of other runs or policies, and cells without all their episodes."""
+    store = EvidenceStore(directory.evidence)
+    for row in store.query(_WHOSE).to_pylist():
+        policy, whose = row["policy_id"], f"{row['records']} records of policy {row['policy_id']!r}"
+        if row["run_id"] != spec.name:
+            yield Finding("evidence", None, f"{whose} are of run {row['run_id']!r}")
+        elif row["phase"] == "evaluation" and policy not in found:
+            yield Finding("evidence", None, f"{whose}, which no unit evaluated")
+        elif row["phase"] == "evaluation" and row["policy_hash"] != found[policy].policy_hash:
+            yield Finding("evidence", None, f"{whose} are of another policy of that name")
+    cells: dict[str, dict[str, tuple[int, int, int]]] = {}
+    for row in store.query(_EVALUATED).to_pylist():
+        episodes = row["present"], row["first"], row["last"]
+        if row["records"] > row["present"]:
+            have = f"{row['records']} records of {row['present']} episodes in cell {row['cell']!r}"
+            yield Finding("evidence", None, f"policy {row['policy_id']!r} has {have}")
+        cells.setdefault(row["policy_id"], {})[row["cell"]] = episodes
+    expected = {policy: there.cells for policy, there in found.items()}
+    yield from _of_cells(cells, expected, spec.episodes)
+
+
+def _of_cells(
+    cells: Mapping[str, Mapping[str, tuple[int, int, int]]],
+    expected: Mapping[str, frozenset[str]],
+    episodes: int,
+) -> Iterator[Finding]:
+    for policy, names in expected.items():
+        own = cells.get(policy, {})
+        if not own:
+            yield Finding("evidence", None, f"policy {policy!r} has no evaluation records")
+            continue
+        for cell in sorted(names | set(own)):
+            found = own.get(cell, (0, 0, -1))
+            if found != (episodes, 0, episodes - 1):
+                have = f"has {found[0]} of {episodes} episodes in cell {cell!r}"
+                yield Finding("evidence", None, f"policy {policy!r} {have}")

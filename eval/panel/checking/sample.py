@@ -1,0 +1,58 @@
+"""A sample of a run's records, recomputed and played again before anything is built on them."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+from integ_gym.evidence import EvidenceStore, Finding, recompute, replay_some
+
+from ..existing import acting_in
+from ..running import RunDirectory, RunDirectoryError
+from .plan import of_files
+
+_EVALUATION = "evaluate-"
+
+SAMPLED_FILES, SAMPLED_RECORDS = 2, 64
+"""Files, and records of each, that are recomputed and played again before a page is written."""
+
+
+def check_records(directory: RunDirectory) -> None:
+    """Refuse records that no unit was finished with, or whose outcomes their traces deny.
+
+    Of the latter a sample is recomputed and played again; `integ-gym evidence verify --all` does
+    that with all.
+
+    Raises:
+        RunDirectoryError: with the first of them and the remedy.
+    """
+    refuse_first(directory.path, of_files(directory), of_sample(directory))
+
+
+def refuse_first(path: Path, *findings: Iterator[Finding]) -> None:
+    """Refuse a run if anything is found.
+
+    Raises:
+        RunDirectoryError: with the first finding and the remedy.
+    """
+    for finding in chain.from_iterable(findings):
+        raise RunDirectoryError(
+            f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
+            "run the panel's command again, which does what is missing"
+        )
+
+
+def of_sample(directory: RunDirectory) -> Iterator[Finding]:
+    """Outcomes that their traces deny, and episodes that environments and policies deny.
+
+    Looked at are evaluation records that nobody can foretell.
+    """
+    store = EvidenceStore(directory.evidence)
+    files = [file.name for file in store.files() if file.name.startswith(_EVALUATION)]
+    for name in random.sample(files, min(len(files), SAMPLED_FILES)):
+        for record in store.some_records(name, SAMPLED_RECORDS):
+            yield from recompute(record, f"evidence/{name}")
+        played = replay_some(store.only(name), SAMPLED_RECORDS, random.Random(), acting_in(store))
+        yield from played.findings

@@ -1,0 +1,104 @@
+"""A record held against the same episode played again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..episodes import EvidenceRecord
+from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES
+from .findings import is_number, same
+
+Array = npt.NDArray[Any]
+
+GROWTH = 10.0
+"""How many times what a nudged start changes may be put down to rounding."""
+
+_NOT_REPLAYED = VOLATILE_NAMES | {
+    *("seed", "rng_key", "failure_reason"),
+    *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
+}
+"""Fields that say how starts came about, or that a replay is told."""
+
+_OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
+"""Fields that say how controls came about."""
+
+_ITERATIONS = "solver_iterations"
+
+
+def drawn_again(record: EvidenceRecord) -> bool:
+    """Whether its seed gives its start; lanes of a training may have drawn a discretization too."""
+    return record.first_of_seed and record.fields["phase"] == "evaluation"
+
+
+def differences(
+    record: EvidenceRecord,
+    again: EvidenceRecord,
+    tolerance: float,
+    decided: bool,
+    nudged: EvidenceRecord | None = None,
+) -> Iterator[tuple[str, Any, Any]]:
+    """Field or place in the trace, recorded and computed value.
+
+    Args:
+        record: as it was recorded.
+        again: the same episode played again.
+        tolerance: relative; one iteration of the solver more or less is let pass where it is not 0.
+        decided: whether the policy decided again.
+        nudged: the same from a start that is another by a little; differences up to `GROWTH` times
+            those that this makes are let pass.
+    """
+    fields = record.fields
+    left_out = _NOT_REPLAYED if decided else _NOT_REPLAYED | _OF_ACTIONS
+    for own in SUMMARY_FIELDS:
+        if own.name in left_out or own.since > fields["schema_version"]:
+            continue
+        recorded, computed = fields[own.name], again.fields[own.name]
+        moved = computed if nudged is None else nudged.fields[own.name]
+        slack = 1.0 if tolerance and own.name.startswith(_ITERATIONS) else 0.0
+        if not _alike(recorded, computed, moved, tolerance, slack):
+            yield own.name, recorded, computed
+    for column, values in record.trace.items():
+        noisy = column.startswith("sensed_") and fields["observation_noise"]
+        if noisy and not (decided or drawn_again(record)):
+            continue
+        other = again.trace.get(column)
+        moved = other if nudged is None else nudged.trace.get(column)
+        if other is None or other.shape != values.shape:
+            if moved is None or other is None or moved.shape == other.shape:
+                yield f"len({column})", len(values), None if other is None else len(other)
+            continue
+        slack = 1.0 if tolerance and column == _ITERATIONS else 0.0
+        place = _first_difference(values, other, moved, tolerance, slack)
+        if place is not None:
+            yield f"{column}[{place}]", values[place].item(), other[place].item()
+
+
+def _alike(recorded: Any, computed: Any, moved: Any, tolerance: float, slack: float) -> bool:
+    if isinstance(recorded, list) and isinstance(computed, list):
+        pairs = zip(recorded, computed, strict=False)
+        return len(recorded) == len(computed) and all(same(a, b, tolerance) for a, b in pairs)
+    if same(recorded, computed, tolerance):
+        return True
+    numbers = [x for x in (recorded, computed, moved) if is_number(x)]
+    if len(numbers) < 3:
+        return bool(computed != moved)  # nobody can tell here which it is
+    return bool(abs(recorded - computed) <= slack + GROWTH * abs(moved - computed))
+
+
+def _first_difference(
+    values: Array, again: Array, moved: Array | None, tolerance: float, slack: float
+) -> int | None:
+    """Place of the first value that differs; None if none does."""
+    one, other = values.astype(np.float64), again.astype(np.float64)
+    grown = np.zeros(len(other))
+    if moved is not None and moved.shape == again.shape:
+        grown = np.fmax.accumulate(np.abs(moved.astype(np.float64) - other))
+    limit = slack + tolerance * np.maximum(1.0, np.abs(one)) + GROWTH * np.nan_to_num(grown)
+    gone = np.isnan(one) & np.isnan(other)
+    differs = ~((one == other) | (np.abs(one - other) <= limit) | gone)
+    places = np.flatnonzero(differs)
+    return int(places[0]) if places.size else None
