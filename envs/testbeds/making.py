@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -16,12 +16,20 @@ from integ_gym.support import Registry
 from ..catalogue import is_integ_environment
 from ..environments import DiscretizedVectorEnv
 from ..episode import DISCRETIZATION, Discretization, agrees
+from .brax_tasks import BraxTask
 from .classic_control import CLASSIC, ClassicControl
 from .integ_environments import IntegTestbed
 from .interface import Applied, Testbed
 from .mujoco_tasks import MujocoTestbed
+from .playground import Playground
 
 _OWN = Registry("integ_gym.envs.testbeds", "testbed", "make")
+
+LIBRARIES: Mapping[str, Callable[..., Testbed]] = {"playground": Playground, "brax": BraxTask}
+"""Tasks of other libraries', ``"library:task"``."""
+
+_ROBOTICS = "gymnasium_robotics"
+"""Package whose tasks are MuJoCo tasks of Gymnasium's kind."""
 
 
 def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
@@ -29,8 +37,9 @@ def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
 
     Args:
         env_id: of one of integ-gym's environments, of Gymnasium's classic control with a step to
-            set, or of one of its MuJoCo tasks; of a user's own, ``"module:Id-v0"`` for an
-            environment and ``"module:Class"`` for a testbed.
+            set, or of one of its MuJoCo tasks; of another library's, ``"playground:Task"``,
+            ``"brax:task"`` and ``"gymnasium_robotics:Task-v1"``; of a user's own,
+            ``"module:Id-v0"`` for an environment and ``"module:Class"`` for a testbed.
         arguments: that all discretizations have in common, JSON-serialisable.
 
     Raises:
@@ -47,7 +56,10 @@ def _found(env_id: str, arguments: str) -> Testbed:
         return IntegTestbed(env_id, **given)
     if env_id in CLASSIC:
         return ClassicControl(env_id, **given)
-    if ":" in env_id:
+    library, _, task = env_id.partition(":")
+    if task and library in LIBRARIES:
+        return LIBRARIES[library](task, **given)
+    if task and library != _ROBOTICS:
         made: Testbed = _OWN.load(env_id)(**given)
         return made
     return MujocoTestbed(env_id, **given)

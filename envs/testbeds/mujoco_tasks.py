@@ -53,7 +53,7 @@ class MujocoTestbed(SequentialTestbed):
     @property
     def success(self) -> Success:
         """Survival, or a return."""
-        threshold = gym.spec(self.env_id).reward_threshold
+        threshold = gym.spec(self.env_id.rpartition(":")[2]).reward_threshold
         return Success(self._setup.task.goal, "success_return", threshold)
 
     def integrators(self, engine: str) -> tuple[str, ...]:
@@ -90,8 +90,11 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
             without a time limit.
     """
     possible = f"give {', '.join(ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
+    module, _, name = env_id.rpartition(":")
+    if module:
+        load(module, "robotics")
     try:
-        gym.spec(env_id)
+        gym.spec(name)
     except gym.error.Error as error:
         raise ValueError(
             f"unknown environment: Gymnasium cannot make {env_id!r}: {_reason(error)}. "
@@ -102,7 +105,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     from gymnasium.envs.mujoco import MujocoEnv
 
     try:
-        env = gym.make(env_id, **arguments)
+        env = gym.make(name, **arguments)
     except (gym.error.Error, TypeError, ValueError, OSError, ImportError) as error:
         raise ValueError(
             f"Gymnasium cannot make {env_id!r}: {_reason(error)}; {possible}"

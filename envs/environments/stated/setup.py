@@ -81,7 +81,8 @@ def stated_setup(
         ),
         timing=Timing.of(applied.dt, period, 0.0, None, limit * period),
         plant=ForeignPlant(
-            type(env.unwrapped).__name__, tuple((f"action{k}", "") for k in range(count))
+            getattr(env.unwrapped, "title", type(env.unwrapped).__name__),
+            tuple((f"action{k}", "") for k in range(count))
         ),
         task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
         engine=StatedEngine(applied.engine),

@@ -1,0 +1,130 @@
+"""Tasks of other libraries as testbeds: what is applied is what was asked, or it is refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from integ_gym.envs.testbeds.making import LIBRARIES
+from integ_gym.envs.testbeds.state_passing import step_told
+
+TASKS = {
+    "playground": ("playground:CartpoleBalance", "RK4"),
+    "brax": ("brax:inverted_pendulum", "spring"),
+    "gymnasium_robotics": ("gymnasium_robotics:AdroitHandDoor-v1", "RK4"),
+}
+"""By library: a task and another integrator than its home's."""
+MODULES = {"playground": "mujoco_playground"}
+
+SCRIPT = """
+import json, sys
+from dataclasses import replace
+import numpy as np
+from integ_gym.envs import testbed_of
+from integ_gym.envs.testbeds import make_checked
+
+testbed = testbed_of(sys.argv[1], {})
+home = testbed.home
+other = replace(home, integrator=sys.argv[2], dt=home.dt / 2)
+told = {"home": home.arguments(), "control_period": testbed.control_period}
+for name, asked in (("stock", home), ("other", other)):
+    environments = make_checked(testbed, asked, 2)
+    runs = []
+    for _ in range(2):
+        first, _ = environments.reset(seed=3)
+        action = np.full(environments.action_space.shape, 0.3, np.float32)
+        runs.append([first, *(environments.step(action)[0] for _ in range(4))])
+    setup = environments.setups[0]
+    told[name] = {
+        "applied": testbed.applied(environments).discretization.arguments(),
+        "repeated": bool(np.array_equal(*map(np.array, runs))),
+        "lanes_differ": bool((runs[0][0][0] != runs[0][0][1]).any()),
+        "moved": bool((runs[0][0] != runs[0][-1]).any()),
+        "last": runs[0][-1][0].tolist(),
+        "version": setup.engine.version,
+    }
+    environments.close()
+try:
+    make_checked(testbed, replace(home, dt=home.dt * 0.7), 1)
+except ValueError as error:
+    told["refused"] = str(error)
+print(json.dumps(told))
+"""
+
+
+def test_every_library_has_a_task_here() -> None:
+    assert set(TASKS) == {*LIBRARIES, "gymnasium_robotics"}
+
+
+@pytest.mark.parametrize(("kept", "told"), [(0.02, 0.02), (0.001, 0.001), (1 / 3, 0.33333334)])
+def test_a_step_of_single_precision_is_told_as_it_was_given(kept: float, told: float) -> None:
+    import numpy as np
+
+    assert step_told(np.float32(kept)) == told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("library", TASKS)
+def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path) -> None:
+    pytest.importorskip(MODULES.get(library, library))
+    env_id, integrator = TASKS[library]
+    command = [sys.executable, "-W", "ignore", "-c", SCRIPT, env_id, integrator]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout.splitlines()[-1])
+    home = told["home"]
+    assert told["stock"]["applied"] == home
+    assert told["other"]["applied"] == {**home, "integrator": integrator, "dt": home["dt"] / 2}
+    assert home["control_period"] == told["control_period"]
+    for made in (told["stock"], told["other"]):
+        assert [made[name] for name in ("repeated", "lanes_differ", "moved")] == [True] * 3
+        assert made["version"] not in (None, "unknown")
+    assert told["stock"]["last"] != told["other"]["last"]
+    assert "ask for" in told["refused"] or "nearest valid" in told["refused"]
+
+
+@pytest.mark.slow
+def test_a_task_of_brax_goes_from_training_to_the_page(tmp_path: Path) -> None:
+    pytest.importorskip("brax")
+    (tmp_path / "brax.toml").write_text(
+        """
+name = "brax"
+env_id = "brax:inverted_pendulum"
+control_period = 0.04
+seeds = [0]
+episodes = 2
+trainer = "sb3"
+baselines = ["zero"]
+
+[training]
+total_steps = 64
+n_envs = 2
+n_steps = 32
+batch_size = 32
+
+[[train]]
+integrator = "generalized"
+dt = 0.02
+
+[[evaluate]]
+integrator = ["generalized", "spring"]
+dt = 0.02
+""",
+        encoding="utf-8",
+    )
+    command = [sys.executable, "-W", "ignore", "-m", "integ_gym.cli", "panel", "brax.toml"]
+    flags = ["--out", "out", "--no-progress", "--workers", "1"]
+    done = subprocess.run(
+        [*command, *flags], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    panel = json.loads((tmp_path / "out" / "panel.json").read_text(encoding="utf-8"))
+    assert {cell["name"] for cell in panel["cells"]} == {
+        "brax generalized dt=0.02",
+        "brax spring dt=0.02",
+    }
+    assert "inverted_pendulum" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
