@@ -144,8 +144,8 @@ def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:
         yield "energy_end", float(trace["energy"][-1]), 0.0
     if "solver_iterations" in trace:
         iterations = trace["solver_iterations"]
-        yield "solver_iterations_max", int(iterations.max()), 0.0
-        yield "solver_iterations_mean", float(iterations.mean()), 0.0
+        yield "solver_iterations_max", _finite(iterations.max()), 0.0
+        yield "solver_iterations_mean", _finite(iterations.mean()), 0.0
     yield "solver_status", STATUS_NAMES[int(trace["solver_status_code"].max())], 0.0
     if "time" in trace:
         yield "initial_state", [float(x[0]) for x in _states(record)], 0.0

@@ -136,3 +136,48 @@ def test_a_task_goes_from_training_to_the_page(tmp_path, algorithm):
     assert one["rows"][0]["home"] == "mujoco RK4 dt=0.01"
     assert one["rows"][0]["policies"][0]["seed"] == 1
     assert Path(one["rows"][0]["policies"][0]["file"]).name == "policy.zip"
+
+
+CLASSIC = """
+name = "stated"
+env_id = "CartPole-v1"
+control_period = 0.02
+seeds = [0, 1]
+episodes = 3
+trainer = "sb3"
+baselines = ["random"]
+
+[training]
+total_steps = 512
+n_envs = 4
+n_steps = 32
+batch_size = 64
+
+[[train]]
+integrator = "explicit_euler"
+dt = 0.02
+
+[[evaluate]]
+integrator = ["explicit_euler", "symplectic_euler"]
+dt = [0.02, 0.01]
+"""
+
+
+@pytest.mark.slow
+def test_a_task_of_which_only_the_discretization_is_known_goes_from_training_to_the_page(
+    tmp_path, capsys
+):
+    (tmp_path / "stated.toml").write_text(CLASSIC, encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["panel", str(tmp_path / "stated.toml"), "--out", str(out), "--no-progress"]) == 0
+    panel = json.loads((out / "panel.json").read_text(encoding="utf-8"))
+    names = ("explicit_euler", "symplectic_euler")
+    cells = {f"gymnasium {name} dt={dt}" for name in names for dt in (0.02, 0.01)}
+    assert {cell["name"] for cell in panel["cells"]} == cells
+    capsys.readouterr()
+    assert main(["evidence", "verify", str(out)]) == 0
+    assert "outcomes, ledgers and labels follow" in capsys.readouterr().out
+    unknown = EvidenceStore(out / "evidence").query(
+        "SELECT count(solver_iterations_max) AS n, count(energy_start) AS e FROM records"
+    )
+    assert unknown.to_pylist() == [{"n": 0, "e": 0}]
