@@ -122,6 +122,10 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
     """
     if pair[0] == pair[1]:
         raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
+    if spec.reference is None:
+        raise SpecError(
+            f"`compare` is decided on the truth, and {spec.env_id} has none; leave it out"
+        )
     homes = {d for home in spec.train if home.name in pair for d in home.shares}
     by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
     for own, home in {(d.engine, d.integrator): d for d in by_step}.items():

@@ -75,6 +75,10 @@ def test_a_specification_is_filled_in_from_the_task():
         ({"env_id": "CartPole-v1"}, "unknown integrator of ClassicControl"),
         ({"environment": {"mass": 2.0}}, "Gymnasium cannot make"),
         ({"trainer": "fleet"}, "--trainer sb3"),
+        (
+            {"compare": [["mujoco Euler dt=0.02", "mujoco RK4 dt=0.02"]]},
+            "decided on the truth, and InvertedPendulum-v5 has none; leave it out",
+        ),
         ({"training": {"algorithm": "sax"}}, "unknown `algorithm` in `training` 'sax'. Did you"),
         ({"training": {"algorithm": "sac"}, "trainer": "fleet"}, "does not train by SAC; take"),
         ({"training": {"algorithm": "sac", "n_epochs": 2}}, "unknown hyperparameter 'n_epochs'"),
