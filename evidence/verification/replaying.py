@@ -25,7 +25,7 @@ from ..episodes import (
     told_training,
 )
 from ..recorders import RecordVectorEvidence
-from ..schema import Finding
+from ..schema import EvidenceError, Finding
 from .differing import differences, drawn_again
 from .findings import deviation
 from .recomputing import is_home_known, replays_of
@@ -106,7 +106,11 @@ def replay(
     done = Replayed()
     able = []
     for file, record in records:
-        reason = _hindrance(record, own_code, policy is not None)
+        try:
+            reason = _hindrance(record, own_code, policy is not None)
+        except EvidenceError as error:
+            done.findings.append(Finding(file, str(record.fields["record_id"]), str(error)))
+            continue
         if reason is None:
             able.append((file, record))
         else:

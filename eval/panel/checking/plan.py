@@ -52,7 +52,7 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
         spec = planned_spec(plan)
         policies = planned_policies(plan, spec)
     except SpecError as error:
-        yield Finding(MANIFEST, None, f"is damaged: {error}; restore it from a copy")
+        yield Finding(MANIFEST, None, f"{error}; restore it from a copy")
         return
     yield from of_files(directory)
     found = evaluated(directory, lost=True)

@@ -27,6 +27,9 @@ _SAID: Final = ("spec", "question", "warnings", "protocol_gaps", "looks", "versi
 _NAMES: Final = ("name", "row", "a", "b", "cell", "policy", "episode_index")
 """Keys that tell an entry of a list."""
 
+_COMMAND: Final = ".query"
+"""End of the places of commands, which name the directory."""
+
 Difference = tuple[str, Any, Any]
 """Place, in words, what is said there, and what comes out."""
 
@@ -41,7 +44,8 @@ def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
     if not directory.was_sealed:
         return made
     held = read_panel(directory.path / FILE_NAME)
-    return made if any(_of_parts(held, made, (*FOUND, *_SAID))) else held
+    other = (place for place, *_ in _of_parts(held, made, (*FOUND, *_SAID)))
+    return made if any(not place.endswith(_COMMAND) for place in other) else held
 
 
 def _of_parts(said: Panel, made: Panel, parts: tuple[str, ...]) -> Iterator[Difference]:
@@ -54,7 +58,7 @@ def _differing(place: str, said: Any, made: Any) -> Iterator[Difference]:
     if isinstance(said, dict) and isinstance(made, dict):
         for key in {**said, **made}:
             yield from _differing(f"{place}.{key}", said.get(key), made.get(key))
-    elif isinstance(said, list) and isinstance(made, list):
+    elif isinstance(said, list | tuple) and isinstance(made, list | tuple):
         if len(said) != len(made):
             yield f"len({place})", len(said), len(made)
             return

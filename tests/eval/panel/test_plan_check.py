@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from integ_gym.cli import main
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
-from integ_gym.train.policy_files.own_hash import hashed
+from integ_gym.train.policy_files.own_hash import card_hash, hashed
 
 
 @pytest.fixture
@@ -167,6 +167,86 @@ def test_no_page_is_made_of_what_was_touched(run, attack, capsys):
     ATTACKS[attack][0](run)
     assert main(["report", str(run)]) == 2
     assert "run the panel's command again" in capsys.readouterr().err
+
+
+def _told(run, change):
+    """``panel.json`` changed, and sealed anew."""
+    file = run / "panel.json"
+    panel = json.loads(file.read_text())
+    change(panel)
+    file.write_text(json.dumps(panel))
+    seal(run)
+
+
+def _interval(panel):
+    panel["matrix"][3]["success"]["low"] = 0.9
+
+
+def _verdict(panel):
+    panel["verdicts"][0]["verdict"] = "transfers"
+
+
+def _answered(panel):
+    panel["answer"] = "Yes: all declared transfers hold."
+
+
+NUMBERS = {
+    "an interval": (_interval, ".success.low` is recorded as 0.9, and comes out as"),
+    "a verdict": (_verdict, ".verdict` is recorded as 'transfers', and comes out as"),
+    "the answer": (_answered, "`answer` is recorded as 'Yes: all declared transfers hold.', and"),
+}
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_numbers_that_the_records_do_not_come_to_are_named(run, number, capsys):
+    change, message = NUMBERS[number]
+    _told(run, change)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    told = capsys.readouterr().out
+    assert told.startswith("panel.json: `")
+    assert message in told
+    assert main(["report", str(run)]) == 2
+    assert "comes out as" in capsys.readouterr().err
+
+
+def test_another_home_is_named_whatever_was_made_to_fit(run, capsys):
+    file = next(run.glob("policies/*/policy.json"))
+    _edited(run, hashed)
+    marker = run / "units" / f"train-{file.parent.name}.json"
+    held = json.loads(marker.read_text())
+    marker.write_text(json.dumps(held | {"card": card_hash(json.loads(file.read_text()))}))
+    seal(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    told = capsys.readouterr().out
+    assert f"policies/{file.parent.name}/policy.json: `config.env_arguments` is recorded as" in told
+    assert main(["report", str(run)]) == 2
+
+
+@pytest.mark.parametrize("name", ["episodes", "train", "grid", "trace_every"])
+def test_a_plan_that_lacks_something_is_named(run, name, capsys):
+    file = run / "run.json"
+    held = json.loads(file.read_text())
+    del held["specification"][name]
+    file.write_text(json.dumps(held))
+    assert main(["evidence", "verify", str(run), "--sample", "0"]) == 1
+    told = capsys.readouterr().out
+    assert f"run.json: its specification is damaged: Object missing required field `{name}`" in told
+    assert main(["report", str(run)]) == 2
+
+
+def test_a_finished_panel_that_is_run_again_keeps_seal_and_signature(
+    run, panel_directory, tmp_path
+):
+    key = tmp_path / "key"
+    encoding, form = serialization.Encoding, serialization.PrivateFormat.OpenSSH
+    made = Ed25519PrivateKey.generate()
+    key.write_bytes(made.private_bytes(encoding.PEM, form, serialization.NoEncryption()))
+    assert main(["evidence", "seal", str(run), "--sign", str(key)]) == 0
+    names = ("seal.json", "seal.json.sig", "panel.json", "run.json")
+    before = {name: (run / name).read_bytes() for name in names}
+    assert _panel(run, panel_directory) == 0
+    assert {name: (run / name).read_bytes() for name in names} == before
+    assert not list(run.glob(".*"))
 
 
 def test_a_seal_that_is_gone_is_named(run, capsys):

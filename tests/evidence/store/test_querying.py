@@ -8,7 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import pyarrow as pa
 import pytest
@@ -82,6 +84,17 @@ def test_nothing_else_can_be_read(store, tmp_path_factory, sql):
 @pytest.mark.parametrize("sql", READING)
 def test_what_reads_is_run(store, sql):
     assert store.query(sql).num_rows > 0
+
+
+def test_what_does_not_fit_into_memory_goes_nowhere_near_the_run(store, monkeypatch):
+    monkeypatch.chdir(store.directory)
+    before = sorted(store.directory.rglob("*"))
+    (told,) = store.query("SELECT current_setting('temp_directory') AS place").to_pylist()
+    place = Path(told["place"])
+    assert store.directory not in (place, *place.parents)
+    assert place.parent == Path(tempfile.gettempdir())
+    assert not place.exists()
+    assert sorted(store.directory.rglob("*")) == before
 
 
 @pytest.mark.parametrize("name", ["a*b", "a?b", "a[X]b", "a'b", 'a"b', "a b", "ä"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+
 import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
@@ -124,6 +126,31 @@ def test_a_key_that_cannot_sign_is_refused(tmp_path, run, key, monkeypatch):
         read_key(tmp_path / "none")
     with pytest.raises(EvidenceError, match="no public key of kind ssh-ed25519"):
         _found(run, curve)
+
+
+@pytest.mark.parametrize("content", [b"", b"\n", b"\0" * 9, b"ssh-ed25519", b"\xff" * 99])
+def test_files_that_hold_nothing_of_the_kind_are_refused(tmp_path, run, key, content):
+    empty = tmp_path / "empty"
+    empty.write_bytes(content)
+    with pytest.raises(EvidenceError, match="no private key that can sign"):
+        read_key(empty)
+    with pytest.raises(EvidenceError, match="no public key of kind ssh-ed25519"):
+        list(broken_signature(run, empty))
+    sign(run, read_key(key))
+    blob = base64.b64encode(b"SSHSIG\0\0\0\1" + content).decode()
+    begin, end = (f"-----{word} SSH SIGNATURE-----" for word in ("BEGIN", "END"))
+    for text in (content, f"{begin}\n{blob}\n{end}\n".encode(), _keyless(begin, end)):
+        (run / SIGNATURE_FILE).write_bytes(text)
+        with pytest.raises(EvidenceError, match=r"is no signature of a seal: .*sign it again"):
+            read_signature(run)
+
+
+def _keyless(begin, end):
+    """A signature whose key is empty."""
+    parts = (b"", b"integ-gym", b"", b"sha512", b"\0\0\0\x0bssh-ed25519\0\0\0\1x")
+    body = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
+    blob = base64.b64encode(b"SSHSIG\0\0\0\1" + body).decode()
+    return f"{begin}\n{blob}\n{end}\n".encode()
 
 
 def test_a_passphrase_is_asked_for(tmp_path, run, monkeypatch):

@@ -13,9 +13,11 @@ from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.schema.arrow import is_trace
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.schema.errors import EvidenceError
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification import replaying
 from integ_gym.evidence.verification.gaps import missing_episodes
 from integ_gym.evidence.verification.recomputing import recompute
 from integ_gym.evidence.verification.replaying import replay
@@ -75,6 +77,7 @@ FORGED = {
     "time_to_success": lambda values: [0.5 for _ in values],
     "length": lambda values: [x - 1 for x in values],
     "terminated": lambda values: [not x for x in values],
+    "truncated": lambda values: [not x for x in values],
     "energy_end": lambda values: [x + 1e-3 for x in values],
     "work_total": lambda values: [x + 1e-3 for x in values],
     "energy_residual_abs_total": lambda values: [2.0 * x + 1.0 for x in values],
@@ -163,8 +166,76 @@ def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path, play):
     store = EvidenceStore(tmp_path)
     assert _found(store) == []
     assert _replayed(store).skipped == {"without a trace": 2}
+    _forge(store, "truncated", lambda values: [not x for x in values])
+    assert len(_found(store)) == 4
+    _forge(store, "truncated", lambda values: [not x for x in values])
     _forge(store, "failure_label", lambda values: ["discretization_error" for _ in values])
     assert len(_found(store)) == 4
+
+
+def test_a_trace_that_is_gone_is_named(tmp_path, play):
+    store = _recorded(tmp_path, play)
+    file = store.files()[0]
+    rows = pq.read_table(file).to_pylist()
+    rows[1] |= {name: None for name in rows[1] if is_trace(name)}
+    table = pa.Table.from_pylist(rows, pq.read_schema(file))
+    pq.write_table(with_hashes(table.combine_chunks()), file)
+    (found,) = _found(store)
+    assert rows[1]["record_id"] in found
+    assert "its trace is gone, at episode 1 with `trace_every` 1; restore the file" in found
+
+
+JSON_FIELDS = {
+    "arguments": ["", "[]", "1", '{"dt": 1}', '{"dt": {"value": []}}', "[" * 9999, "null"],
+    "training_discretization": ["{", "1", '"x"', "[1]", "[[]]"],
+}
+
+
+@pytest.mark.parametrize(("column", "text"), [(k, x) for k in JSON_FIELDS for x in JSON_FIELDS[k]])
+def test_fields_that_hold_anything_are_named_in_a_sentence(column, text, tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=2)
+    _forge(store, column, lambda values: [text, *values[1:]])
+    name = next(store.records(trace=False))["record_id"]
+    (found,) = _found(store)
+    assert name in found
+    assert "\n" not in found
+    assert _replayed(store).records < 2
+    assert "restore the file from a copy" in found
+
+
+@pytest.mark.parametrize("column", ["time", "theta", "solver_status_code", "reward", "energy"])
+def test_columns_of_other_lengths_are_named(column, tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=2)
+    _forge(store, column, lambda rows: [rows[0][:-2], *rows[1:]])
+    assert any("values" in line or "is recorded as" in line for line in _found(store))
+    assert any("len(" in str(x) or "cannot be played" in str(x) for x in _replayed(store).findings)
+
+
+def test_another_machine_s_rounding_is_told_from_a_forgery(tmp_path, play, monkeypatch):
+    """Recorded controls leave a pendulum to itself: an ulp grows with every swing."""
+    context = EpisodeContext("run", "cell", replays=Replays(home=False))
+    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=20.0), tmp_path, context)
+    play(env, range(8))
+    env.close()
+    store = EvidenceStore(tmp_path)
+    start = replaying._start
+
+    def rounded(recorder, records, nudge):
+        if nudge:
+            return start(recorder, records, nudge)
+        states = np.array([record.fields["initial_state"] for record in records])
+        return recorder.reset(options={"state": np.nextafter(states, np.inf)})[0]
+
+    monkeypatch.setattr(replaying, "ELSEWHERE", 1e-14)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(replaying, "_start", rounded)
+        done = _replayed(store)
+        assert (done.findings, done.exact) == ([], 0)
+        assert done.sensitive
+        _forge(store, "theta_dot", lambda rows: [[*row[:9], row[9] + 1e-3, *row[10:]]
+                                                 for row in rows])  # fmt: skip
+        assert len({finding.record_id for finding in _replayed(store).findings}) == 8
+    assert not _replayed(store).sensitive
 
 
 @pytest.fixture
