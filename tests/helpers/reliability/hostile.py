@@ -23,6 +23,7 @@ import integ_gym  # noqa: F401
 from integ_gym.eval.panel.running.run_directory import RunDirectory, read_manifest
 from integ_gym.eval.panel.specification.reading import read_spec
 from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS
+from integ_gym.evidence.schema.arrow import is_trace
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.support.parameters import finite_number
 from integ_gym.train.policy_files.sidecar import read_sidecar, read_trained
@@ -128,7 +129,8 @@ def record(victim: Victim, folder: Path, rng: random.Random) -> None:
     changed = pa.field(column.name, kind, True, column.metadata)
     where = table.schema.get_field_index(column.name)
     table = table.set_column(where, changed, pa.array(values, kind)).combine_chunks()
-    hashed = refused_or(lambda: with_hashes(table))
+    hashable = kind == column.type or not is_trace(column.name)
+    hashed = refused_or(lambda: with_hashes(table)) if hashable else None
     pq.write_table(table if hashed is None else hashed, file)
     make_fit(run)
     name = pq.read_table(victim.run / "evidence" / file.name)["record_id"][place].as_py()

@@ -123,6 +123,7 @@ def test_references_are_told_from_files(text, expected):
 
 
 def test_a_function_of_a_module_is_judged_by_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
     (tmp_path / "my_policies.py").write_text("def still(observation):\n    return [0.0]\n")
     monkeypatch.syspath_prepend(tmp_path)
     out = str(tmp_path / "out")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -85,6 +86,7 @@ def folder(tmp_path, monkeypatch, request):
     """The files that a command names, and a module of one's own, in the current folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
     (tmp_path / "my_policies.py").write_text("def act(seen):\n    return [-seen[1]]\n")
     for word in request.getfixturevalue("words"):
         if word in FILES:
