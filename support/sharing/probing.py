@@ -8,6 +8,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from ..locks import FileLock
@@ -53,27 +54,19 @@ def _holds(check: Callable[[Path], bool], folder: Path) -> bool:
 
 def _one_makes_a_file(folder: Path) -> bool:
     """Of several that make files of one name, one alone is told that it did, and its text stays."""
-    for number in range(ROUNDS):
-        won: list[str] = []
-        start = threading.Barrier(RIVALS)
-
-        def rival(
-            text: str, name: str = f"once-{number}", start: threading.Barrier = start,
-            won: list[str] = won,
-        ) -> None:  # fmt: skip
-            files = FolderFiles(folder)
-            start.wait()
-            if files.create(name, text):
-                won.append(text)
-
-        threads = [threading.Thread(target=rival, args=(str(n),)) for n in range(RIVALS)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        if won != [FolderFiles(folder).read(f"once-{number}")]:
-            return False
+    with ThreadPoolExecutor(RIVALS) as pool:
+        for number in range(ROUNDS):
+            start = threading.Barrier(RIVALS)
+            tries = [pool.submit(_try, folder, str(number), str(k), start) for k in range(RIVALS)]
+            won = [str(rival) for rival, one in enumerate(tries) if one.result()]
+            if won != [FolderFiles(folder).read(str(number))]:
+                return False
     return True
+
+
+def _try(folder: Path, name: str, text: str, start: threading.Barrier) -> bool:
+    start.wait()
+    return FolderFiles(folder).create(name, text)
 
 
 def _renaming_replaces(folder: Path) -> bool:

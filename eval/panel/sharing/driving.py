@@ -6,6 +6,7 @@ before for dead. Should that one live all the same, it can no longer commit.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -123,5 +124,6 @@ def _do_all(directory: RunDirectory, work: Work, phase: str, units: Given) -> No
 def do_seized(run: str, unit: SharedUnit, subjects: Sequence[Subject] | None) -> bool:
     """A task: do a unit, whoever holds it; False if another task took it over meanwhile."""
     desk = Desk(Path(run), DRIVEN)
-    claim = Claims(FolderFiles(desk.claims), [unit.name]).seize(unit.name)
+    files = FolderFiles(desk.claims)
+    claim = Claims(files, [unit.name], owner=str(os.getpid())).seize(unit.name)
     return do_and_commit(desk, claim, unit, subjects)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from victim import records_of
+
+from integ_gym.cli import main
+from integ_gym.support.figures import style
 
 TOML = """
 name = "shared"
@@ -45,6 +55,16 @@ dt = [0.05, 0.025]
 WORKERS = 2
 """Processes that every run of it is divided for."""
 
+PATIENCE = 500.0
+"""Time after which a run is taken for stuck, s."""
+
+PRELOADED = (
+    "duckdb", "matplotlib.figure", "pyarrow.parquet", "integ_gym.cli",
+    "integ_gym.commands.panel", "integ_gym.eval.panel.running.panel",
+    "integ_gym.eval.panel.results.outputs", "integ_gym.eval.panel.sharing.driving",
+    "integ_gym.eval.panel.sharing.working", "shared_panel",
+)  # fmt: skip
+
 
 def specification(folder: Path) -> Path:
     """Its specification, in a file."""
@@ -70,4 +90,58 @@ def assert_equal_records(run: Path, other: Path) -> None:
 
 def two_processes() -> ProcessPoolExecutor:
     """An executor as one's own module may give it."""
-    return ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"))
+
+
+def started(command: Sequence[str]) -> Any:
+    """A process, head of its group, that runs a command.
+
+    It is forked from one that has imported what the command needs and run nothing.
+    """
+    context: Any = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(PRELOADED))
+    process = context.Process(target=_run, args=(list(command),))
+    process.start()
+    return process
+
+
+def _run(command: list[str]) -> None:
+    os.setpgid(0, 0)
+    style.FORMATS = {".png": style.FORMATS[".png"]}
+    sys.exit(main(command))
+
+
+def ended(process: Any) -> int:
+    """Exit code of a process that ends by itself."""
+    process.join(PATIENCE)
+    if process.is_alive():
+        kill_group(process)
+        raise AssertionError(f"still running after {PATIENCE:g} s")
+    return int(process.exitcode)
+
+
+def kill_group(process: Any) -> None:
+    """Kill a process with all that it started in its group."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.join()
+
+
+def until(holds: Callable[[], Any], process: Any) -> Any:
+    """Wait until something holds while a process runs; what it gives."""
+    deadline = time.monotonic() + PATIENCE
+    while not (found := holds()):
+        assert process.is_alive(), "it ended before it could be disturbed"
+        assert time.monotonic() < deadline, "it does not come so far"
+        time.sleep(0.01)
+    return found
+
+
+def holders(run: Path, desk: str) -> dict[str, int]:
+    """Processes that hold a unit, by the unit's first claim."""
+    found = {}
+    for claim in (run / ".work" / desk / "claims").rglob("*-*.1"):
+        if not any(claim.parent.glob(f"{claim.name[:-2]}.2")):
+            text = claim.read_text(encoding="utf-8")
+            found[claim.name[:-2]] = int(text)
+    return found
