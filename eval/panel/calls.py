@@ -148,7 +148,7 @@ def work_on_panel(
     Raises:
         SpecError, RunDirectoryError: for what cannot be run.
         ValueError: for a lease that is none, or a directory that cannot be shared.
-        PanelError, TrainingError: if a unit of work fails; what was finished stays.
+        PanelError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("train", "report", "evidence")

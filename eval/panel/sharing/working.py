@@ -33,7 +33,7 @@ from integ_gym.support import (
 from integ_gym.train import Workers, preparation
 
 from ..results import write_artefact
-from ..running import SHARED, Desk, RunDirectory, check_spec, clear, memory_of
+from ..running import SHARED, Desk, PanelError, RunDirectory, check_spec, clear, memory_of
 from ..specification import PanelSpec
 from . import planning
 from .shared_unit import SharedUnit, do_and_commit
@@ -72,7 +72,7 @@ def work_on(spec: PanelSpec, out: Path, share: Share) -> int:
     Raises:
         SpecError, RunDirectoryError: for what cannot be run.
         ValueError: if the directory's file system cannot be shared.
-        PanelError, TrainingError: if a unit fails; others go on, and try it again after a lease.
+        PanelError: if a unit fails; others go on, and try it again after a lease.
     """
     fleet = Workers(share.workers, "gpu" if share.gpus else "cpu")
     limit_threads()
@@ -136,9 +136,28 @@ class _Worker:
         held_by_name = {unit.name: unit for unit in _read(path)}
         with work_bar(f"{told}, here", len(held_by_name), self._share.progress) as bar:
             for claim in self._taken(name, [*held_by_name]):
-                if do_and_commit(self._desk, claim, held_by_name[claim.unit]):
+                if self._do(claim, held_by_name[claim.unit]):
                     self.done += 1
                     bar.update(1)
+
+    def _do(self, claim: Claim, unit: SharedUnit) -> bool:
+        """Do a unit; False if another worker took it over.
+
+        Raises:
+            PanelError: if it fails.
+            Gone: if all is over, which a worker that slept may find by what it misses.
+        """
+        try:
+            return do_and_commit(self._desk, claim, unit)
+        except Gone:
+            raise
+        except Exception as error:
+            if not self._desk.root.exists():
+                raise Gone(str(self._desk.root)) from None
+            raise PanelError(
+                f"{unit.name} failed: {error}; another worker tries it again in "
+                f"{self._share.lease:g} s, and the rest is kept"
+            ) from error
 
     def _taken(self, folder: str, units: Sequence[str]) -> Iterator[Claim]:
         """Units one after the other, each held while it is worked on, until all are done.
