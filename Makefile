@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test test-slow lint bench published census clean
+.PHONY: panel test test-slow lint docs notebooks bench published census clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -22,6 +22,15 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(READY)
+	@$(PIP) --group docs
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "Open runs/docs/index.html"
+
+notebooks: $(READY)
+	@$(PIP) --group notebooks
+	$(BIN)/jupyter execute --inplace examples/notebooks/*.ipynb
 
 bench: $(READY)
 	@$(PIP) --group bench
