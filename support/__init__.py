@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from .figures.series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
     from .figures.style import (
+        BOLD,
         COOL,
         FORMATS,
         INK,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         blank_figure,
         draw_heading,
         draw_legend,
+        fitting,
         inch_canvas,
         legend_lines,
         line_style,

@@ -152,14 +152,14 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """Columns of the success matrix, the reference last."""
+        """Columns of the success matrix, the truth first: it is what decides."""
         schemes: dict[str, list[Cell]] = {}
         for cell in self.cells:
             if cell.kind == "grid" and cell.plain and not cell.reference:
                 schemes.setdefault(cell.scheme, []).append(cell)
         groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
         truth = tuple(cell for cell in self.cells if cell.reference)
-        return (*groups, Group("reference", truth, reference=True)) if truth else tuple(groups)
+        return (Group("reference", truth, reference=True), *groups) if truth else tuple(groups)
 
     @cached_property
     def columns(self) -> tuple[Cell, ...]:
