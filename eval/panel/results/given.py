@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ..specification import Cell, Home, PanelSpec, main_home
+from .findings import paired_episodes, paired_remark
 from .layout import PanelLayout
 from .matrix import Matrix, Row
-from .paired import paired_episodes, paired_remark
 
 
 def given_rows(spec: PanelSpec, policy: str, home: Home | None) -> tuple[Row, ...]:
