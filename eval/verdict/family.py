@@ -92,8 +92,8 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     Each of the two tests is corrected over the family by itself: wrong `fails` in the family
     have a chance of at most 0.05, and so have wrong `transfers`. They are two questions, of
     which a reader acts on one, and no comparison can be given both answers. The tests hold their
-    level for seeds that are all or nothing as for those that are not; docs/panel.md has what was
-    simulated.
+    level for seeds that are all or nothing as for those that are not; docs/reference/panel.md has
+    what was simulated.
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
     0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs

@@ -46,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         metavar="POLICY",
         help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, or a state dict; "
-        "see docs/policies.md",
+        "see docs/how-to/policies.md",
     )
     add(
         "--policy", metavar="MODULE:FUNCTION",

@@ -40,7 +40,7 @@ examples:
   integ-gym panel engines --policies runs/panel --out runs/engines
                                           without training them again
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
-                                          a panel of your own, see docs/panel.md
+                                          a panel of your own, see docs/reference/panel.md
 """
 
 
@@ -71,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
         "--memory-gib", type=float, metavar="GIB",
         help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
         "the command itself; default: the specification's, or else a share for each, see "
-        "docs/fleet.md",
+        "docs/how-to/fleet.md",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
