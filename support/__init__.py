@@ -57,13 +57,19 @@ if TYPE_CHECKING:
     from .locks import FileLock
     from .machine import host, instruction_sets
     from .packages import (
+        APART,
+        Apart,
         Registry,
+        Worker,
+        WorkerError,
         absent,
+        install_command,
         installed_versions,
         load,
         missing,
         package_version,
         require,
+        running_version,
     )
     from .pages import page_environment, page_parts
     from .parameters import (
