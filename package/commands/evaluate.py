@@ -137,6 +137,6 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(given),
     )
     say(panel.question, sys.stdout)
-    say(panel.answer, sys.stdout)
+    say(panel.said(panel.answer), sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0

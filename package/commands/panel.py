@@ -164,11 +164,13 @@ def main(argv: Sequence[str]) -> int:
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
     if arguments.verbose or not panel.verdicts:
-        say(panel.answer, sys.stdout)
+        say(panel.said(panel.answer), sys.stdout)
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
-            print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
+            print(
+                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
+            )
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     sealed = read_seal(arguments.out)
     assert sealed is not None

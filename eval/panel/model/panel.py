@@ -186,6 +186,21 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """Whether the matrix mixes control periods, so that columns must name theirs."""
         return len({cell.control_period for cell in self.columns}) > 1
 
+    def called(self, name: str) -> str:
+        """The name of a row or a cell as people read it, in which the truth is called so."""
+        if self.truth is None:
+            return name
+        return name.replace(self.truth.name, "truth").replace("reference dt=", "truth dt=")
+
+    def said(self, text: str) -> str:
+        """A sentence as people read it, in which the truth is called so."""
+        truth = self.truth
+        if truth is not None:
+            text = text.replace(truth.name, "the truth")
+            at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
+            text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
+        return text.replace("the reference", "the truth")
+
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""
         return None if self.truth is None else self.entry(row, self.truth.name)

@@ -110,7 +110,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     if not ladders:
         return None
     schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
-    rows = tuple((ladder.row.name, _plots(ladder, schemes)) for ladder in ladders)
+    rows = tuple((panel.called(ladder.row.name), _plots(ladder, schemes)) for ladder in ladders)
     about = "success of the same policies as the step shrinks; finer to the right"
     paired = any(ladder.following for ladder in ladders)
     return LadderPlots("Refinement ladder", about, schemes, rows, paired)

@@ -59,9 +59,16 @@ class Shade:
 
 @dataclass(frozen=True)
 class MatrixLine:
-    """One row of a matrix, by groups of columns."""
+    """One row of a matrix, by groups of columns.
+
+    Attributes:
+        row: of the panel.
+        name: of the row, as people read it.
+        shades: of each group's cells.
+    """
 
     row: Row
+    name: str
     shades: tuple[tuple[Group, Shades], ...]
 
 
@@ -275,7 +282,9 @@ def _line(panel: Panel, row: Row, shade: Callable[[Entry, bool], Shade]) -> Matr
         return None if entry is None else shade(entry, cell.name in row.shares)
 
     return MatrixLine(
-        row, tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups)
+        row,
+        panel.called(row.name),
+        tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups),
     )
 
 

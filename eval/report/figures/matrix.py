@@ -64,7 +64,7 @@ def draw_matrix(matrix: Matrix) -> Figure:
 
 
 def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float) -> None:
-    name = plain(line.row.name, 38)
+    name = plain(line.name, 38)
     axes.text(
         _LEFT - 0.14, y + HEIGHT / 2, name, size=fitting([name], _LEFT - 0.44, 9.0),
         color=INK, ha="right", va="center", weight="bold",

@@ -23,7 +23,6 @@ from ..episodes import CHOICE, TaskWords, Told, packed
 from .commands import readable
 from .drawing import shading
 from .failures import LABEL_WORDS
-from .naming import called, said
 
 _MEASURES = (
     ("success", success_matrix),
@@ -53,10 +52,10 @@ def carried_by(
         "choice": CHOICE,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
-        "cells": [{"name": c.name, "shown": called(panel, c.name)} for c in panel.cells],
+        "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
         "rows": [
             {
-                "shown": called(panel, row.name),
+                "shown": panel.called(row.name),
                 "homes": [cells[name] for name in row.shares if name in cells],
                 "policies": [
                     {
@@ -85,7 +84,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head, lambda text: said(panel, text))
+    return packed(panel, told, head, panel.said)
 
 
 def _place(panel: Panel, entry: Entry) -> str:
@@ -99,7 +98,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
             shade.text,
             shading(shade),
             " ".join(shade.marks),
-            said(panel, shade.words),
+            panel.said(shade.words),
             shade.tone,
         ]
         for block in matrix.blocks
@@ -122,7 +121,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = readable(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    facts = [[name, said(panel, text)] for name, text in _facts(panel, entry) if text]
+    facts = [[name, panel.said(text)] for name, text in _facts(panel, entry) if text]
     return {"facts": facts, "file": entry.file, "query": query}
 
 
