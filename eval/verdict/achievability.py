@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from .rules import ACHIEVED
 
 Achievability: TypeAlias = Literal["achievable", "too_slow", "unachievable", "undecided"]
 """Within the horizon; only within two; not within two; not known."""
+
+UNSOLVABLE: Final = ("too_slow", "unachievable")
+"""Cells that no policy is blamed for failing in."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def build_artefact(
                 row.name,
                 cell,
                 layout.native(cell),
-                layout.reference_of(cell),
+                layout.reference_of(matrix, cell),
                 losses.get((row.name, cell)),
                 tuple(dict.fromkeys(file for policy in row.policies for file in files[policy])),
                 _query(directory, row, cell),

@@ -39,7 +39,7 @@ def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:
     """The range of the policy's returns in one sentence."""
     home = home_cell(row.trained_on)
     cells = [cell.name for cell in spec.columns()]
-    means = {name: float(matrix.values(row.name, name, "return").mean()) for name in cells}
+    means = {name: float(matrix.units(row.name, name, "return").mean()) for name in cells}
     low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
     if means[low] == means[high]:
         return f"Its mean return is {means[low]:.1f} on each of them."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ...verdict import Achieved, Attempt, Comparison, Loss, Rates, split
+from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, split
 from ..running import Tried
 from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
@@ -55,9 +55,14 @@ class PanelLayout:
         wanted = self.cells[cell].discretization
         return next((row.name for row in self.rows if row.trained_on == wanted), None)
 
-    def reference_of(self, cell: str) -> str | None:
-        """The reference cell, where it has the same plant and control period."""
-        return self.reference if self.cells[cell].kind in ("grid", "reference") else None
+    def reference_of(self, matrix: Matrix, cell: str) -> str | None:
+        """The reference cell, where it has the same plant and control period.
+
+        None where the cell cannot be solved in time, so that failing there says nothing.
+        """
+        same = self.cells[cell].kind in ("grid", "reference")
+        unsolvable = same and self.achieved(matrix, cell).status in UNSOLVABLE
+        return self.reference if same and not unsolvable else None
 
     def columns(self) -> tuple[str, ...]:
         """Names of the cells that every row is evaluated in."""

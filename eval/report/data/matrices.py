@@ -151,11 +151,16 @@ def return_matrix(panel: Panel) -> Matrix | None:
     return _matrix(
         panel,
         "Return",
-        "sum of rewards of an episode, the interquartile mean over episodes",
+        f"sum of rewards of an episode, the {mean_words(panel)} over episodes",
         (compact(low, 3), compact(high, 3)),
         ("columns: step in seconds, coarse to fine",),
         shade,
     )
+
+
+def mean_words(panel: Panel) -> str:
+    """Which mean of returns the panel has."""
+    return "mean" if panel.given_alone else "interquartile mean"
 
 
 def energy_matrix(panel: Panel) -> Matrix | None:

@@ -14,6 +14,7 @@ from ..data import (
     Matrix,
     energy_matrix,
     loss_matrix,
+    mean_words,
     return_matrix,
     solved_words,
     success_matrix,
@@ -129,7 +130,7 @@ def _facts(panel: Panel, entry: Entry) -> list[tuple[str, str | None]]:
     """The numbers of one entry as (name, text) pairs."""
     return [
         ("success", _long(entry.success, fixed)),
-        ("return", _long(entry.returns, _three)),
+        (f"return, {mean_words(panel)}", _long(entry.returns, _three)),
         ("time to success", _time_to_success(entry)),
         ("energy residual", _long(entry.energy_residual, _signed, " J")),
         ("energy residual, size", _long(entry.energy_residual_abs, _three, " J")),

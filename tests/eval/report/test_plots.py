@@ -142,7 +142,9 @@ def test_a_given_policy_is_held_against_itself_cell_by_cell() -> None:
     """A mark is filled where the adjusted p-value is below 0.05; the truth is named so."""
     panel = panel_of("given")
     success, earned = paired_success(panel), paired_return(panel)
-    assert [line.cell for line in success.blocks[0].lines] == [one.cell for one in panel.paired]
+    assert [line.cell for line in success.blocks[0].lines] == [
+        panel.called(one.cell) for one in panel.paired
+    ]
     filled = {line.cell for line in success.blocks[0].lines if line.marks[0].filled}
     assert filled == {one.cell for one in panel.paired if one.p_success_adjusted < 0.05}
     assert 0 < len(filled) < len(panel.paired)
