@@ -93,13 +93,16 @@ class PanelLayout:
         return {place: loss for place, loss in found.items() if loss is not None}
 
     def achieved(self, matrix: Matrix, cell: str) -> Achieved:
-        """Whether a cell can be solved: by its natives, or by what was tried before."""
+        """Whether a cell can be solved: by any policy, or by what was tried before."""
         native = self.native(cell)
-        natives = []
-        if native is not None and matrix.has(native, cell):
-            rates = matrix.rates(native, cell).mean(), matrix.recovered_rates(native, cell).mean()
-            natives = [Attempt("Policies trained there", *map(float, rates))]
-        return self._tried(cell).achieved(*natives)
+        attempts = []
+        for row in self.rows:
+            if row.kind != "baseline" and matrix.has(row.name, cell):
+                name = "there" if row.name == native else f"on {row.name}"
+                who = f"Policies trained {name}" if row.kind == "trained" else row.name
+                rates = matrix.rates(row.name, cell), matrix.recovered_rates(row.name, cell)
+                attempts.append(Attempt(who, *(float(rate.mean()) for rate in rates)))
+        return self._tried(cell).achieved(*attempts)
 
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:
         """The transfer of a row with a home to a cell, as it is judged."""
