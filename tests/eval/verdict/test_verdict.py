@@ -155,7 +155,7 @@ def test_not_learned_gets_a_mark_and_leaves_the_family() -> None:
 
 
 @pytest.mark.parametrize("status", ["too_slow", "unachievable", "undecided"])
-def test_cells_that_are_not_achievable_are_marked_and_those_that_are_known_leave_the_family(
+def test_cells_that_are_not_achievable_are_marked_and_leave_the_family_if_known(
     status: Any,
 ) -> None:
     failing = rates([1.0] * 10, None, ZERO)
@@ -278,7 +278,7 @@ FOUND = Search(20.0, 10.0, [11.0, 10.0, 3.0], "searched")
         ([Attempt("natives", 0.1, 0.9)], LOST, "too_slow", "two horizons alone"),
         ([Attempt("natives", 0.0, 0.0)], LOST, "unachievable", "at most 4.9 J"),
         ([], LOST, "unachievable", "0% of the starts within 20 s"),
-        ([Attempt("natives", 0.0, 0.2)], FOUND, "undecided", "natives 20%"),
+        ([Attempt("natives", 0.0, 0.2)], FOUND, "undecided", "at most 20%, by natives"),
         ([], None, "undecided", "nobody tried"),
     ],
 )
