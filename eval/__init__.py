@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         read_panel,
         run_panel,
         specified,
+        work_on_panel,
     )
     from .playing import Game, play_in_window
     from .report import STYLES, ordered_verdicts, write_figures, write_report

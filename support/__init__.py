@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from .figures.series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
     from .figures.style import (
+        BOLD,
         COOL,
         FORMATS,
         INK,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         blank_figure,
         draw_heading,
         draw_legend,
+        fitting,
         inch_canvas,
         legend_lines,
         line_style,
@@ -55,13 +57,19 @@ if TYPE_CHECKING:
     from .locks import FileLock
     from .machine import host, instruction_sets
     from .packages import (
+        APART,
+        Apart,
         Registry,
+        Worker,
+        WorkerError,
         absent,
+        install_command,
         installed_versions,
         load,
         missing,
         package_version,
         require,
+        running_version,
     )
     from .pages import page_environment, page_parts
     from .parameters import (
@@ -86,6 +94,23 @@ if TYPE_CHECKING:
         read_bounded,
         read_json,
         read_object,
+    )
+    from .sharing import (
+        EXECUTORS,
+        LEASE,
+        Claim,
+        ClaimError,
+        Claims,
+        Cluster,
+        ClusterError,
+        FolderFiles,
+        Gone,
+        Resources,
+        check_sharing,
+        cluster_of,
+        held,
+        pauses,
+        was_committed,
     )
     from .spawning import SpawnError, check_spawning
     from .terminal import (
@@ -116,6 +141,6 @@ if TYPE_CHECKING:
         whole_number,
         width_of,
     )
-    from .workers import Progress, cores, report_work, work_bar
+    from .workers import Progress, cores, limit_threads, report_work, work_bar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .calls import evaluate, run_panel, specified
+    from .calls import evaluate, run_panel, specified, work_on_panel
     from .checking import against_plan, check_finished
     from .existing import acting_in, policy_of
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel

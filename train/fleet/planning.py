@@ -17,7 +17,7 @@ from integ_gym.evidence import Layout
 from ..ppo import PPOConfig
 from .evidence import ROWS_AT_ONCE
 from .types import Algorithm
-from .worker import Device, Workers
+from .worker import GIB_PER_WORKER, Device, Workers
 
 LONGEST = 60.0
 """What a chunk should take at most on one core, s."""
@@ -26,9 +26,6 @@ REMEDY = 'use --trainer sb3, or `trainer = "sb3"` in a specification'
 
 MOST_ON_GPU = 512
 """Policies of one chunk on a GPU."""
-
-GIB_PER_WORKER: dict[Device, float] = {"cpu": 1.5, "gpu": 8.0}
-"""Budget of memory unless another is given."""
 
 SHARE_OF_MEMORY = 0.75
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ...statistics import unpaired_difference
-from ...verdict import FAIL_MARGIN, UNSOLVED, Loss
-from ..model import Estimate, Remedy, RemedyCell, RemedyLoss
-from .layout import PanelLayout
-from .matrix import Matrix
+from ....statistics import unpaired_difference
+from ....verdict import FAIL_MARGIN, UNSOLVED, Loss
+from ...model import Estimate, Remedy, RemedyCell, RemedyLoss
+from ..layout import PanelLayout
+from ..matrix import Matrix
 
 Losses = Mapping[tuple[str, str], Loss]
 """By row and cell."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.eval.statistics.scalars import mean_interval
-from integ_gym.eval.verdict.achievability import Achieved, Attempt, Search, achieved
+from integ_gym.eval.verdict.achievability import UNSOLVABLE, Achieved, Attempt, Search, achieved
 from integ_gym.eval.verdict.loss import Rates, split
 from integ_gym.eval.verdict.reference import reference_class
 
@@ -263,7 +263,8 @@ def complete(panel: dict[str, Any]) -> None:
         if other is not None and line["kind"] == "trained" and other["learned"]:
             entry["transfer_gap"] = difference(rate[other["name"], entry["cell"]], own)
         truth = rate.get((line["name"], TRUTH))
-        if truth is not None and place["kind"] == "grid":
+        in_time = place["achievability"] not in UNSOLVABLE
+        if truth is not None and place["kind"] == "grid" and in_time:
             entry["reference_class"] = reference_class(float(np.mean(own)), float(np.mean(truth)))
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
-from ..model import EngineAgreement
+from ....verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
+from ...model import EngineAgreement
+from ..layout import PanelLayout
+from ..matrix import Matrix
 from .engine_agreement import agreement_answer
-from .layout import PanelLayout
-from .matrix import Matrix
 
 
 def answer_of(

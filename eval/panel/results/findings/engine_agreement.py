@@ -9,10 +9,10 @@ import numpy as np
 
 from integ_gym.envs import ENGINES, NATIVE, Discretization, Plant, numerics
 
-from ..model import EngineAgreement
-from ..specification import Cell, PanelSpec, is_engine, map_of
-from .layout import PanelLayout
-from .matrix import Matrix
+from ...model import EngineAgreement
+from ...specification import Cell, PanelSpec, is_engine, map_of
+from ..layout import PanelLayout
+from ..matrix import Matrix
 
 VARIANTS = {
     "symplectic_euler_implicit_damping": "symplectic_euler",

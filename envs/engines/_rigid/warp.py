@@ -17,10 +17,12 @@ import numpy.typing as npt
 
 from integ_gym.support import load
 
-from ..arithmetic import Components
-from ..mechanics import Mechanism
-from ._rigid import Array, LanesEngine, mass_matrix
-from ._stepping import Run, quiet
+from ...arithmetic import Components
+from ...mechanics import Mechanism
+from .._stepping import Run, quiet
+from .agreement import Array
+from .formats import mass_matrix
+from .lanes import LanesEngine
 
 FEWEST = 16
 """Worlds are made in this number or the next power of two above it, whatever lanes are moved."""

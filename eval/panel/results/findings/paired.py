@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ...statistics import holm, paired_return, paired_success
-from ...verdict import ALPHA, p_text
-from ..model import Estimate, PairedEpisodes
-from .layout import PanelLayout
-from .matrix import Matrix, Row
+from ....statistics import holm, paired_return, paired_success
+from ....verdict import ALPHA, p_text
+from ...model import Estimate, PairedEpisodes
+from ..layout import PanelLayout
+from ..matrix import Matrix, Row
 
 Array = npt.NDArray[np.float64]
 

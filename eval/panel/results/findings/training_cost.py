@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from integ_gym.evidence import EvidenceStore
 
-from ...statistics import Interval, median_interval
-from ..model import Median, TrainingCost
+from ....statistics import Interval, median_interval
+from ...model import Median, TrainingCost
 
 WINDOW = 100
 """Finished training episodes over which success is averaged."""

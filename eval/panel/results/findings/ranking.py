@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...statistics import ranking_intervals
-from ..model import Estimate, RankingAgreement
-from .layout import PanelLayout
-from .matrix import Matrix, Row
+from ....statistics import ranking_intervals
+from ...model import Estimate, RankingAgreement
+from ..layout import PanelLayout
+from ..matrix import Matrix, Row
 
 FEWEST = 5
 """Policies below which nothing is said of their ranking."""
