@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 # Python of environments that packages with pins of their own are set up in.
+ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test test-slow lint docs notebooks bench published census dm_control clean
+.PHONY: panel test test-slow lint docs notebooks bench published census isaaclab dm_control clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -47,7 +48,16 @@ published: $(READY)
 census: published
 	@$(BIN)/integ-gym census --out runs/census
 
+isaaclab: .isaaclab/.ready
+
 dm_control: .dm_control/.ready
+
+.isaaclab/.ready: constraints-isaaclab.txt
+	@$(ISAACLAB_PYTHON) -c 'import sys; sys.exit("Isaac Lab needs Python 3.12, found " + sys.version.split()[0] + "; set ISAACLAB_PYTHON" if sys.version_info[:2] != (3, 12) else 0)'
+	@echo "Setting up .isaaclab with Isaac Lab: 4.6 GB, once."
+	@$(ISAACLAB_PYTHON) -m venv .isaaclab
+	@.isaaclab/bin/python -m pip install --quiet --requirement constraints-isaaclab.txt
+	@touch $@
 
 .dm_control/.ready: constraints-dm_control.txt
 	@$(DM_CONTROL_PYTHON) -c 'import sys; sys.exit("dm_control needs Python 3.11 or 3.12, found " + sys.version.split()[0] + "; set DM_CONTROL_PYTHON" if sys.version_info[:2] not in ((3, 11), (3, 12)) else 0)'
@@ -66,4 +76,4 @@ $(READY): pyproject.toml constraints.txt
 	@touch $(READY)
 
 clean:
-	rm -rf $(VENV) .dm_control build dist *.egg-info
+	rm -rf $(VENV) .isaaclab .dm_control build dist *.egg-info

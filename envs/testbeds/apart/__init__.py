@@ -5,6 +5,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .tasks import DmControlTask
+    from .tasks import DmControlTask, IsaaclabTask
 else:
     __getattr__, __dir__ = lazy_door(__name__)

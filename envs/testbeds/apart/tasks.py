@@ -1,4 +1,4 @@
-"""dm_control's suite as a testbed."""
+"""dm_control's suite and Isaac Lab's own cart-pole as testbeds."""
 
 from __future__ import annotations
 
@@ -19,3 +19,17 @@ class DmControlTask(RemoteTestbed):
     apart = APART["dm_control"]
     served = Path(__file__).with_name("served_dm_control.py")
     choices = ("Euler", "RK4", "implicit", "implicitfast")
+
+
+class IsaaclabTask(RemoteTestbed):
+    """A direct task of Isaac Lab's, ``"isaaclab:Isaac-Cartpole-Direct"``, on Newton and the CPU.
+
+    Its integrators are those of Newton's MuJoCo solver, by Isaac Lab's names.
+
+    Args:
+        newton_substeps: steps that Newton takes in each of Isaac Lab's; ``dt`` is Newton's own.
+    """
+
+    apart = APART["isaaclab"]
+    served = Path(__file__).with_name("served_isaaclab.py")
+    choices = ("euler", "implicitfast", "rk4")

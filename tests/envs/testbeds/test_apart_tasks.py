@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from apart_scenarios import SCENARIOS
+from engine_cases import TOLERANCE
 from exchanges import replayed
 
 from integ_gym.envs.episode.discretization import Discretization
@@ -16,9 +17,18 @@ from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support import APART, Apart, Worker, WorkerError
 
-HOMES = {"dm_control": Discretization("RK4", 0.01, 0.01, "dm_control")}
-OTHERS = {"dm_control": Discretization("Euler", 0.005, 0.01, "dm_control")}
-TASKS = {"dm_control": "dm_control:cartpole.swingup"}
+HOMES = {
+    "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),
+    "isaaclab": Discretization("implicitfast", 1 / 120, 1 / 60, "isaaclab"),
+}
+OTHERS = {
+    "dm_control": Discretization("Euler", 0.005, 0.01, "dm_control"),
+    "isaaclab": Discretization("rk4", 1 / 240, 1 / 60, "isaaclab"),
+}
+TASKS = {
+    "dm_control": "dm_control:cartpole.swingup",
+    "isaaclab": "isaaclab:Isaac-Cartpole-Direct",
+}
 
 each = pytest.mark.parametrize("library", HOMES)
 
@@ -126,6 +136,24 @@ def test_a_stale_number_of_steps_is_refused(monkeypatch):
         monkeypatch.undo()
 
 
+def test_isaac_labs_damping_is_explicit_in_one_integrator_and_implicit_in_another():
+    """One step of its task, from what it answered when it was recorded, float32.
+
+    Symplectic Euler with the damping of the cart's actuator taken explicitly, and implicitly.
+    """
+    with replayed("isaaclab_task_steps"):
+        found = SCENARIOS["isaaclab_task_steps"]()
+    assert len(found) == 7
+    for name, errors in found.items():
+        explicitly, implicitly = (error <= TOLERANCE[32] for error in errors)
+        if "rk4" in name or "damping 0" in name:
+            assert explicitly, name
+            assert implicitly, name
+        else:
+            assert (explicitly, implicitly) == ("euler" in name, "implicitfast" in name), name
+            assert max(errors) > 0.05, name
+
+
 def test_every_environment_has_its_testbed():
     found = {value.apart.name for value in vars(tasks).values() if hasattr(value, "apart")}
-    assert found == {"dm_control"} <= set(APART)
+    assert found == set(APART)

@@ -63,19 +63,30 @@ def record(name: str, scenario: Callable[[], Any]) -> Any:
 
 
 def answer(path: str) -> None:
-    """Answer calls on standard input as recorded."""
-    processes: list[list[Any]] = []
+    """Answer calls on standard input as recorded.
+
+    What makes a scene anew leaves nothing of what went before, and so begins as a process does.
+    """
+    recorded: list[list[Any]] = [[]]
     for line in Path(path).read_text(encoding="utf-8").splitlines():
         said = json.loads(line)
-        if "process" in said:
-            processes.append([])
-        else:
-            processes[-1].append(said)
-    for turn, line in enumerate(sys.stdin):
-        asked, at = json.loads(line), 2 * turn
-        processes = [one for one in processes if one[at : at + 1] == [asked]]
+        if "process" in said or _begins(said):
+            recorded.append([])
+        if "process" not in said:
+            recorded[-1].append(said)
+    possible, at = recorded, 0
+    for line in sys.stdin:
+        asked = json.loads(line)
+        if _begins(asked):
+            possible, at = recorded, 0
+        possible = [one for one in possible if one[at : at + 1] == [asked]]
         unknown = {"error": f"not in the recording: {line.strip()[:200]}"}
-        print(json.dumps(processes[0][at + 1] if processes else unknown), flush=True)
+        print(json.dumps(possible[0][at + 1] if possible else unknown), flush=True)
+        at += 2
+
+
+def _begins(said: dict[str, Any]) -> bool:
+    return said.get("call") == "make" and "lanes" in said["given"]
 
 
 if __name__ == "__main__":
