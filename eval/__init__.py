@@ -25,11 +25,14 @@ if TYPE_CHECKING:
         check_finished,
         evaluate,
         family_power,
+        fixed_cost,
         grown,
+        policy_costs,
         policy_of,
         read_panel,
         run_panel,
         specified,
+        total_cost,
         work_on_panel,
     )
     from .playing import Game, play_in_window

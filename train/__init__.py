@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         preparation,
         train_fleet,
         train_together,
+        training_seconds,
         workers_of,
     )
     from .monitoring import DiscretizationCallback, RawModel, discretization_gap

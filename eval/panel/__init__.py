@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .existing import acting_in, policy_of
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
     from .power import family_power
-    from .running import MANIFEST
+    from .running import MANIFEST, fixed_cost, policy_costs, total_cost
     from .specification import BUILT_IN, TRAINERS, PanelSpec, grown
 else:
     __getattr__, __dir__ = lazy_door(__name__)

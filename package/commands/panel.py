@@ -32,6 +32,7 @@ from integ_gym.support import (
 )
 
 from .engine_options import add_engine, resources_of
+from .panel_plan import print_plan
 from .panel_power import print_power
 from .verdict_table import print_verdicts
 
@@ -50,6 +51,7 @@ examples:
   integ-gym panel --worker --workers 64 --out /shared/panel
                                           one of 64 processes that share a directory
   integ-gym panel --power                 what its seeds can show, before anything runs
+  integ-gym panel --plan                  what it costs, before anything runs
   integ-gym panel engines --out runs/engines
                                           the same policies on every installed engine
   integ-gym panel engines --policies runs/panel --out runs/engines
@@ -76,6 +78,11 @@ def parser() -> argparse.ArgumentParser:
         "--power", action="store_true",
         help="run nothing: say what the seeds can show, and of a panel that is finished in --out "
         "which verdicts want for how many more",
+    )  # fmt: skip
+    add(
+        "--plan", action="store_true",
+        help="run nothing: say what the panel costs in core time and storage, and what the same "
+        "would with 10, 1000 and 100 000 policies",
     )  # fmt: skip
     add(
         "--trainer", choices=TRAINERS,
@@ -142,6 +149,9 @@ def main(argv: Sequence[str]) -> int:
     if arguments.power:
         print_power(spec, arguments.out)
         return 0
+    if arguments.plan:
+        print_plan(spec, arguments.workers)
+        return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")
     key = None if arguments.sign is None else read_key(arguments.sign)
@@ -185,6 +195,10 @@ def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> 
     for name in ("executor", "address", "policies", "sign"):
         if getattr(arguments, name) not in (None, "local"):
             raise ValueError(f"--{name} is not for --worker; leave one of them out")
+    if arguments.cores_per_worker != 1:
+        raise ValueError(
+            "--cores-per-worker is asked of an engine, and a --worker has one core; leave it out"
+        )
     done = work_on_panel(
         spec,
         arguments.out,

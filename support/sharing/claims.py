@@ -39,6 +39,7 @@ MOST_NUMBER = 20
 
 _COMMIT = "commit"
 _DONE = "done"
+_ALL = f"all.{_DONE}"
 
 
 class ClaimError(RuntimeError):
@@ -134,11 +135,13 @@ class Claims:
             ClaimError: for a unit that was begun too often.
             Gone: if the folder of the claims has vanished.
         """
-        for _ in range(LOOKS):
-            claim = self._first_free() or self._look()
-            if claim is not None or self.done:
-                return claim
-        return self._first_free()
+        claim, looks = self._first_free(), 0
+        while claim is None and looks < LOOKS and self._skip_over():
+            claim = self._look() or self._first_free()
+            looks += 1
+        if claim is None:
+            self._note_whether_all_is_over()
+        return claim
 
     def seize(self, unit: str) -> Claim:
         """Hold a unit, whoever holds it: for a scheduler that knows that its holder is gone.
@@ -164,22 +167,30 @@ class Claims:
                 return Claim(unit, 1, False, self._files, self._block)
         return None
 
+    def _skip_over(self) -> bool:
+        """Leave out blocks that somebody found to be done; whether there are others."""
+        while self._open and self._files.exists(f"{self._open[0]}.{_DONE}"):
+            self._open.popleft()
+        return bool(self._open)
+
+    def _note_whether_all_is_over(self) -> None:
+        """The first to know that everything is done says so to all others."""
+        if self._files.exists(_ALL):
+            self._open.clear()
+        elif not self._open:
+            self._files.create(_ALL, "")
+
     def _look(self) -> Claim | None:
         """List the next block: note what is free there; else take over what was abandoned."""
-        number = self._open[0]
-        self._open.rotate(-1)
+        number = self._open.popleft()
         self._block = block = str(number)
-        units = self._units[BLOCK * number : BLOCK * (number + 1)]
-        numbers = {} if self._is_over(block) else self._undone(block, units)
+        numbers = self._undone(block, self._units[BLOCK * number : BLOCK * (number + 1)])
         if not numbers:
-            self._open.remove(number)
             return None
+        self._open.append(number)
         self._free = [unit for unit, latest in numbers.items() if not latest]
         self._rng.shuffle(self._free)
         return None if self._free else self._abandoned(block, numbers)
-
-    def _is_over(self, block: str) -> bool:
-        return self._files.exists(f"{block}.{_DONE}")
 
     def _undone(self, block: str, units: Sequence[str]) -> dict[str, int]:
         """Highest number in the chain of each unit that is not finished; 0: free."""

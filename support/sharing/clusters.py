@@ -54,7 +54,7 @@ class Local:
 
     Attributes:
         workers: processes.
-        gpus: of each, where one was asked for.
+        gpus: none is asked for.
     """
 
     workers: int
@@ -119,7 +119,12 @@ def cluster_of(
             "--executor ray or --executor dask"
         )
     if executor == "local":
-        yield Local(wanted.here, wanted.gpus)
+        if wanted.cores != 1 or wanted.gpus:
+            raise ClusterError(
+                "cores and GPUs of each worker are asked of an engine such as Ray; on this machine "
+                "give --workers, and the fleet trains on the GPUs that JAX finds"
+            )
+        yield Local(wanted.here)
         return
     with _opened(executor, address, wanted) as (workers, running):
         yield Remote(workers, running, wanted.gpus)

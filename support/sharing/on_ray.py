@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -41,7 +43,7 @@ def _run(task: Callable[..., Any], given: tuple[Any, ...], named: dict[str, Any]
 def ray_cluster(address: str | None, wanted: Resources) -> Iterator[tuple[int, Executor]]:
     """Workers and executor of a running cluster, or of one that is started here."""
     ray = load("ray", "ray")
-    own = {} if address else {"num_cpus": wanted.here * wanted.cores, "include_dashboard": False}
+    own = {} if address else _of_this_machine(wanted)
     try:
         ray.init(
             address=address or "local",
@@ -59,6 +61,13 @@ def ray_cluster(address: str | None, wanted: Resources) -> Iterator[tuple[int, E
         yield workers, RayExecutor(ray, _options(wanted, workers))
     finally:
         ray.shutdown()
+
+
+def _of_this_machine(wanted: Resources) -> dict[str, Any]:
+    """How a cluster is started here, whose processes find the modules that this one does."""
+    paths = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    cpus = wanted.here * wanted.cores
+    return {"num_cpus": cpus, "include_dashboard": False, "runtime_env": {"env_vars": paths}}
 
 
 def _options(wanted: Resources, workers: int) -> dict[str, Any]:

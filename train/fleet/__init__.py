@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .planning import plan
+    from .planning import plan, training_seconds
     from .training import preparation, train_fleet, train_together
     from .worker import GIB_PER_WORKER, Workers, fleet_workers, workers_of
 else:

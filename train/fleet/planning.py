@@ -145,6 +145,11 @@ def plan(
     return sorted(chunks, key=lambda chunk: -len(chunk.places) * chunk.kind.seconds)
 
 
+def training_seconds(config: PPOConfig) -> float:
+    """What a run is expected to take on one core, s."""
+    return kind_of(config).seconds
+
+
 def default_gib(workers: Workers) -> float:
     """Budget of memory of all workers together, GiB."""
     gib = GIB_PER_WORKER[workers.device] * workers.count

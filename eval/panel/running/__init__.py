@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         statuses,
         unit_of,
     )
+    from .expected_cost import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .panel import check_spec, complete, opened, subject_of
     from .run_directory import (
         MANIFEST,

@@ -33,6 +33,15 @@ def test_what_is_no_engine_is_refused_with_the_remedy(executor, address, told):
         pass
 
 
+@pytest.mark.parametrize("wanted", [{"cores": 2}, {"gpus": 1.0}])
+def test_this_machine_sets_nothing_aside(wanted):
+    with (
+        pytest.raises(ClusterError, match="give --workers"),
+        cluster_of("local", resources=Resources(**wanted)),
+    ):
+        pass
+
+
 @pytest.mark.parametrize("wanted", [{"cores": 0}, {"gpus": -1.0}])
 def test_what_no_worker_has_is_refused(wanted):
     with pytest.raises(ClusterError, match="or more"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 
@@ -21,20 +22,26 @@ OWN = "shared_panel:two_processes"
 
 
 @pytest.fixture
-def two_nodes(monkeypatch):
-    """A cluster of Ray of two nodes with one core each, on this machine."""
+def two_nodes():
+    """A cluster of Ray of two nodes with one core each, on this machine, and the second node."""
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
-    cluster.add_node(num_cpus=1)
+    second = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
-    yield cluster
+    yield cluster, second
     cluster.shutdown()
 
 
 def _kill_a_holder(run, process):
     """Kill a process of an engine's that trains; what it held is done again."""
-    held = until(lambda: holders(run, "driven"), process)
-    os.kill(next(iter(held.values())), signal.SIGKILL)
-    return next(iter(held))
+
+    def killed():
+        for unit, pid in holders(run, "driven").items():
+            with contextlib.suppress(ProcessLookupError):  # with its node
+                os.kill(pid, signal.SIGKILL)
+                return unit
+        return None
+
+    return until(killed, process)
 
 
 def _taken_over(run, unit):
@@ -62,11 +69,11 @@ def test_dask_gives_the_same_records_with_a_worker_killed(tmp_path, undisturbed)
 def test_ray_gives_the_same_records_with_a_node_and_a_worker_killed(
     tmp_path, undisturbed, two_nodes
 ):
-    run = tmp_path / "run"
-    address = ("--executor", "ray", "--address", two_nodes.address)
+    run, (cluster, second) = tmp_path / "run", two_nodes
+    address = ("--executor", "ray", "--address", cluster.address)
     process = started(words(tmp_path, run, *address))
     until(lambda: len(holders(run, "driven")) == 2, process)
-    two_nodes.remove_node(two_nodes.list_all_nodes[-1], allow_graceful=False)
+    cluster.remove_node(second, allow_graceful=False)
     _kill_a_holder(run, process)
     assert ended(process) == 0
     assert_equal_records(run, undisturbed)
@@ -74,8 +81,8 @@ def test_ray_gives_the_same_records_with_a_node_and_a_worker_killed(
 
 @pytest.mark.slow
 def test_two_nodes_of_ray_give_the_same_records(tmp_path, undisturbed, two_nodes):
-    run = tmp_path / "run"
-    address = ("--executor", "ray", "--address", two_nodes.address)
+    run, (cluster, _) = tmp_path / "run", two_nodes
+    address = ("--executor", "ray", "--address", cluster.address)
     assert ended(started(words(tmp_path, run, *address))) == 0
     assert_equal_records(run, undisturbed)
 
