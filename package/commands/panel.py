@@ -47,7 +47,7 @@ examples:
   integ-gym panel --seeds 80 --out runs/panel
                                           again with more training seeds; keeps those that it has
   integ-gym panel --executor ray --address ray://head:10001 --out /shared/panel
-                                          on a cluster, see docs/clusters.md
+                                          on a cluster, see docs/how-to/clusters.md
   integ-gym panel --worker --workers 64 --out /shared/panel
                                           one of 64 processes that share a directory
   integ-gym panel --power                 what its seeds can show, before anything runs
