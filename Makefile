@@ -38,7 +38,7 @@ notebooks: $(READY)
 bench: $(READY)
 	@$(PIP) --group bench
 	@mkdir -p runs/bench
-	for name in env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence; do \
+	for name in env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence claims executor_overhead; do \
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
 

@@ -31,15 +31,21 @@ LEASE = 120.0
 BLOCK = 128
 """Units that are listed together."""
 
-LOOKS = 2
+LOOKS = 1
 """Blocks that are listed, at most, before a process that found nothing waits."""
+
+AGES = 8
+"""Units of a block whose holders are looked after, at most, in one go."""
 
 MOST_NUMBER = 20
 """A unit that was begun so often and never finished is given up."""
 
 _COMMIT = "commit"
 _DONE = "done"
-_ALL = f"all.{_DONE}"
+_OVER = "over"
+"""Folder of files that are called as the blocks that are done."""
+
+_ALL = f"{_OVER}/all"
 
 
 class ClaimError(RuntimeError):
@@ -169,8 +175,9 @@ class Claims:
 
     def _skip_over(self) -> bool:
         """Leave out blocks that somebody found to be done; whether there are others."""
-        while self._open and self._files.exists(f"{self._open[0]}.{_DONE}"):
-            self._open.popleft()
+        if self._open and self._files.exists(f"{_OVER}/{self._open[0]}"):
+            over = set(self._files.names(_OVER))
+            self._open = deque(block for block in self._open if str(block) not in over)
         return bool(self._open)
 
     def _note_whether_all_is_over(self) -> None:
@@ -203,19 +210,19 @@ class Claims:
                 numbers[unit] = max(numbers[unit], int(end))
         undone = {unit: number for unit, number in numbers.items() if number >= 0}
         if not undone:
-            self._files.create(f"{block}.{_DONE}", "")
+            self._files.create(f"{_OVER}/{block}", "")
         return undone
 
     def _abandoned(self, block: str, numbers: dict[str, int]) -> Claim | None:
         """Take over a unit whose holder has been silent for a lease."""
-        for unit, number in self._rng.sample(list(numbers.items()), len(numbers)):
-            if self._clock() < self._not_before.get((unit, number), -math.inf):
-                continue
+        now = self._clock()
+        due = [x for x in numbers.items() if now >= self._not_before.get(x, -math.inf)]
+        for unit, number in self._rng.sample(due, min(AGES, len(due))):
             age = self._files.age(f"{block}/{unit}.{number}")
             if age is None:
                 continue
             if age < self._lease:
-                self._not_before[unit, number] = self._clock() + self._lease - age
+                self._not_before[unit, number] = now + self._lease - age
                 continue
             claim = self._taken_over(block, unit, number)
             if claim is not None:

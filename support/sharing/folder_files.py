@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
+
+ASKED_EVERY = 300.0
+"""Time after which the file system is asked for its time again, s."""
 
 
 class Gone(Exception):
@@ -57,6 +61,8 @@ class FolderFiles:
     def __init__(self, root: Path) -> None:
         self.root = root
         self._clock = root / f".clock-{uuid.uuid4().hex}"
+        self._ahead: float | None = None
+        self._asked = 0.0
 
     def create(self, name: str, text: str) -> bool:
         """Make a file with all its content; False if there is one of that name.
@@ -65,6 +71,8 @@ class FolderFiles:
         """
         path = self.root / name
         made = path.with_name(f".{uuid.uuid4().hex}")
+        if path.exists():
+            return False
         with self._there():
             if path.parent != self.root:
                 path.parent.mkdir(exist_ok=True)
@@ -126,10 +134,18 @@ class FolderFiles:
             self._clock.unlink(missing_ok=True)
 
     def _now(self) -> float:
-        with self._there():
-            self._clock.touch()
-            os.utime(self._clock)
-            return self._clock.stat().st_mtime
+        """The file system's time, which is asked for again from time to time.
+
+        Where this process or its machine stood still in between, it is at worst too early.
+        """
+        asked = time.monotonic()
+        if self._ahead is None or asked - self._asked > ASKED_EVERY:
+            with self._there():
+                self._clock.touch()
+                os.utime(self._clock)
+                self._ahead = self._clock.stat().st_mtime - asked
+            self._asked = asked
+        return self._ahead + asked
 
     def _check_there(self) -> None:
         if not self.root.is_dir():

@@ -13,7 +13,7 @@ from .folder_files import Gone
 BEATS = 4
 """Signs of life in a lease."""
 
-LONGEST_PAUSE = 30.0
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 """Between two looks of a worker that finds nothing to do, s."""
 
 
@@ -43,7 +43,7 @@ def _renew(claim: Claim, interval: float, over: threading.Event) -> None:
 
 def pauses(lease: float, rng: random.Random) -> Iterator[float]:
     """How long to wait before each further look, s: longer and longer, no two workers alike."""
-    pause = 0.25
+    pause = FIRST_PAUSE
     while True:
-        yield pause * rng.uniform(0.75, 1.25)
-        pause = min(2.0 * pause, LONGEST_PAUSE, lease / BEATS)
+        yield min(pause, LONGEST_PAUSE, lease / BEATS) * rng.uniform(0.75, 1.25)
+        pause = min(2.0 * pause, LONGEST_PAUSE)

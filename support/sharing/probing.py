@@ -54,6 +54,8 @@ def _holds(check: Callable[[Path], bool], folder: Path) -> bool:
 
 def _one_makes_a_file(folder: Path) -> bool:
     """Of several that make files of one name, one alone is told that it did, and its text stays."""
+    if not _link_refuses(folder):
+        return False
     with ThreadPoolExecutor(RIVALS) as pool:
         for number in range(ROUNDS):
             start = threading.Barrier(RIVALS)
@@ -62,6 +64,19 @@ def _one_makes_a_file(folder: Path) -> bool:
             if won != [FolderFiles(folder).read(str(number))]:
                 return False
     return True
+
+
+def _link_refuses(folder: Path) -> bool:
+    """Whether a link takes no other file's name."""
+    first, second, name = (folder / text for text in ("first", "second", "named"))
+    for file in (first, second):
+        file.write_text(file.name, encoding="utf-8")
+    os.link(first, name)
+    try:
+        os.link(second, name)
+    except FileExistsError:
+        return name.read_text(encoding="utf-8") == first.name
+    return False
 
 
 def _try(folder: Path, name: str, text: str, start: threading.Barrier) -> bool:
