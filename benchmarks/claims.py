@@ -23,7 +23,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import results
+from measuring import results
 
 from integ_gym.support import Claims, pauses
 from integ_gym.support.sharing.holding import BEATS

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import results
+from measuring import results
 from tqdm import tqdm
 
 from integ_gym.eval.panel.running import DRIVEN, Desk

@@ -1,4 +1,4 @@
-"""Evaluation: panels, statistics, verdicts and reports; diagnosis of integrators; the census.
+"""Evaluation: panels, statistics, verdicts, reports, films; diagnosis; the census; play by hand.
 
 The floor that judges. It knows testbeds, policies and evidence through their doors.
 """
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         total_cost,
         work_on_panel,
     )
+    from .playing import Game, play_in_window
     from .report import STYLES, ordered_verdicts, write_figures, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from .figures.series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
     from .figures.style import (
+        BOLD,
         COOL,
         FORMATS,
         INK,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         blank_figure,
         draw_heading,
         draw_legend,
+        fitting,
         inch_canvas,
         legend_lines,
         line_style,
@@ -55,13 +57,19 @@ if TYPE_CHECKING:
     from .locks import FileLock
     from .machine import host, instruction_sets
     from .packages import (
+        APART,
+        Apart,
         Registry,
+        Worker,
+        WorkerError,
         absent,
+        install_command,
         installed_versions,
         load,
         missing,
         package_version,
         require,
+        running_version,
     )
     from .pages import page_environment, page_parts
     from .parameters import (

@@ -15,6 +15,7 @@ import pytest
 
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval.census.subjects.published import PUBLISHED, installed
+from integ_gym.support import APART
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -28,13 +29,16 @@ def pytest_configure() -> None:
     JAX compiles as in the processes of the fleet trainer, in less time for code that is as fast.
     Numerical libraries have one thread in every process: on arrays as small as here a second one
     waits for the first, on a core that another process of the run could use. How long an example
-    takes is the machine's affair: hypothesis judges no time.
+    takes is the machine's affair: hypothesis judges no time. Environments of their own are not met,
+    whether they are set up or not: their exchange is replayed.
     """
     slow = [hypothesis.HealthCheck.too_slow]
     hypothesis.settings.register_profile("any machine", deadline=None, suppress_health_check=slow)
     hypothesis.settings.load_profile("any machine")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    for apart in APART.values():
+        os.environ[apart.variable] = os.devnull
     os.environ.pop("COLUMNS", None)
     os.unsetenv("COLUMNS")  # as readline sets it, which `os.environ` does not see
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
@@ -82,9 +86,12 @@ def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 def pytest_report_header() -> str:
     """What is not tested here."""
-    absent = [name for name in ENGINES.names() if missing_modules(name)]
+    absent = [n for n in ENGINES.names() if n not in APART and missing_modules(n)]
     absent += [name for name in PUBLISHED.names() if not installed(name)]
-    return f"not installed, and so not tested: {', '.join(absent) or 'nothing'}"
+    return (
+        f"not installed, and so not tested: {', '.join(absent) or 'nothing'}; in environments of "
+        f"their own, and so replayed: {', '.join(APART)}"
+    )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from integ_gym.support import Registry, absent, lazy_door
+from integ_gym.support import APART, Registry, absent, lazy_door
 
 if TYPE_CHECKING:
     from ._stepping import CONSTRAINT_VIOLATION
@@ -22,7 +22,12 @@ ENGINES = Registry(__name__, "engine", "advance")
 
 
 def missing_modules(engine: str) -> list[str]:
-    """Modules that an engine needs and that are not installed; its extra brings them."""
+    """Modules that an engine needs and that are not installed.
+
+    Its extra brings them; of an engine that runs in an environment of its own, what sets that up.
+    """
+    if engine in APART:
+        return [] if APART[engine].installed else [engine]
     return absent(getattr(ENGINES.load(engine), "modules", ()))
 
 

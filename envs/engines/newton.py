@@ -12,8 +12,17 @@ from integ_gym.support import load
 
 from ..arithmetic import Components
 from ..mechanics import Mechanism
-from ._rigid import LEAST_INERTIA, MAPS, Array, moment
-from ._warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
+from ._rigid import (
+    LEAST_INERTIA,
+    MAPS,
+    ROWS,
+    Array,
+    WarpEngine,
+    Worlds,
+    constraint_solver,
+    forces_at_rest,
+    moment,
+)
 
 FEATHERSTONE = "featherstone"
 

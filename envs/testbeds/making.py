@@ -16,6 +16,7 @@ from integ_gym.support import Registry
 from ..catalogue import is_integ_environment
 from ..environments import DiscretizedVectorEnv
 from ..episode import DISCRETIZATION, Discretization, agrees
+from .apart import DmControlTask, IsaaclabTask
 from .brax_tasks import BraxTask
 from .classic_control import CLASSIC, ClassicControl
 from .integ_environments import IntegTestbed
@@ -25,7 +26,12 @@ from .playground import Playground
 
 _OWN = Registry("integ_gym.envs.testbeds", "testbed", "make")
 
-LIBRARIES: Mapping[str, Callable[..., Testbed]] = {"playground": Playground, "brax": BraxTask}
+LIBRARIES: Mapping[str, Callable[..., Testbed]] = {
+    "brax": BraxTask,
+    "dm_control": DmControlTask,
+    "isaaclab": IsaaclabTask,
+    "playground": Playground,
+}
 """Tasks of other libraries', ``"library:task"``."""
 
 _ROBOTICS = "gymnasium_robotics"
@@ -38,7 +44,8 @@ def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
     Args:
         env_id: of one of integ-gym's environments, of Gymnasium's classic control with a step to
             set, or of one of its MuJoCo tasks; of another library's, ``"playground:Task"``,
-            ``"brax:task"`` and ``"gymnasium_robotics:Task-v1"``; of a user's own,
+            ``"brax:task"``, ``"dm_control:domain.task"``, ``"isaaclab:Task"`` and
+            ``"gymnasium_robotics:Task-v1"``; of a user's own,
             ``"module:Id-v0"`` for an environment and ``"module:Class"`` for a testbed.
         arguments: that all discretizations have in common, JSON-serialisable.
 

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from integ_gym.envs import TRUTH, integrators_of, map_names, missing_modules, one_step_map
-from integ_gym.support import installed_versions
+from integ_gym.support import install_command, installed_versions
 
 from .line import Line, measure
 from .subjects import COAST, Subject, engine_subjects
@@ -74,7 +74,7 @@ def take_census(
             _look(census, library.title, library.subjects)
     for name in engines:
         if missing_modules(name):
-            census.missing[name] = f'pip install "integ-gym[{name}]"'
+            census.missing[name] = install_command(name)
         else:
             tell(name)
             _look(census, name, partial(engine_subjects, name, integrators_of(name)))

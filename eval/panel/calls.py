@@ -73,7 +73,7 @@ def run_panel(
         policies: directory of a finished panel whose policies are taken instead of training.
         command: how to run this again, for the page.
         executor: what runs the processes: ``"local"``, ``"ray"``, ``"dask"``, or
-            ``"module:function"`` for a `concurrent.futures.Executor`; see docs/clusters.md.
+            ``"module:function"`` for a `concurrent.futures.Executor`; see docs/how-to/clusters.md.
         address: of a running cluster of Ray or Dask; by default one is started on this machine.
         resources: of each worker of such an engine.
 
@@ -131,7 +131,7 @@ def work_on_panel(
     """Take part in a panel that any number of processes finish, on a directory that all see.
 
     Each takes units by claims in the directory, and ends when all is done; whoever is last writes
-    the panel's page. See docs/clusters.md.
+    the panel's page. See docs/how-to/clusters.md.
 
     Args:
         spec: of the panel; see :func:`specified`.

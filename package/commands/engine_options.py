@@ -9,7 +9,7 @@ from integ_gym.support import EXECUTORS, Resources, whole_number
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
     """Add the options to a command's."""
-    add = parser.add_argument_group("engine (docs/clusters.md)").add_argument
+    add = parser.add_argument_group("engine (docs/how-to/clusters.md)").add_argument
     add(
         "--executor", default="local", metavar="NAME",
         help=f"what runs the processes: {', '.join(EXECUTORS)}, or module:function for a function "

@@ -22,6 +22,7 @@ from integ_gym.support import (
     FITS,
     CommandParser,
     fits,
+    install_command,
     print_aligned,
     print_groups,
     say,
@@ -156,7 +157,7 @@ def _percent(share: float, digits: int) -> str:
 def _remedies(absent: Sequence[str]) -> list[str]:
     return [
         f"{name}: not installed ({', '.join(missing_modules(name))}); run: "
-        + unbroken(f'pip install "integ-gym[{name}]"')
+        + unbroken(install_command(name))
         for name in absent
     ]
 
@@ -166,7 +167,7 @@ def _document(measured: Sequence[numerics.Fingerprint], absent: Sequence[str]) -
         "constraint_violation": CONSTRAINT_VIOLATION,
         "installed": [found.to_json() for found in measured],
         "missing": {
-            name: {"modules": missing_modules(name), "install": f"integ-gym[{name}]"}
+            name: {"modules": missing_modules(name), "install": install_command(name)}
             for name in absent
         },
     }

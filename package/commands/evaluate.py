@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         metavar="POLICY",
         help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, or a state dict; "
-        "see docs/policies.md",
+        "see docs/how-to/policies.md",
     )
     add(
         "--policy", metavar="MODULE:FUNCTION",
@@ -137,6 +137,6 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(given),
     )
     say(panel.question, sys.stdout)
-    say(panel.answer, sys.stdout)
+    say(panel.said(panel.answer), sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0

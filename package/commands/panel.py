@@ -47,7 +47,7 @@ examples:
   integ-gym panel --seeds 80 --out runs/panel
                                           again with more training seeds; keeps those that it has
   integ-gym panel --executor ray --address ray://head:10001 --out /shared/panel
-                                          on a cluster, see docs/clusters.md
+                                          on a cluster, see docs/how-to/clusters.md
   integ-gym panel --worker --workers 64 --out /shared/panel
                                           one of 64 processes that share a directory
   integ-gym panel --power                 what its seeds can show, before anything runs
@@ -57,7 +57,7 @@ examples:
   integ-gym panel engines --policies runs/panel --out runs/engines
                                           without training them again
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
-                                          a panel of your own, see docs/panel.md
+                                          a panel of your own, see docs/reference/panel.md
 """
 
 
@@ -93,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
         "--memory-gib", type=float, metavar="GIB",
         help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
         "the command itself; default: the specification's, or else a share for each, see "
-        "docs/fleet.md",
+        "docs/how-to/fleet.md",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
@@ -174,11 +174,13 @@ def main(argv: Sequence[str]) -> int:
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
     if arguments.verbose or not panel.verdicts:
-        say(panel.answer, sys.stdout)
+        say(panel.said(panel.answer), sys.stdout)
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
-            print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
+            print(
+                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
+            )
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     sealed = read_seal(arguments.out)
     assert sealed is not None

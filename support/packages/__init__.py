@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from ..doors import lazy_door
 
 if TYPE_CHECKING:
+    from .apart import APART, Apart, Worker, WorkerError
     from .discovery import Registry
-    from .extras import absent, load, missing, require
-    from .versions import installed_versions, package_version
+    from .extras import absent, install_command, load, missing, require
+    from .versions import installed_versions, package_version, running_version
 else:
     __getattr__, __dir__ = lazy_door(__name__)

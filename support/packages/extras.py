@@ -8,6 +8,8 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from typing import Any
 
+from .apart import APART
+
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
     "fleet": ("jax",),
@@ -54,9 +56,15 @@ def _imports(package: str) -> bool:
 def missing(package: str, *extras: str) -> ModuleNotFoundError:
     """The error for a package that is not installed."""
     return ModuleNotFoundError(
-        f'{package} is not installed; run: pip install "integ-gym[{",".join(extras)}]"',
-        name=package,
+        f"{package} is not installed; run: {install_command(*extras)}", name=package
     )
+
+
+def install_command(*extras: str) -> str:
+    """What installs extras, or one environment of its own."""
+    if len(extras) == 1 and extras[0] in APART:
+        return APART[extras[0]].command
+    return f'pip install "integ-gym[{",".join(extras)}]"'
 
 
 def absent(modules: Iterable[str]) -> list[str]:

@@ -8,6 +8,8 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as metadata_version
 
+from .apart import APART
+
 
 @cache
 def package_version(package: str) -> str | None:
@@ -16,6 +18,15 @@ def package_version(package: str) -> str | None:
         return metadata_version(package)
     except PackageNotFoundError:
         return None
+
+
+def running_version(package: str) -> str:
+    """Version of a distribution in the environment that it runs in, ``unknown`` without one.
+
+    That is its own, where it has one, and this one else.
+    """
+    found = APART[package].version() if package in APART else package_version(package)
+    return found or "unknown"
 
 
 def installed_versions(packages: Iterable[str]) -> dict[str, str]:

@@ -26,11 +26,9 @@ SHORT = {
 OF_A_RUN = {"closed_loops", "panel_tables"}
 """Tested beside what they read."""
 
-NEEDED_BY_OTHERS = {"bare", "rates", "results", "scanned", "training_cost"}
-
 
 def test_every_benchmark_is_run():
-    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | NEEDED_BY_OTHERS | OF_A_RUN
+    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | OF_A_RUN
 
 
 @pytest.mark.slow

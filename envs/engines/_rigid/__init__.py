@@ -18,5 +18,6 @@ if TYPE_CHECKING:
         urdf,
     )
     from .lanes import LanesEngine
+    from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 else:
     __getattr__, __dir__ = lazy_door(__name__)

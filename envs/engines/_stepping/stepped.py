@@ -6,7 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
-from integ_gym.support import package_version
+from integ_gym.support import running_version
 
 from ...arithmetic import FLOAT32_MAX, Component, Components, Ops
 from ...integrators import Step
@@ -54,7 +54,7 @@ class SteppedEngine(ABC):
             )
         self.system = system
         self.dt = dt
-        self.version = package_version(self.package) or "unknown"
+        self.version = running_version(self.package)
 
     def at(self, system: PlantSystem, dt: Component) -> Self:
         """The same engine for other values of parameters and step, which are not looked at.

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.support import package_version
+from integ_gym.support import running_version
 
 from ...episode import Discretization, Settings, Timing
 from ..foreign import ForeignPlant, ForeignSetup, ForeignTask
@@ -27,7 +27,7 @@ class StatedEngine:
     @property
     def version(self) -> str:
         """The package's version."""
-        return package_version(self.package) or "unknown"
+        return running_version(self.package)
 
     def solver(self) -> dict[str, Any]:
         """Nothing is known of it."""

@@ -82,7 +82,7 @@ def evaluate_existing(
     else:
         processes = elsewhere.workers
     if processes:
-        check_spawning(existing.policy)
+        check_spawning(existing.policy, alone=True)
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())

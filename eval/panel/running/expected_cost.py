@@ -14,7 +14,7 @@ from .expected_time import cell_seconds, cell_timing
 from .units import Unit, trained_units, training_config
 
 DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
-"""Time of one decision of training with stable-baselines3, by algorithm, s; see docs/fleet.md."""
+"""Time of a decision of training with stable-baselines3, by algorithm, s: docs/how-to/fleet.md."""
 
 ENTRY_BYTES = 2.7
 """Storage of one number of a trace; see docs/performance.md."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
-from integ_gym.support import package_version
+from integ_gym.support import running_version
 
 from .values import check_known, many
 
@@ -57,7 +57,7 @@ def is_engine(name: str) -> bool:
 def engine_versions(engines: Iterable[str]) -> dict[str, str]:
     """Distribution and version behind each engine, this package itself left out."""
     packages = {ENGINES.load(n).package if is_engine(n) else n for n in engines} - {"integ-gym"}
-    return {package: package_version(package) or "unknown" for package in sorted(packages)}
+    return {package: running_version(package) for package in sorted(packages)}
 
 
 def on_installed(entry: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
-from integ_gym.support import package_version
+from integ_gym.support import install_command, package_version
 from integ_gym.train import ALGORITHMS, BASELINES, Algorithm
 
 from .cells import Cell, DiscretizationMixture, Home, Perturbation, nominal_setup
@@ -34,7 +34,7 @@ _NO_RESULT = ("memory_gib", "left_out")
 
 @dataclass(frozen=True, kw_only=True)
 class PanelSpec:
-    """One panel; see docs/panel.md for the TOML form."""
+    """One panel; see docs/reference/panel.md for the TOML form."""
 
     name: str
     question: str = "Does a policy trained on one integrator and timestep survive another?"
@@ -153,7 +153,7 @@ class PanelSpec:
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
         found += [
-            f'Engine {name} is not installed, so it is left out: pip install "integ-gym[{name}]".'
+            f"Engine {name} is not installed, so it is left out: {install_command(name)}."
             for name in self.left_out
         ]
         setup = self.nominal

@@ -1,4 +1,4 @@
-"""The tables and figures of docs/engines.md and docs/trust.md are what is declared and measured."""
+"""The tables and figures of the pages on engines and on trust are what is declared and measured."""
 
 from __future__ import annotations
 
@@ -7,16 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from engine_cases import DAMPING, FOREIGN, mapped, native_name, needs, setup_of, states
+from engine_cases import DAMPING, ELSEWHERE, FOREIGN, mapped, native_name, needs, setup_of, states
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.maps import map_names, one_step_map
 from integ_gym.envs.numerics.fingerprinting import fingerprint
 
 ROOT = Path(__file__).parents[3]
-ENGINES_TABLE = (ROOT / "docs" / "engines.md").read_text("utf-8").split("\n## ")[1]
-TRUST_PAGE = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
-PINS = dict(re.findall(r"^(\S+)==(\S+)$", (ROOT / "constraints.txt").read_text("utf-8"), re.M))
+ENGINES_TABLE = (ROOT / "docs" / "reference" / "engines.md").read_text("utf-8").split("\n## ")[1]
+TRUST_PAGE = (ROOT / "docs" / "explanation" / "trust.md").read_text(encoding="utf-8")
+
+
+def _pins(file):
+    return dict(re.findall(r"^(\S+)==(\S+)$", (ROOT / file).read_text("utf-8"), re.M))
+
+
+PINS = _pins("constraints.txt") | {e: _pins(f"constraints-{e}.txt")[e] for e in ELSEWHERE}
 ROUNDING = 1e-10
 """Changes of volume below it are called zero."""
 
@@ -43,7 +49,7 @@ def _maps_in_words(maps):
     )
 
 
-@pytest.mark.parametrize("engine", FOREIGN)
+@pytest.mark.parametrize("engine", [*FOREIGN, *ELSEWHERE])
 def test_the_table_of_engines_is_what_they_declare(engine):
     own = ENGINES.load(engine)
     stops = "no" if not own.own_stops else "discrete only" if own.stopless else "yes"

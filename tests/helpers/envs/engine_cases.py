@@ -1,4 +1,7 @@
-"""Every engine that is installed here, with its integrators and the plants that it moves."""
+"""Every engine that can be installed here, with its integrators and the plants that it moves.
+
+Those with an environment of their own are tested against a recorded exchange.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,11 @@ from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.maps import MAPS
+from integ_gym.support import APART
 
-FOREIGN = tuple(name for name in ENGINES.names() if name != "native")
+ELSEWHERE = tuple(name for name in ENGINES.names() if name in APART)
+"""Engines that run in an environment of their own, and so not here."""
+FOREIGN = tuple(name for name in ENGINES.names() if name not in ("native", *ELSEWHERE))
 IDS = ("IntegPendulum-v0", "IntegCartPole-v0")
 DAMPING = {
     "IntegPendulum-v0": {"damping": 0.3},

@@ -1,0 +1,124 @@
+"""A process of another interpreter, spoken to over pipes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import tempfile
+import threading
+import weakref
+from collections.abc import Sequence
+from typing import IO, Any
+
+PATIENCE = 120.0
+"""Time in which a call is answered, s, where nothing else is said."""
+
+SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+"""Environment variables of the process: one thread, on the processor."""
+
+_MOST = 200
+"""Characters of a process's last words, or of what is no answer, that a message quotes."""
+
+
+class WorkerError(RuntimeError):
+    """A process did not answer, or with an error; one sentence says which."""
+
+
+class Worker:
+    """A process that answers calls one after the other, and ends with this object.
+
+    Args:
+        name: what messages call it.
+        command: that starts it.
+    """
+
+    def __init__(self, name: str, command: Sequence[str]) -> None:
+        self.name = name
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._words,
+            text=True, encoding="utf-8", env={**os.environ, **SETTINGS}, start_new_session=True,
+        )  # fmt: skip
+        assert self._process.stdin is not None
+        self._calls = self._process.stdin
+        self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._over = f"{name} was closed"
+        reading = (self._process.stdout, self._answers)
+        threading.Thread(target=_read, args=reading, daemon=True).start()
+        self.close = weakref.finalize(self, _end, self._process, self._words)
+
+    def call(self, method: str, patience: float = PATIENCE, **given: Any) -> Any:
+        """What a method of the served class gives.
+
+        Args:
+            method: its name.
+            patience: time in which it is answered, s.
+            given: its arguments, as JSON has them.
+
+        Raises:
+            ValueError: what the method raised as such.
+            WorkerError: for any other error, for a process that has ended, for one that does not
+                answer in time, which is ended, and for an answer that is none.
+        """
+        if not self.close.alive:
+            raise WorkerError(self._over)
+        line = self._answer(method, json.dumps({"call": method, "given": given}), patience)
+        try:
+            ((kind, value),) = json.loads(line).items()
+        except (ValueError, AttributeError):
+            kind, value = "", None
+        if kind == "value":
+            return value
+        if kind == "refused":
+            raise ValueError(value)
+        if kind == "error":
+            raise WorkerError(f"{self.name} failed in `{method}`: {value}")
+        quoted = repr(line.strip()[:_MOST])
+        raise self._ended(f"answered `{method}` with what is no answer, and was ended: {quoted}")
+
+    def _answer(self, method: str, text: str, patience: float) -> str:
+        """The line that comes back."""
+        try:
+            self._calls.write(text + "\n")
+            self._calls.flush()
+            line = self._answers.get(timeout=patience)
+        except BrokenPipeError:
+            line = ""
+        except queue.Empty:
+            why = f"did not answer `{method}` within {patience:g} s, and was ended"
+            raise self._ended(why) from None
+        if not line:
+            code, last = self._process.wait(), self._last_words()
+            raise self._ended(f"ended with exit code {code} when asked for `{method}`{last}")
+        return line
+
+    def _last_words(self) -> str:
+        self._words.seek(0)
+        said = [line.strip() for line in self._words.read().decode(errors="replace").splitlines()]
+        last = next((line for line in reversed(said) if line), "")
+        return f"; its last words: {last[:_MOST]}" if last else ""
+
+    def _ended(self, why: str) -> WorkerError:
+        self._over = f"{self.name} {why}"
+        self.close()
+        return WorkerError(self._over)
+
+
+def _read(answers: IO[str], into: queue.SimpleQueue[str]) -> None:
+    """Pass on every line; the empty text when there are no more."""
+    with answers:
+        for line in answers:
+            into.put(line)
+    into.put("")
+
+
+def _end(process: subprocess.Popen[str], words: IO[bytes]) -> None:
+    process.kill()
+    process.wait()
+    words.close()
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()

@@ -1,0 +1,142 @@
+"""What is asked of processes in environments of their own, where they are and where replayed.
+
+``python tests/helpers/envs/apart_scenarios.py`` runs the real ones, writes the recordings anew and
+prints what was found; names of scenarios limit it to those.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from engine_cases import DAMPING, IDS, native_name, states
+from engine_checks import defect, new_setup
+from exchanges import record
+
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.numerics.stepping import one_step
+from integ_gym.envs.plants import CartPole
+from integ_gym.envs.testbeds import make_checked, testbed_of
+
+
+def isaaclab_engine() -> dict[str, float]:
+    """Largest error of one step of every integrator against its map, both plants, damping or not.
+
+    Relative to 1 + |value|, at 0.02 s.
+    """
+    found = {}
+    for integrator in ENGINES.load("isaaclab").maps:
+        for env_id in IDS:
+            for damped in (False, True):
+                setup = new_setup(
+                    "isaaclab", integrator, env_id, **DAMPING[env_id] if damped else {}
+                )
+                cases = [*states(setup, 8), *states(setup, 4, strongest=0.0)]
+                name = f"{integrator} {env_id} {'damped' if damped else 'undamped'}"
+                found[name] = defect(setup, cases)
+    return found
+
+
+def task(env_id: str, integrator: str) -> dict[str, Any]:
+    """A task at home, and with another integrator at half the step: what it says and does.
+
+    Two lanes take the same actions twice over, from the same seeds.
+    """
+    testbed = testbed_of(env_id, {})
+    home = testbed.home
+    found: dict[str, Any] = {"home": home.arguments()}
+    other = replace(home, integrator=integrator, dt=home.dt / 2)
+    for name, asked in (("stock", home), ("other", other)):
+        environments = make_checked(testbed, asked, 2)
+        found[name] = testbed.applied(environments)
+        found[f"{name} episodes"] = [_steps(environments, 5) for _ in range(2)]
+        environments.close()
+    return found
+
+
+def _steps(environments: Any, count: int) -> list[list[Any]]:
+    """Observations, rewards and ends of some steps from a seed, under a constant action."""
+    told = [[environments.reset(seed=3)[0].tolist()]]
+    action = np.full(environments.action_space.shape, 0.25, np.float32)
+    for _ in range(count):
+        observed, reward, terminated, *_ = environments.step(action)
+        told.append([observed.tolist(), reward.tolist(), terminated.tolist()])
+    return told
+
+
+CENTRE, INERTIA = 0.47, (0.06**2 + 1.0) / 12.0
+"""Of the pole of Isaac Lab's cart-pole, m and kg m^2: a box of 1 kg, as heavy as its cart."""
+
+LENGTH = (CENTRE**2 + INERTIA) / CENTRE
+"""Of the point mass on a rod that moves alike, m."""
+
+ITS_POLE = CENTRE / LENGTH
+"""Mass of that, kg."""
+
+
+def isaaclab_task_steps() -> dict[str, tuple[float, float]]:
+    """Errors of one step of Isaac Lab's task against symplectic Euler's two kinds or rk4.
+
+    With the damping of its cart taken explicitly, and implicitly; relative to 1 + |value|. Of each
+    integrator with the task's damping and without; of two Newton steps in one of Isaac Lab's, too.
+    """
+    found = {}
+    for integrator in ("euler", "implicitfast", "rk4"):
+        for damping in (10.0, 0.0):
+            found[f"{integrator}, damping {damping:g}"] = _errors(integrator, damping, 1)
+    found["euler, damping 10, two steps"] = _errors("euler", 10.0, 2)
+    return found
+
+
+def _errors(integrator: str, damping: float, count: int) -> tuple[float, float]:
+    testbed = testbed_of(
+        "isaaclab:Isaac-Cartpole-Direct", {"cart_damping": damping, "newton_substeps": count}
+    )
+    period = testbed.control_period
+    environments = make_checked(
+        testbed, replace(testbed.home, integrator=integrator, dt=period / count), 1
+    )
+    worker = environments.unwrapped.envs[0].unwrapped.worker
+    plant = CartPole(
+        cart_mass=2.0 - ITS_POLE, mass=ITS_POLE, length=LENGTH, gravity=9.81,
+        mass_distribution="point", cart_damping=damping,
+    )  # fmt: skip
+    names = ("rk4",) * 2 if integrator == "rk4" else ("symplectic_euler", IMPLICITLY)
+    errors = [0.0, 0.0]
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        start = rng.uniform(-2.0, 2.0, 4).astype(np.float32)
+        force = float(rng.uniform(-100.0, 100.0))
+        worker.call("put", lane=0, position=start[:2].tolist(), velocity=start[2:].tolist())
+        x, tip, speed, spin = worker.call("step", lane=0, action=[force / 100.0])[0]
+        for place, name in enumerate(names):
+            q, v = tuple(start[:2] * SIGNS), tuple(start[2:] * SIGNS)
+            for _ in range(count):
+                q, v = one_step(native_name(name), plant, period / count)(q, v, force)
+            apart = np.array((*q, *v)) - (x, -tip, speed, -spin)
+            error = np.abs(apart) / (1.0 + np.abs((*q, *v)))
+            errors[place] = max(errors[place], float(error.max()))
+    return errors[0], errors[1]
+
+
+IMPLICITLY = "symplectic_euler_implicit_damping"
+SIGNS = np.array([1.0, -1.0])
+"""Of cart and pole, which tips to the other side there."""
+
+
+SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
+    "dm_control_task": partial(task, "dm_control:cartpole.swingup", "Euler"),
+    "isaaclab_engine": isaaclab_engine,
+    "isaaclab_task": partial(task, "isaaclab:Isaac-Cartpole-Direct", "rk4"),
+    "isaaclab_task_steps": isaaclab_task_steps,
+}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or SCENARIOS:
+        print(name)
+        for what, value in record(name, SCENARIOS[name]).items():
+            print(f"  {what}: {value}")
