@@ -36,7 +36,7 @@ from ..running import (
     unheard,
     used,
 )
-from ..sb3 import initial_stack, state_dict, zip_of_weights
+from ..sb3 import import_ahead, initial_stack, state_dict, zip_of_weights
 from .evidence import EpisodeAssembler
 from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram
@@ -115,6 +115,8 @@ def train_fleet(
         for _, folder, _ in runs:
             folder.mkdir(parents=True, exist_ok=True)
         remote = cluster is not None
+        if not remote:
+            import_ahead()
         return train_in_processes(
             _run_and_write if remote else _run,
             {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
