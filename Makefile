@@ -10,7 +10,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test test-slow lint bench published census isaaclab dm_control clean
+.PHONY: panel test test-slow lint docs notebooks bench published census isaaclab dm_control clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -26,10 +26,19 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(READY)
+	@$(PIP) --group docs
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "Open runs/docs/index.html"
+
+notebooks: $(READY)
+	@$(PIP) --group notebooks
+	$(BIN)/jupyter execute --inplace examples/notebooks/*.ipynb
+
 bench: $(READY)
 	@$(PIP) --group bench
 	@mkdir -p runs/bench
-	for name in env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence; do \
+	for name in env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence claims executor_overhead; do \
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
 

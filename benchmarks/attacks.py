@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import results
+from measuring import results
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers" / "reliability"))
 

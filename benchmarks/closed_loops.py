@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import results
+from measuring import results
 from scipy.stats import rankdata
 from tqdm import tqdm
 

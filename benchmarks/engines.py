@@ -24,9 +24,9 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import results
-from bare import LOOPS, Bare
-from rates import Advance, turns
+from measuring import results
+from measuring.bare import LOOPS, Bare
+from measuring.rates import Advance, turns
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.catalogue.registration import environment_setup

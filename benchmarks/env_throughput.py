@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import gymnasium as gym
-import results
-from rates import envpool, rates, single, vector
+from measuring import results
+from measuring.rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
 from integ_gym.evidence.episodes.context import EpisodeContext
@@ -114,7 +114,7 @@ def vector_rows(task: str, seconds: float) -> Iterator[Row]:
 
 def scan_rows(tasks: list[str]) -> Iterator[Row]:
     """Compiled rollouts on all cores."""
-    from scanned import scanned_rates
+    from measuring.scanned import scanned_rates
 
     cases = [case for t in tasks for case in ((t, None), *((TASKS[t], n) for n in SCANNED))]
     measured = scanned_rates(cases, SCAN_LANES, SCAN_STEPS)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import results
+from measuring import results
 from tqdm import tqdm
 
 from integ_gym.eval.statistics.rates import rate_interval

@@ -29,8 +29,8 @@ import gymnasium as gym
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import results
-from rates import TURN, single, vector
+from measuring import results
+from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
 from integ_gym.evidence.episodes.context import EpisodeContext

@@ -25,8 +25,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import results
-import training_cost
+from measuring import results, training_cost
 from tqdm import tqdm
 
 from integ_gym.support.workers import cores

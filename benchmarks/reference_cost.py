@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import results
+from measuring import results
 
 from integ_gym.envs.arithmetic.ops import Component, Components, Ops
 from integ_gym.envs.arithmetic.tracing.compiling import compiled

@@ -29,7 +29,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import results
+from measuring import results
 from scipy import stats
 
 import integ_gym  # noqa: F401

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import results
+from measuring import results
 
 from integ_gym.cli import main as run_command
 from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence, seal

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     )
     from .episode import (
         DISCRETIZATION,
+        LOSSES,
         NATIVE,
         STATUS_NAMES,
         WEIGHT,
@@ -73,7 +74,17 @@ if TYPE_CHECKING:
         state_names,
         state_units,
     )
-    from .rendering import Moment, Pane, Panes, load_pygame
+    from .rendering import (
+        SHOWN,
+        Choice,
+        Cockpit,
+        Course,
+        Moment,
+        Pane,
+        Panes,
+        View,
+        load_pygame,
+    )
     from .tasks import (
         FLOAT32_ROUNDING,
         NEAR_PLUMB,

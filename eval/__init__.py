@@ -1,4 +1,4 @@
-"""Evaluation: panels, statistics, verdicts and reports; diagnosis of integrators; the census.
+"""Evaluation: panels, statistics, verdicts, reports, films; diagnosis; the census; play by hand.
 
 The floor that judges. It knows testbeds, policies and evidence through their doors.
 """
@@ -25,12 +25,17 @@ if TYPE_CHECKING:
         check_finished,
         evaluate,
         family_power,
+        fixed_cost,
         grown,
+        policy_costs,
         policy_of,
         read_panel,
         run_panel,
         specified,
+        total_cost,
+        work_on_panel,
     )
+    from .playing import Game, play_in_window
     from .report import STYLES, ordered_verdicts, write_figures, write_report
 else:
     __getattr__, __dir__ = lazy_door(__name__)

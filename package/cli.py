@@ -19,6 +19,7 @@ COMMANDS = {
     "census": "tell what every pendulum and cart-pole of the name really does",
     "report": "write a panel's page and figures again",
     "watch": "show a policy in several discretizations, side by side",
+    "play": "drive a plant by hand and change its discretization while it moves",
     "evidence": "show, query, verify, seal, export and merge records",
 }
 """Command, which the module of its name in ``commands`` runs, to what it is for."""
@@ -32,6 +33,7 @@ examples:
   integ-gym engines
   integ-gym census --out runs/census
   integ-gym watch runs/panel RECORD --out film.gif
+  integ-gym play --env IntegCartPoleSwingUp-v0
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
 """

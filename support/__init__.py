@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from .figures.series import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
     from .figures.style import (
+        BOLD,
         COOL,
         FORMATS,
         INK,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         blank_figure,
         draw_heading,
         draw_legend,
+        fitting,
         inch_canvas,
         legend_lines,
         line_style,
@@ -93,6 +95,23 @@ if TYPE_CHECKING:
         read_json,
         read_object,
     )
+    from .sharing import (
+        EXECUTORS,
+        LEASE,
+        Claim,
+        ClaimError,
+        Claims,
+        Cluster,
+        ClusterError,
+        FolderFiles,
+        Gone,
+        Resources,
+        check_sharing,
+        cluster_of,
+        held,
+        pauses,
+        was_committed,
+    )
     from .spawning import SpawnError, check_spawning
     from .terminal import (
         DIM,
@@ -122,6 +141,6 @@ if TYPE_CHECKING:
         whole_number,
         width_of,
     )
-    from .workers import Progress, cores, report_work, work_bar
+    from .workers import Progress, cores, limit_threads, report_work, work_bar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -22,13 +22,18 @@ class FileLock:
         self.path = path
         self._descriptor: int | None = None
 
-    def acquire(self) -> bool:
-        """Hold it; False if somebody does, in this process or another."""
+    def acquire(self, shared: bool = False) -> bool:
+        """Hold it; False if somebody does, in this process or another.
+
+        Args:
+            shared: whether others may hold it too who ask for no more than that.
+        """
+        kind = None if fcntl is None else fcntl.LOCK_SH if shared else fcntl.LOCK_EX
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                if fcntl is not None:
-                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if kind is not None:
+                    fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
                 if self._is_the_file(descriptor):
                     self._descriptor, descriptor = descriptor, -1
                     return True
@@ -39,11 +44,20 @@ class FileLock:
                     os.close(descriptor)
 
     def release(self) -> None:
-        """Give it back, and remove the file; nothing happens if it is not held."""
+        """Give it back, and remove the file unless others hold it; nothing if it is not held."""
         if self._descriptor is not None:
-            self.path.unlink(missing_ok=True)
+            if self._is_mine_alone(self._descriptor):
+                self.path.unlink(missing_ok=True)
             os.close(self._descriptor)
             self._descriptor = None
+
+    def _is_mine_alone(self, descriptor: int) -> bool:
+        try:
+            if fcntl is not None:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
 
     def _is_the_file(self, descriptor: int) -> bool:
         """Whether the file has not been removed by a holder that gave it back in between."""

@@ -20,7 +20,8 @@ from .terminal import compact, fixed, seconds, step
 SCRIPT: Final = """
 (function () {
   function reveal() {
-    var id = decodeURIComponent(location.hash.slice(1));
+    var id = location.hash.slice(1);
+    try { id = decodeURIComponent(id); } catch (error) { /* not encoded: taken as it stands */ }
     var target = id && document.getElementById(id);
     if (!target) { return; }
     var box = target.closest("details");

@@ -10,22 +10,24 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-ALONE = "or ask for one worker (workers=1), which works in this process"
+_ALONE = ", or ask for one worker (workers=1), which works in this process"
 
 
 class SpawnError(RuntimeError):
     """Worker processes cannot be started from here; one sentence says why and what to do."""
 
 
-def check_spawning(*sent: Any) -> None:
+def check_spawning(*sent: Any, alone: bool = False) -> None:
     """Check that a fresh process can import this program without running it, and take objects.
 
     Args:
         sent: what the processes will be given.
+        alone: whether one worker would work in this process, which is then said as a remedy.
 
     Raises:
         SpawnError: in one sentence, if not.
     """
+    otherwise = _ALONE if alone else ""
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
     if file is not None:
@@ -33,29 +35,29 @@ def check_spawning(*sent: Any) -> None:
         if not path.is_file():
             raise SpawnError(
                 "a program read from standard input cannot start worker processes, which read it "
-                f"again; save it as a file, {ALONE}"
+                f"again; save it as a file{otherwise}"
             )
         if path.suffix != ".pyc" and not _guarded(path):
             raise SpawnError(
                 f"{path.name} starts worker processes, which import it, without "
-                '`if __name__ == "__main__":`; put this call under it, ' + ALONE
+                '`if __name__ == "__main__":`; put this call under it' + otherwise
             )
     for one in sent:
-        _check_sent(one, file)
+        _check_sent(one, file, otherwise)
 
 
-def _check_sent(sent: Any, file: str | None) -> None:
+def _check_sent(sent: Any, file: str | None, otherwise: str) -> None:
     try:
         text = pickle.dumps(sent)
     except Exception as error:  # pickling runs what an object says of itself
         raise SpawnError(
             f"worker processes cannot be given {_named(sent)} ({error}); define it at the top of a "
-            f"module, {ALONE}"
+            f"module{otherwise}"
         ) from error
     if file is None and b"__main__" in text:
         raise SpawnError(
             f"worker processes cannot find {_named(sent)}, which was defined in a notebook or an "
-            f"interactive session; define it in a module, {ALONE}"
+            f"interactive session; define it in a module{otherwise}"
         )
 
 

@@ -15,6 +15,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -44,10 +45,16 @@ class Progress:
         self._done = self._context.Value("d", 0.0)
         self._stopped = self._context.Event()
 
-    def add(self, amount: float) -> None:
-        """Count work that was done before."""
+    def add(self, amount: float, show: bool = True) -> None:
+        """Count work that was done before, or elsewhere.
+
+        Args:
+            amount: of it.
+            show: at once; else when the bar moves next, as from another thread.
+        """
         _add(self._done, amount)
-        self._show()
+        if show:
+            self._show()
 
     def ended(self, tasks: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
         """Tasks as they end; until the last has, the bar moves with what they report."""
@@ -138,6 +145,25 @@ def report_work(amount: float) -> None:
         _report(amount)
 
 
+@contextmanager
+def reporting() -> Iterator[list[float]]:
+    """What is reported in this process while the block lasts, in place of a pool's count."""
+    global _report
+    before, told = _report, list[float]()
+    _report = told.append
+    try:
+        yield told
+    finally:
+        _report = before
+
+
+def limit_threads() -> None:
+    """One thread for the numerical libraries of this process."""
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(limits=1)
+
+
 def peak_memory() -> int | None:
     """Most memory that this process has held, bytes; None where the system does not tell.
 
@@ -161,7 +187,7 @@ def _start_worker(
 ) -> None:
     _report_to(done)
     threading.Thread(target=_end_with, args=watched, daemon=True).start()
-    _limit_threads()
+    limit_threads()
     if prepare is not None:
         with started.get_lock():
             number = started.value
@@ -185,10 +211,3 @@ def _end_with(parent: int, stopped: Any) -> None:
     while os.getppid() == parent and not stopped.wait(0.5):
         pass
     os._exit(1)
-
-
-def _limit_threads() -> None:
-    """One thread for the numerical libraries of this worker process."""
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(limits=1)

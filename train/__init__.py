@@ -12,7 +12,17 @@ if TYPE_CHECKING:
     from .algorithms import ALGORITHMS, Algorithm
     from .baselines import BASELINES, has_handmade, make_baseline, possible_baselines
     from .command import training_command, training_parser
-    from .fleet import fleet_workers, plan, train_fleet
+    from .fleet import (
+        GIB_PER_WORKER,
+        Workers,
+        fleet_workers,
+        plan,
+        preparation,
+        train_fleet,
+        train_together,
+        training_seconds,
+        workers_of,
+    )
     from .monitoring import DiscretizationCallback, RawModel, discretization_gap
     from .policy import CalledPolicy, MlpPolicy, Policy, PolicyStack, behaviour_hash
     from .policy_files import (
@@ -39,7 +49,7 @@ if TYPE_CHECKING:
         write_sidecar,
     )
     from .ppo import PPOConfig, train_ppo
-    from .running import TrainingConfig, TrainingError, TrainingEvidence
+    from .running import TrainingConfig, TrainingError, TrainingEvidence, training_bar
     from .sac import SACConfig, train_sac
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         transition,
     )
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees
-    from .info import BLANK, reset_info, step_info
+    from .info import BLANK, LOSSES, reset_info, step_info
     from .mixture import WEIGHT, Mixture, make_mixture
     from .script import Script, script_of
     from .settings import Settings, Setup, build_setup

@@ -8,6 +8,9 @@ from ..arithmetic import Component
 from .control_period import AWAY, OK, EnvState, Outcome
 from .settings import Setup
 
+LOSSES = ("dissipated", "contact_loss", "clip_loss")
+"""What is taken out of a plant's energy, by its names."""
+
 
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""

@@ -98,7 +98,8 @@ def critical_limit(
         setup_of: makes the setup with a limit of the control, N m or N.
         start: true state, shape (n,).
         deadline: time that there is, s.
-        low, high: limits between which it lies.
+        low: a limit below it.
+        high: a limit above it.
         tolerance: largest error of the bisection.
 
     Raises:

@@ -9,6 +9,8 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .canvas import load_pygame
+    from .cockpit import SHOWN, Choice, Cockpit, View
+    from .course import Course
     from .panes import Moment, Pane, Panes
     from .renderer import Renderer
 else:

@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -183,27 +184,34 @@ class Canvas:
 
         It is made smaller where it would be wider than the picture.
         """
-        image = self._font(size).render(text, True, colour)
+        image = _written(text, round(size * self._scale), colour)
         widest = self._surface.get_width() - 2 * 16 * self._scale
         if image.get_width() > widest:
-            image = self._font(size * widest / image.get_width()).render(text, True, colour)
+            smaller = size * widest / image.get_width()
+            image = _written(text, round(smaller * self._scale), colour)
         x = where[0] * self._scale - align * image.get_width()
         y = where[1] * self._scale - image.get_height() / 2
         self._surface.blit(image, (round(x), round(y)))
 
-    def _font(self, size: float) -> Any:
-        """pygame's own font, which is the same everywhere.
-
-        It is made anew each time: whoever calls ``pygame.quit()`` breaks the fonts made before.
-        """
-        self._pygame.font.init()
-        return self._pygame.font.Font(None, round(size * self._scale))
-
     def _inside(self, point: Point) -> Point:
         """A point far outside the picture brought near enough for whole numbers."""
-        x, y = (max(-3.0 * n, min(4.0 * n, p)) for p, n in zip(point, self.size, strict=True))
-        return x, y
+        (x, y), (width, height) = point, self.size
+        return (
+            max(-3.0 * width, min(4.0 * width, x)),
+            max(-3.0 * height, min(4.0 * height, y)),
+        )
 
     def _pixel(self, point: Point) -> tuple[int, int]:
         x, y = self._inside(point)
         return round(x * self._scale - 0.5), round(y * self._scale - 0.5)
+
+
+@lru_cache(1024)
+def _written(text: str, size: int, colour: Colour) -> Any:
+    """A line of text as a picture, in pygame's own font, which is the same everywhere.
+
+    Pictures are kept and the font is not: ``pygame.quit()`` breaks fonts.
+    """
+    pygame = load_pygame()
+    pygame.font.init()
+    return pygame.font.Font(None, size).render(text, True, colour)

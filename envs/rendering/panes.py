@@ -9,24 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import fixed
-
 from ..episode import Setup
-from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Colour, Point, tint
+from .bars import BAR, draw_bars
+from .canvas import FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Point, tint
 from .plants import drawing
 
 _WIDTH = 300
 """Width of a pane, pixels."""
-_HEADER, _TITLE, _BAR, _GAP = 74, 58, 24, 14
+_HEADER, _TITLE, _GAP = 74, 58, 14
 _MOST_COLUMNS = 4
-_BARS: Mapping[str, tuple[Colour, Colour]] = {
-    "start": (INK, INK),
-    "motor": (MUTED, MUTED),
-    "numerics": (VERMILLION, BLUE),
-    "losses": (MUTED, MUTED),
-    "energy": (INK, INK),
-}
-"""Name of a bar to its colours above and below zero, in the order in which they are drawn."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +73,7 @@ class Panes:
         rows = math.ceil(len(panes) / _MOST_COLUMNS)
         columns = math.ceil(len(panes) / rows)
         picture = self._shrink * self._drawing.size[1]
-        self._pane_height = math.ceil(_TITLE + picture + bars * _BAR + _GAP)
+        self._pane_height = math.ceil(_TITLE + picture + bars * BAR + _GAP)
         width = max(2, columns) * (_WIDTH + _GAP) + _GAP
         size = width, _HEADER + rows * (self._pane_height + _GAP)
         self._canvas = Canvas(size, oversize=2)
@@ -117,26 +108,8 @@ class Panes:
         picture = canvas.part((_GAP, _TITLE), self._drawing.size, self._shrink)
         state = [float(x) for x in moment.state]
         self._drawing.draw(picture, pane.setup, state, moment.control)
-        y = height - _GAP / 2 - self._bars * _BAR
-        for name, value in moment.bars.items():
-            self._bar(canvas, y + _BAR / 2, name, value)
-            y += _BAR
-
-    def _bar(self, canvas: Canvas, y: float, name: str, value: float) -> None:
-        left, right = 88.0, _WIDTH - 82.0
-        scale = (right - left) / (self._high - self._low)
-        zero = left - scale * self._low
-        canvas.text(name, (_GAP, y), 20, MUTED)
-        canvas.box(((left + right) / 2, y), (right - left, 12.0), 3.0, tint(FAINT, 0.7))
-        known = math.isfinite(value)
-        if known:
-            end = zero + scale * max(self._low, min(self._high, value))
-            above, below = _BARS[name]
-            colour = above if value >= 0.0 else below
-            canvas.box(((zero + end) / 2, y), (abs(end - zero), 12.0), 0.0, colour)
-        canvas.line((zero, y - 8.0), (zero, y + 8.0), 1.5, INK, rounded=False)
-        said = f"{fixed(value, 1, name == 'numerics')} J" if known else "not known"
-        canvas.text(said, (_WIDTH - _GAP, y), 20, INK if known else MUTED, align=1.0)
+        top = height - _GAP / 2 - self._bars * BAR
+        draw_bars(canvas, top, moment.bars, (self._low, self._high))
 
 
 def _verdict(canvas: Canvas, end: Point, succeeds: bool) -> None:

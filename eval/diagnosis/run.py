@@ -115,8 +115,8 @@ class _Job:
         what = " ".join(str(error).split())
         return (
             f"{self.section} of {self.subject.name} with {', '.join(names)} failed: "
-            f"{type(error).__name__}: {what}; docs/adding.md says what a plant and an integrator "
-            "must be"
+            f"{type(error).__name__}: {what}; docs/how-to/adding.md says what a plant and an "
+            "integrator must be"
         )
 
 

@@ -10,12 +10,18 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Discretization, Moment, Setup, environment_setup, state_names
+from integ_gym.envs import (
+    LOSSES,
+    Discretization,
+    Moment,
+    Setup,
+    environment_setup,
+    state_names,
+)
 from integ_gym.evidence import EvidenceRecord
 from integ_gym.train import Policy
 
 Array = npt.NDArray[np.float64]
-LOSSES = ("dissipated", "contact_loss", "clip_loss")
 
 
 @dataclass(frozen=True)

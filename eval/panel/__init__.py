@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .calls import evaluate, run_panel, specified
+    from .calls import evaluate, run_panel, specified, work_on_panel
     from .checking import against_plan, check_finished
     from .existing import acting_in, policy_of
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
     from .power import family_power
-    from .running import MANIFEST
+    from .running import MANIFEST, fixed_cost, policy_costs, total_cost
     from .specification import BUILT_IN, TRAINERS, PanelSpec, grown
 else:
     __getattr__, __dir__ = lazy_door(__name__)

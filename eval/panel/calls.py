@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import check_spawning, cores, require
-from integ_gym.train import Stated
+from integ_gym.support import (
+    LEASE,
+    Cluster,
+    Resources,
+    check_spawning,
+    cluster_of,
+    cores,
+    require,
+)
+from integ_gym.train import Stated, workers_of
 
 from .existing import (
     evaluate_existing,
@@ -19,8 +30,12 @@ from .existing import (
 )
 from .model import Panel
 from .results import write_artefact
-from .running import complete, opened
+from .running import RunDirectory, clear, complete, memory_of, opened
+from .sharing import Share, complete_on, work_on
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
+
+SHORTEST_LEASE = 1.0
+"""Of a worker, s."""
 
 
 def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
@@ -42,6 +57,9 @@ def run_panel(
     progress: bool = True,
     policies: str | os.PathLike[str] | None = None,
     command: str = "integ_gym.run_panel",
+    executor: str = "local",
+    address: str | None = None,
+    resources: Resources | None = None,
 ) -> Panel:
     """Train and evaluate all that is not finished yet, and write the panel's directory.
 
@@ -54,6 +72,10 @@ def run_panel(
         progress: show a bar with the remaining time on stderr.
         policies: directory of a finished panel whose policies are taken instead of training.
         command: how to run this again, for the page.
+        executor: what runs the processes: ``"local"``, ``"ray"``, ``"dask"``, or
+            ``"module:function"`` for a `concurrent.futures.Executor`; see docs/how-to/clusters.md.
+        address: of a running cluster of Ray or Dask; by default one is started on this machine.
+        resources: of each worker of such an engine.
 
     Returns:
         What ``panel.json`` holds.
@@ -67,12 +89,73 @@ def run_panel(
     require("train", "report", "evidence")
     check_spawning()
     given, taken = specified(spec), None if policies is None else Path(policies)
-    with opened(given, Path(out), workers=workers, policies=taken) as directory:
+    asked = replace(resources or Resources(), workers=workers, memory_gib=given.memory_gib)
+    with (
+        cluster_of(executor, address, asked) as cluster,
+        _opened(given, Path(out), cluster, workers, taken) as directory,
+    ):
+        count = cluster.workers if cluster.remote else workers or cores()
         for stage in stages(given):
-            new = complete(stage, directory, workers=workers, progress=progress)
+            new = (
+                complete_on(cluster, stage, directory, progress=progress)
+                if cluster.remote
+                else complete(stage, directory, workers=workers, progress=progress)
+            )
             if new and stage is not given:
-                write_artefact(stage, directory, command, workers or cores(), of=given)
-        return write_artefact(given, directory, command, workers or cores())
+                write_artefact(stage, directory, command, count, of=given)
+        panel = write_artefact(given, directory, command, count)
+        clear(directory.path)
+        return panel
+
+
+def _opened(
+    spec: PanelSpec, out: Path, cluster: Cluster, workers: int | None, policies: Path | None
+) -> AbstractContextManager[RunDirectory]:
+    """The directory of a panel, held for an engine."""
+    if not cluster.remote:
+        return opened(spec, out, workers=workers, policies=policies)
+    fleet = workers_of(cluster)
+    return opened(spec, out, workers=fleet, memory_gib=memory_of(spec, fleet), policies=policies)
+
+
+def work_on_panel(
+    spec: PanelSpec | str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    gpus: bool = False,
+    lease: float = LEASE,
+    progress: bool = True,
+    command: str = "integ_gym.work_on_panel",
+) -> int:
+    """Take part in a panel that any number of processes finish, on a directory that all see.
+
+    Each takes units by claims in the directory, and ends when all is done; whoever is last writes
+    the panel's page. See docs/how-to/clusters.md.
+
+    Args:
+        spec: of the panel; see :func:`specified`.
+        out: its directory.
+        workers: processes that the work is divided for; by default the cores of this machine.
+        gpus: whether this process has a GPU to train on.
+        lease: time after which a unit whose process is silent is taken over, s.
+        progress: show bars on stderr.
+        command: how to run this again, for the page.
+
+    Returns:
+        How many units were done here.
+
+    Raises:
+        SpecError, RunDirectoryError: for what cannot be run.
+        ValueError: for a lease that is none, or a directory that cannot be shared.
+        PanelError: if a unit of work fails; what was finished stays.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("train", "report", "evidence")
+    if not SHORTEST_LEASE <= lease < math.inf:
+        raise ValueError(f"a lease takes {SHORTEST_LEASE:g} s or more, got {lease:g}; give --lease")
+    share = Share(workers or cores(), gpus, lease, progress, command)
+    return work_on(specified(spec), Path(out), share)
 
 
 def evaluate(
@@ -92,6 +175,9 @@ def evaluate(
     on_home: Callable[[str], None] = lambda line: None,
     on_doubt: Callable[[str], None] = lambda doubt: None,
     command: str = "integ_gym.evaluate",
+    executor: str = "local",
+    address: str | None = None,
+    resources: Resources | None = None,
 ) -> Panel:
     """Judge a policy that exists already over many discretizations: a panel without training.
 
@@ -115,6 +201,9 @@ def evaluate(
         on_home: told what is taken as home and why, before anything is run.
         on_doubt: told each sentence that casts doubt on the result.
         command: how to run this again, for the page.
+        executor: what runs the processes; see :func:`run_panel`.
+        address: of a running cluster.
+        resources: of each worker of an engine.
 
     Returns:
         What ``panel.json`` holds; ``warnings`` lists the doubts.
@@ -140,12 +229,15 @@ def evaluate(
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
     on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
-    return evaluate_existing(
-        existing,
-        spec,
-        Path(out),
-        command,
-        workers=workers,
-        progress=progress,
-        on_doubt=on_doubt,
-    )
+    asked = replace(resources or Resources(), workers=workers)
+    with cluster_of(executor, address, asked) as cluster:
+        return evaluate_existing(
+            existing,
+            spec,
+            Path(out),
+            command,
+            workers=workers,
+            progress=progress,
+            on_doubt=on_doubt,
+            cluster=cluster,
+        )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .achievability import Achievability, Achieved, Attempt, Search, achieved
+    from .achievability import UNSOLVABLE, Achievability, Achieved, Attempt, Search, achieved
     from .comparison import (
         CellFinding,
         CellRole,

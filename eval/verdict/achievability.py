@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -13,10 +13,13 @@ from .rules import ACHIEVED
 Achievability: TypeAlias = Literal["achievable", "too_slow", "unachievable", "undecided"]
 """Within the horizon; only within two; not within two; not known."""
 
+UNSOLVABLE: Final = ("too_slow", "unachievable")
+"""Cells that no policy is blamed for failing in."""
+
 
 @dataclass(frozen=True)
 class Attempt:
-    """What somebody who was not trained elsewhere reaches in a cell.
+    """What somebody reaches in a cell.
 
     Attributes
     ----------
@@ -62,7 +65,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Achieved:
-    """Status of a cell, decided without the rows that are judged in it.
+    """Status of a cell.
 
     Attributes
     ----------
@@ -79,10 +82,11 @@ class Achieved:
 def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     """Status of a cell for a horizon.
 
-    `achievable` if an attempt succeeds from at least half of the starts; `too_slow` if one does
-    within two horizons alone; `unachievable` if a search does not find the goal's energy from
-    more than half of the starts within two horizons; `undecided` otherwise: that nobody has
-    learned proves nothing, and neither does an energy that can be reached.
+    `achievable` if an attempt succeeds from at least half of the starts, whoever makes it: what was
+    done can be done; `too_slow` if one does within two horizons alone; `unachievable` if a search
+    does not find the goal's energy from more than half of the starts within two horizons;
+    `undecided` otherwise: that nobody has learned proves nothing, and neither does an energy that
+    can be reached.
     """
     best = max(attempts, key=lambda one: one.success, default=None)
     if best is not None and best.success >= ACHIEVED:
@@ -92,9 +96,9 @@ def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
         return Achieved("too_slow", _done(best, best.recovered, "within two horizons alone"))
     if search is not None and search.reached < 1.0 - ACHIEVED:
         return Achieved("unachievable", _lost(search))
-    tried = ", ".join(f"{one.name} {one.recovered:.0%}" for one in attempts) or "nobody tried"
+    most = "nobody tried" if best is None else f"at most {best.recovered:.0%}, by {best.name}"
     return Achieved(
-        "undecided", f"Success within two horizons: {tried}; no search rules the goal out."
+        "undecided", f"Success within two horizons: {most}; no search rules the goal out."
     )
 
 

@@ -82,7 +82,8 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
     - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
-      cell's status. No test is made, and the comparison does not count towards the family.
+      cell's status. No test is made, and the comparison does not count towards the family, but
+      for `undecided`, which policies that are judged in the cell may have been able to change.
     - `inconclusive`: a group has fewer than 5 training seeds. It still counts towards the
       family, so that an unfinished panel is never judged more lightly than a finished one.
     - `fails`: "overfitting > 0.2" has an adjusted p-value below 0.05.
@@ -92,8 +93,8 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     Each of the two tests is corrected over the family by itself: wrong `fails` in the family
     have a chance of at most 0.05, and so have wrong `transfers`. They are two questions, of
     which a reader acts on one, and no comparison can be given both answers. The tests hold their
-    level for seeds that are all or nothing as for those that are not; docs/panel.md has what was
-    simulated.
+    level for seeds that are all or nothing as for those that are not; docs/reference/panel.md has
+    what was simulated.
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
     0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
@@ -120,8 +121,9 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     tested = [c.rates for c, mark in zip(comparisons, marks, strict=True) if mark is None]
     exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
     equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
-    columns = (exceeds, equivalent, holm(exceeds).tolist(), holm(equivalent).tolist())
-    p_values = zip(*columns, strict=True)
+    untold = [1.0 for mark in marks if mark is not None and mark[0] == "undecided"]
+    adjusted = (holm([*found, *untold]).tolist()[: len(found)] for found in (exceeds, equivalent))
+    p_values = zip(exceeds, equivalent, *adjusted, strict=True)
     splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
     return tuple(
         _judge(c, splits[k], next(p_values)) if mark is None else _unjudged(c, splits[k], *mark)

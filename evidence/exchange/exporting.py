@@ -59,7 +59,7 @@ def export(
     where: str = "TRUE",
     progress: bool = False,
 ) -> Exported:
-    """Write records in another format; see docs/evidence.md for what each carries and loses.
+    """Write records in another format; docs/reference/evidence.md has what each carries and loses.
 
     Args:
         store: of the run.

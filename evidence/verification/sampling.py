@@ -71,7 +71,7 @@ def replay_some(
     for block in _files(store, drawn.decided):
         done.add(replay(block, exact=exact, own_code=own_code, policy=policy))
     done.skip(UNDECIDED, store.query(_HOPELESS.format(condition="" if decide else _BARE)).num_rows)
-    return done
+    return done.settle()
 
 
 def _drawn(store: EvidenceStore, count: int | None, chance: random.Random, decide: bool) -> _Drawn:

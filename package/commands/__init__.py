@@ -8,6 +8,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from . import census, diagnose, engines, evaluate, evidence, panel, report, train, watch
+    from . import census, diagnose, engines, evaluate, evidence, panel, play, report, train, watch
 else:
     __getattr__, __dir__ = lazy_door(__name__)

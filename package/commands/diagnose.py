@@ -29,7 +29,7 @@ examples:
                                   an integrator of your own is told what it is
   integ-gym diagnose --plant my_module:Slider --out runs/slider
   integ-gym diagnose --example drift --out runs/drift
-                                  energy drift over 200 s, see docs/drift.md
+                                  energy drift over 200 s, see docs/explanation/drift.md
   integ-gym diagnose --example drift --dt 0.01 --out runs/drift-fine
 """
 
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         "symplecticity, reversibility, free motion, stiffness, damping, friction, contact, "
         "actuation, timestep refinement and latency. Prints what every integrator is and what "
         "does not hold; DIR gets diagnose.html, diagnose.json, figures and one evidence record per "
-        f"rollout. docs/diagnose.md explains every section. {FITS}",
+        f"rollout. docs/reference/diagnose.md explains every section. {FITS}",
         epilog=EXAMPLES,
     )
     add = made.add_argument

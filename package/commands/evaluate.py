@@ -11,6 +11,8 @@ from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
 from integ_gym.support import CommandParser, named_value, say, told_command, whole_number
 
+from .engine_options import add_engine, resources_of
+
 EXAMPLES = """\
 examples:
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
@@ -46,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         metavar="POLICY",
         help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, or a state dict; "
-        "see docs/policies.md",
+        "see docs/how-to/policies.md",
     )
     add(
         "--policy", metavar="MODULE:FUNCTION",
@@ -93,6 +95,7 @@ def parser() -> argparse.ArgumentParser:
     add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
     add("--workers", type=whole_number, metavar="N", help="processes; 1: this one")
     add("--no-progress", action="store_true", help="show no progress bar")
+    add_engine(made)
     return made
 
 
@@ -129,8 +132,11 @@ def main(argv: Sequence[str]) -> int:
         on_home=lambda line: say(line, sys.stdout),
         on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),
         command=told_command(["integ-gym", "evaluate", *argv]),
+        executor=given.executor,
+        address=given.address,
+        resources=resources_of(given),
     )
     say(panel.question, sys.stdout)
-    say(panel.answer, sys.stdout)
+    say(panel.said(panel.answer), sys.stdout)
     print(f"Page: {(given.out / 'report.html').resolve()}")
     return 0

@@ -17,10 +17,22 @@ from integ_gym.eval import (
     ordered_verdicts,
     run_panel,
     specified,
+    work_on_panel,
 )
 from integ_gym.evidence import read_key, read_seal, sign
-from integ_gym.support import CommandParser, beside, say, told_command, whole_number, width_of
+from integ_gym.support import (
+    LEASE,
+    CommandParser,
+    beside,
+    plural,
+    say,
+    told_command,
+    whole_number,
+    width_of,
+)
 
+from .engine_options import add_engine, resources_of
+from .panel_plan import print_plan
 from .panel_power import print_power
 from .verdict_table import print_verdicts
 
@@ -34,13 +46,18 @@ examples:
                                           8 processes that train within 4 GiB together
   integ-gym panel --seeds 80 --out runs/panel
                                           again with more training seeds; keeps those that it has
+  integ-gym panel --executor ray --address ray://head:10001 --out /shared/panel
+                                          on a cluster, see docs/how-to/clusters.md
+  integ-gym panel --worker --workers 64 --out /shared/panel
+                                          one of 64 processes that share a directory
   integ-gym panel --power                 what its seeds can show, before anything runs
+  integ-gym panel --plan                  what it costs, before anything runs
   integ-gym panel engines --out runs/engines
                                           the same policies on every installed engine
   integ-gym panel engines --policies runs/panel --out runs/engines
                                           without training them again
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
-                                          a panel of your own, see docs/panel.md
+                                          a panel of your own, see docs/reference/panel.md
 """
 
 
@@ -63,6 +80,11 @@ def parser() -> argparse.ArgumentParser:
         "which verdicts want for how many more",
     )  # fmt: skip
     add(
+        "--plan", action="store_true",
+        help="run nothing: say what the panel costs in core time and storage, and what the same "
+        "would with 10, 1000 and 100 000 policies",
+    )  # fmt: skip
+    add(
         "--trainer", choices=TRAINERS,
         help="the compiled fleet trainer, or stable-baselines3; default: the specification's, "
         f"or else {PanelSpec.trainer}",
@@ -71,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
         "--memory-gib", type=float, metavar="GIB",
         help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
         "the command itself; default: the specification's, or else a share for each, see "
-        "docs/fleet.md",
+        "docs/how-to/fleet.md",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
@@ -87,6 +109,17 @@ def parser() -> argparse.ArgumentParser:
         help="sign the seal with this private key, as ssh-keygen -t ed25519 makes them",
     )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
+    add_engine(made)
+    add(
+        "--worker", action="store_true",
+        help="be one of any number of processes that finish the panel together in --out, which all "
+        "of them see; --workers is then how many the work is divided for",
+    )  # fmt: skip
+    add(
+        "--lease", type=float, metavar="S", default=LEASE,
+        help="with --worker: a unit whose process has been silent for so long is taken over by "
+        f"another, s (default: {LEASE:g})",
+    )  # fmt: skip
     add("--no-progress", action="store_true", help="show no progress bar")
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
     return made
@@ -116,26 +149,38 @@ def main(argv: Sequence[str]) -> int:
     if arguments.power:
         print_power(spec, arguments.out)
         return 0
+    if arguments.plan:
+        print_plan(spec, arguments.workers)
+        return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")
     key = None if arguments.sign is None else read_key(arguments.sign)
+    command = told_command([*words, "--out", str(arguments.out)])
+    if arguments.worker:
+        _take_part(spec, arguments, command)
+        return 0
     panel = run_panel(
         spec,
         arguments.out,
         workers=arguments.workers,
         progress=not arguments.no_progress,
         policies=arguments.policies,
-        command=told_command([*words, "--out", str(arguments.out)]),
+        command=command,
+        executor=arguments.executor,
+        address=arguments.address,
+        resources=resources_of(arguments),
     )
     say(panel.question, sys.stdout)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
     if arguments.verbose or not panel.verdicts:
-        say(panel.answer, sys.stdout)
+        say(panel.said(panel.answer), sys.stdout)
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
-            print(beside(name, f"{verdict.name}: {verdict.reason}", width_of(sys.stdout)))
+            print(
+                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
+            )
     print(f"Page: {(arguments.out / 'report.html').resolve()}")
     sealed = read_seal(arguments.out)
     assert sealed is not None
@@ -143,3 +188,25 @@ def main(argv: Sequence[str]) -> int:
     if key is not None:
         print(f"Signed by {sign(arguments.out, key).fingerprint}")
     return 0
+
+
+def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> None:
+    """Be one of several processes that finish a panel together."""
+    for name in ("executor", "address", "policies", "sign"):
+        if getattr(arguments, name) not in (None, "local"):
+            raise ValueError(f"--{name} is not for --worker; leave one of them out")
+    if arguments.cores_per_worker != 1:
+        raise ValueError(
+            "--cores-per-worker is asked of an engine, and a --worker has one core; leave it out"
+        )
+    done = work_on_panel(
+        spec,
+        arguments.out,
+        workers=arguments.workers,
+        gpus=bool(arguments.gpus_per_worker),
+        lease=arguments.lease,
+        progress=not arguments.no_progress,
+        command=command,
+    )
+    print(f"{plural(done, 'unit')} done here; all of the panel is finished.")
+    print(f"Page: {(arguments.out / 'report.html').resolve()}")

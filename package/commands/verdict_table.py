@@ -36,7 +36,7 @@ def _row(panel: Panel, judged: Verdict) -> tuple[str, ...]:
     low, high = judged.overfitting.low, judged.overfitting.high
     return (
         judged.verdict,
-        f"{judged.row} → {judged.cell}",
+        panel.called(f"{judged.row} → {judged.cell}"),
         success,
         fixed(judged.total.estimate),
         fixed(judged.overfitting.estimate),

@@ -63,7 +63,9 @@ def main(argv: Sequence[str]) -> int:
         check_writable(given.out)
     film = _film(given)
     for name, success in film.success.items():
-        print(f"{'succeeds' if success else 'fails   '}  {name}")
+        print(
+            f"{'succeeds' if success else 'fails   '}  {name.replace('reference dt=', 'truth dt=')}"
+        )
     if given.out is None:
         show_film(film)
         return 0

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 DPI: Final = 150
 """Dots per inch of every figure."""
 
+BOLD: Final = 0.0098
+"""Width of a bold letter, inches per point of its size."""
+
 PAPER, SUNK, LINE, INK, SOFT, WARM, COOL = (
     PALETTE[name][0] for name in ("card", "sunk", "line", "ink", "soft", "warm", "cool")
 )
@@ -93,6 +96,11 @@ def plain(text: str, longest: int = 46) -> str:
     if len(drawn) > longest:
         drawn = drawn[: longest - 1] + "…"
     return drawn.replace("$", r"\$")
+
+
+def fitting(lines: Sequence[str], width: float, size: float) -> float:
+    """Size of text in points, at most ``size``, at which lines fit a width in inches, if bold."""
+    return max(5.0, min(size, width / (BOLD * max(len(line) for line in lines))))
 
 
 def draw_heading(axes: Axes, left: float, title: str, about: str) -> None:

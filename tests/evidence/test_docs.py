@@ -1,4 +1,4 @@
-"""docs/evidence.md says what the code does."""
+"""docs/reference/evidence.md says what the code does."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from integ_gym.evidence.schema.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIE
 from integ_gym.evidence.schema.trace_fields import trace_fields
 from integ_gym.evidence.store.store import open_run
 
-TEXT = (Path(__file__).parents[2] / "docs" / "evidence.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "evidence.md").read_text(
+    encoding="utf-8"
+)
 
 
 def _blocks(language):
@@ -80,7 +82,7 @@ def test_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for block in _blocks("python"):
-        exec(compile(block, "docs/evidence.md", "exec"), names)
+        exec(compile(block, "docs/reference/evidence.md", "exec"), names)
     assert capsys.readouterr().out.count("(201,)") == 3
     store = open_run("runs/first-look")
     assert store.count() == 11

@@ -1,4 +1,4 @@
-"""docs/adding.md: its files work together as they stand on the page."""
+"""docs/how-to/adding.md: its files work together as they stand on the page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from integ_gym.evidence.schema import fields, trace_fields
 from integ_gym.evidence.store.store import EvidenceStore
 
 ROOT = Path(__file__).parent.parent.parent
-PAGE = (ROOT / "docs" / "adding.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "adding.md").read_text(encoding="utf-8")
 
 
 def _blocks(language: str) -> list[str]:

@@ -28,16 +28,19 @@ def test_every_attack_is_tried():
     assert list(ATTACKS) == [*FILES, *PLAIN, *FITTING, *STRANGERS, *INTERRUPTIONS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file_is_named_and_nothing_is_made_of_it(name, victim, tmp_path):
     _holds(name, range(1), victim, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*PLAIN[:1], *FITTING])
 def test_a_forgery_is_named_and_nothing_is_made_of_it(name, victim, tmp_path):
     _holds(name, range(1), victim, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STRANGERS)
 def test_what_a_stranger_gives_is_read_or_refused(name, victim, tmp_path):
     _holds(name, range(40), victim, tmp_path)

@@ -17,7 +17,7 @@ from integ_gym.evidence import Layout
 from ..ppo import PPOConfig
 from .evidence import ROWS_AT_ONCE
 from .types import Algorithm
-from .worker import Device, Workers
+from .worker import GIB_PER_WORKER, Device, Workers
 
 LONGEST = 60.0
 """What a chunk should take at most on one core, s."""
@@ -26,9 +26,6 @@ REMEDY = 'use --trainer sb3, or `trainer = "sb3"` in a specification'
 
 MOST_ON_GPU = 512
 """Policies of one chunk on a GPU."""
-
-GIB_PER_WORKER: dict[Device, float] = {"cpu": 1.5, "gpu": 8.0}
-"""Budget of memory unless another is given."""
 
 SHARE_OF_MEMORY = 0.75
 
@@ -146,6 +143,11 @@ def plan(
         count = min(len(places), max(share, math.ceil(len(places) / most)))
         chunks += [Chunk(kind, tuple(part.tolist())) for part in np.array_split(places, count)]
     return sorted(chunks, key=lambda chunk: -len(chunk.places) * chunk.kind.seconds)
+
+
+def training_seconds(config: PPOConfig) -> float:
+    """What a run is expected to take on one core, s."""
+    return kind_of(config).seconds
 
 
 def default_gib(workers: Workers) -> float:

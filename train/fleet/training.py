@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs import FunctionalEnv, Mixture, functional, jax
 from integ_gym.evidence import Layout
-from integ_gym.support import report_work, require
+from integ_gym.support import Cluster, report_work, require
 
 from ..policy_files import LAST_EPISODES, TrainedPolicy, episode_summary, make_card, write_policy
 from ..ppo import PPOConfig, model_arguments
@@ -34,13 +34,14 @@ from ..running import (
     train_in_processes,
     training_bar,
     unheard,
+    used,
 )
-from ..sb3 import initial_stack, state_dict, zip_of_weights
+from ..sb3 import import_ahead, initial_stack, state_dict, zip_of_weights
 from .evidence import EpisodeAssembler
-from .planning import Kind, kind_of, plan
+from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram
 from .types import Algorithm, Knobs, Learner, Trail
-from .worker import default_cache_dir, fleet_workers, prepare_worker
+from .worker import Device, fleet_workers, prepare_worker, workers_of
 
 Array = NDArray[Any]
 
@@ -71,6 +72,9 @@ def train_fleet(
     on_trained: OnTrained = unheard,
     memory_gib: float | None = None,
     cache_dir: str | Path | None = None,
+    executor: str | Cluster = "local",
+    address: str | None = None,
+    together: Sequence[Sequence[int]] | None = None,
 ) -> list[TrainedPolicy]:
     """Train policies and write each as `integ_gym.train.ppo.train_ppo` does.
 
@@ -86,6 +90,12 @@ def train_fleet(
             written.
         memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
+        executor: what runs the processes: see :func:`integ_gym.support.cluster_of`. One of others
+            writes each policy where it was trained: `out_dirs` and `evidence` must be seen from
+            there.
+        address: of a running cluster.
+        together: places in `configs` of those that are trained together; by default as
+            :func:`integ_gym.train.fleet.planning.plan` divides them.
 
     Raises:
         OSError: if a folder cannot be used, or holds a policy and `force` is not given.
@@ -95,20 +105,48 @@ def train_fleet(
     """
     require("train", "fleet")
     runs = checked_runs(configs, out_dirs, evidence, force)
-    processes = fleet_workers(workers)
-    chunks = plan(configs, processes, memory_gib)
-    for _, folder, _ in runs:
-        folder.mkdir(parents=True, exist_ok=True)
-    return train_in_processes(
-        _run,
-        {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
-        processes.count,
-        training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
-        on_trained,
-        write=lambda place, outcome: write_outcome(configs[place], outcome, runs[place][1]),
-        prepare=partial(prepare_worker, str(cache_dir or default_cache_dir()), processes.device),
-        starting="compiling",
-    )
+    with used(executor, address, workers, memory_gib) as cluster:
+        processes = fleet_workers(workers) if cluster is None else workers_of(cluster)
+        chunks = (
+            plan(configs, processes, memory_gib)
+            if together is None
+            else [Chunk(kind_of(configs[places[0]]), tuple(places)) for places in together]
+        )
+        for _, folder, _ in runs:
+            folder.mkdir(parents=True, exist_ok=True)
+        remote = cluster is not None
+        if not remote:
+            import_ahead()
+        return train_in_processes(
+            _run_and_write if remote else _run,
+            {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
+            processes.count,
+            training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
+            on_trained,
+            write=lambda place, done: (
+                done if remote else write_outcome(configs[place], done, runs[place][1])
+            ),
+            prepare=preparation(processes.device, cache_dir),
+            starting="compiling",
+            cluster=cluster,
+        )
+
+
+def train_together(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[Path],
+    evidence: Sequence[TrainingEvidence],
+    on_trained: OnTrained = unheard,
+) -> None:
+    """Train runs of one kind together in this process, and write each into its folder."""
+    for place, outcome in enumerate(train_chunk(configs, evidence, report_work)):
+        out_dirs[place].mkdir(parents=True, exist_ok=True)
+        on_trained(place, write_outcome(configs[place], outcome, out_dirs[place]))
+
+
+def preparation(device: Device, cache_dir: str | Path | None = None) -> Callable[[int], None]:
+    """What sets up JAX in a worker process; see :func:`prepare_worker`."""
+    return partial(prepare_worker, None if cache_dir is None else str(cache_dir), device)
 
 
 def train_chunk(
@@ -245,6 +283,12 @@ def _run(runs: Sequence[Run[PPOConfig]]) -> list[Outcome]:
     """One chunk, in a worker process."""
     evidence = [told for _, _, told in runs if told is not None]
     return train_chunk([config for config, _, _ in runs], evidence or None, report_work)
+
+
+def _run_and_write(runs: Sequence[Run[PPOConfig]]) -> list[TrainedPolicy]:
+    """One chunk, in a process of another machine, which writes what it trained."""
+    outcomes = zip(runs, _run(runs), strict=True)
+    return [write_outcome(config, outcome, folder) for (config, folder, _), outcome in outcomes]
 
 
 def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedPolicy:

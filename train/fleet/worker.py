@@ -11,10 +11,12 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
-from integ_gym.envs import jax
-from integ_gym.support import cores
+from integ_gym.support import Cluster, cores
 
 Device = Literal["cpu", "gpu"]
+
+GIB_PER_WORKER: dict[Device, float] = {"cpu": 1.5, "gpu": 8.0}
+"""Budget of memory unless another is given."""
 
 _CPU_FLAGS = ("--xla_cpu_multi_thread_eigen=false", "--xla_backend_optimization_level=1")
 """One thread; and a compiler that takes half the time for code that is as fast here."""
@@ -47,8 +49,21 @@ def fleet_workers(requested: int | None = None) -> Workers:
     return Workers(requested or cores(), "cpu")
 
 
-def prepare_worker(cache_dir: str, device: Device, number: int) -> None:
-    """Set up JAX in a worker process: one core or one GPU, and a cache of compiled programs."""
+def workers_of(cluster: Cluster) -> Workers:
+    """The processes of an engine of others: on GPUs where these were asked for."""
+    return Workers(cluster.workers, "gpu" if cluster.gpus else "cpu")
+
+
+def prepare_worker(cache_dir: str | None, device: Device, number: int) -> None:
+    """Set up JAX in a worker process: one core or one GPU, and a cache of compiled programs.
+
+    Args:
+        cache_dir: of compiled programs; None: the user's cache folder on the worker's machine.
+        device: what it computes on.
+        number: of the process, which has the GPU of that number.
+    """
+    from integ_gym.envs import jax
+
     if device == "gpu":
         os.environ["CUDA_VISIBLE_DEVICES"] = _gpus()[number]
     else:
@@ -56,7 +71,8 @@ def prepare_worker(cache_dir: str, device: Device, number: int) -> None:
         os.environ["NPROC"] = "1"
         os.environ["XLA_FLAGS"] = " ".join((os.environ.get("XLA_FLAGS", ""), *_CPU_FLAGS))
         jax.config.update("jax_platforms", "cpu")  # type: ignore[no-untyped-call]
-    jax.config.update("jax_compilation_cache_dir", cache_dir)  # type: ignore[no-untyped-call]
+    kept = cache_dir or str(default_cache_dir())
+    jax.config.update("jax_compilation_cache_dir", kept)  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)  # type: ignore[no-untyped-call]
 
 

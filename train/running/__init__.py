@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         train_in_processes,
         training_bar,
         unheard,
+        used,
     )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

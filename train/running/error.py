@@ -31,7 +31,7 @@ def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
         if failed:
             raise TrainingError(
                 f"the integrator {failed[0]!r} failed: {type(error).__name__}: {error}; "
-                "docs/adding.md says what an integrator must be"
+                "docs/how-to/adding.md says what an integrator must be"
             ) from error
         if not isinstance(error, ValueError):
             raise

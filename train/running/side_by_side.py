@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from integ_gym.support import Progress, cores, report_work, work_bar
+from integ_gym.support import (
+    Cluster,
+    Progress,
+    Resources,
+    cluster_of,
+    cores,
+    report_work,
+    work_bar,
+)
 
 from ..policy_files import TrainedPolicy, check_folder
 from .error import TrainingError
@@ -74,6 +82,7 @@ def train_each(
     def tell(steps: int, words: str) -> None:
         bar.set_postfix_str(words, refresh=False)
         bar.update(steps)
+        report_work(steps)
 
     trained = []
     with bar:
@@ -98,6 +107,7 @@ def train_in_processes(
     write: Callable[[int, Any], TrainedPolicy] = lambda place, trained: trained,
     prepare: Callable[[int], None] | None = None,
     starting: str = "",
+    cluster: Cluster | None = None,
 ) -> list[TrainedPolicy]:
     """Do jobs in worker processes, and take in each as it ends.
 
@@ -110,13 +120,19 @@ def train_in_processes(
         write: called here for each place with what ``train`` returned for it.
         prepare: called once in each process, with its number from 0.
         starting: what the bar says until some work is done.
+        cluster: an engine of others, in place of processes of this machine.
 
     Raises:
         TrainingError: if a job fails or is killed; finished policies stay.
     """
     trained: dict[int, TrainedPolicy] = {}
     progress, policies = Progress(bar, starting), sum(map(len, jobs))
-    with bar, progress.pool(max(1, min(processes, len(jobs))), prepare) as pool:
+    made = (
+        progress.pool(max(1, min(processes, len(jobs))), prepare)
+        if cluster is None
+        else cluster.pool(progress, prepare)
+    )
+    with bar, made as pool:
         running = {pool.submit(train, *given): places for places, given in jobs.items()}
         for future in progress.ended(running):
             outcomes = _result(future, len(trained))
@@ -136,13 +152,29 @@ def _result(future: Future[Sequence[Any]], finished: int) -> Sequence[Any]:
     kept = f"finished policies are kept ({finished})"
     try:
         return future.result()
-    except BrokenProcessPool:
+    except BrokenExecutor:
         raise TrainingError(
             "a worker process was killed, perhaps for want of memory; give fewer workers, or the "
             f"fleet a smaller `memory_gib`; {kept}"
         ) from None
     except Exception as error:
         raise TrainingError(f"training failed: {error}; {kept}") from error
+
+
+@contextmanager
+def used(
+    executor: str | Cluster, address: str | None, workers: int | None, memory_gib: float | None
+) -> Iterator[Cluster | None]:
+    """An engine of others, by name or as it is; None: processes of this machine.
+
+    Raises:
+        ClusterError: see :func:`integ_gym.support.cluster_of`.
+    """
+    if not isinstance(executor, str):
+        yield executor if executor.remote else None
+        return
+    with cluster_of(executor, address, Resources(workers, memory_gib=memory_gib)) as cluster:
+        yield cluster if cluster.remote else None
 
 
 def training_bar(decisions: int, policies: int, shown: bool) -> Any:

@@ -6,7 +6,9 @@ import io
 import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +16,11 @@ from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
 from ..policy_files import episode_summary, told
+
+
+def import_ahead() -> None:
+    """Begin to import what :func:`zip_of_weights` takes a second to, beside other work."""
+    Thread(target=import_module, args=("stable_baselines3",)).start()
 
 
 def zip_of_weights(

@@ -53,7 +53,7 @@ def check_integrator(name: str, subject: Subject) -> None:
         what = " ".join(str(error).split())
         raise ValueError(
             f"the integrator {name!r} cannot take a step on {subject.name}: "
-            f"{type(error).__name__}: {what}; docs/adding.md says what an integrator must be"
+            f"{type(error).__name__}: {what}; docs/how-to/adding.md says what an integrator must be"
         ) from error
 
 

@@ -187,12 +187,14 @@ def _checked(name: str, plant: type[Any]) -> type[Any]:
     missing = [n for n in dict.fromkeys(needed) if not hasattr(plant, n)]
     if missing or not is_dataclass(plant):
         lacks = f"lacks {', '.join(missing)}" if missing else "is no dataclass"
-        raise ValueError(f"the plant {name!r} {lacks}; docs/adding.md has a complete example")
+        raise ValueError(
+            f"the plant {name!r} {lacks}; docs/how-to/adding.md has a complete example"
+        )
     bare = [f.name for f in fields(plant) if "check" not in f.metadata]
     if bare:
         raise ValueError(
             f"`{bare[0]}` of the plant {name!r} has no unit and range; declare it with "
-            "integ_gym.support.parameters.parameter, as docs/adding.md shows"
+            "integ_gym.support.parameters.parameter, as docs/how-to/adding.md shows"
         )
     return plant
 

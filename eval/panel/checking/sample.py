@@ -15,8 +15,8 @@ from .plan import of_files
 
 _EVALUATION = "evaluate-"
 
-SAMPLED_FILES, SAMPLED_RECORDS = 2, 64
-"""Files, and records of each, that are recomputed and played again before a page is written."""
+SAMPLED, SAMPLED_OF_A_FILE = 128, 64
+"""Records that are recomputed and played again before a page is written, and the most of a file."""
 
 
 def check_records(directory: RunDirectory) -> None:
@@ -51,8 +51,13 @@ def of_sample(directory: RunDirectory) -> Iterator[Finding]:
     """
     store = EvidenceStore(directory.evidence)
     files = [file.name for file in store.files() if file.name.startswith(_EVALUATION)]
-    for name in random.sample(files, min(len(files), SAMPLED_FILES)):
-        for record in store.some_records(name, SAMPLED_RECORDS):
+    random.shuffle(files)
+    left = SAMPLED
+    while files and left > 0:
+        name = files.pop()
+        records = store.some_records(name, SAMPLED_OF_A_FILE)
+        left -= len(records)
+        for record in records:
             yield from recompute(record, f"evidence/{name}")
-        played = replay_some(store.only(name), SAMPLED_RECORDS, random.Random(), acting_in(store))
-        yield from played.findings
+        own, chance = store.only(name), random.Random()
+        yield from replay_some(own, SAMPLED_OF_A_FILE, chance, acting_in(store)).findings

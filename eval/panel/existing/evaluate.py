@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from integ_gym.evidence import EvidenceStore
-from integ_gym.support import check_spawning, cores, replace_file
+from integ_gym.support import Cluster, check_spawning, cores, replace_file
 from integ_gym.train import HOW_TO_STATE, Policy
 
 from ..checking import check_records
@@ -22,7 +22,15 @@ from ..results import (
     reduced,
     write_outputs,
 )
-from ..running import RunDirectory, Subject, baseline_of, evaluate_all, evaluation_seconds
+from ..running import (
+    RunDirectory,
+    Subject,
+    baseline_of,
+    clear,
+    evaluate_all,
+    evaluation_seconds,
+)
+from ..sharing import evaluate_on
 from ..specification import PanelSpec
 from .policy import Existing
 
@@ -39,6 +47,7 @@ def evaluate_existing(
     workers: int | None = None,
     progress: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
+    cluster: Cluster | None = None,
 ) -> Panel:
     """Evaluate a policy and the baselines, and write the usual directory.
 
@@ -50,6 +59,7 @@ def evaluate_existing(
         workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar.
         on_doubt: called at the end, with each sentence that casts doubt on the result.
+        cluster: an engine that may be on other machines, in place of this one's processes.
 
     Returns:
         What ``panel.json`` holds; ``warnings`` lists the doubts.
@@ -66,13 +76,20 @@ def evaluate_existing(
         Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
     ]
-    processes = _processes(workers, evaluation_seconds(spec, subjects))
+    elsewhere = cluster if cluster is not None and cluster.remote else None
+    if elsewhere is None:
+        processes = _processes(workers, evaluation_seconds(spec, subjects))
+    else:
+        processes = elsewhere.workers
     if processes:
-        check_spawning(existing.policy)
+        check_spawning(existing.policy, alone=True)
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
-        evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
+        if elsewhere is None:
+            evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
+        else:
+            evaluate_on(elsewhere, spec, directory, subjects, "evaluate", progress)
         check_records(directory)
         layout, matrix = reduced(spec, directory, given_rows(spec, row, home))
         panel = write_outputs(
@@ -91,6 +108,7 @@ def evaluate_existing(
                 *_cannot_fail(spec, EvidenceStore(directory.evidence)),
             ),
         )
+        clear(directory.path)
     for doubt in panel.warnings:
         on_doubt(doubt)
     return panel

@@ -128,7 +128,8 @@ class Entry(Part, frozen=True, kw_only=True):
         success: success rate, in [0, 1].
         success_by_seed: success rate of each policy, shape (seeds,).
         recovered: success rate within one horizon or two, in [0, 1].
-        returns: interquartile mean of the returns; null where one of them is not finite; called
+        returns: interquartile mean of the returns, the plain mean where policies were given, as
+            published tables have it; null where one of them is not finite; called
             ``return`` in the file.
         time_to_success: time to success, s, of the episodes that succeed; null without one.
         time_to_success_episodes: how many episodes succeed.
@@ -149,7 +150,7 @@ class Entry(Part, frozen=True, kw_only=True):
         worst_loss: what it loses.
         transfer_gap: success of the policies trained here minus that of these; null without any.
         reference_class: the cell's pass or fail beside the reference's; null where the reference
-            has another plant or control period.
+            has another plant or control period, and in cells that cannot be solved in time.
         labels: episodes by failure label; `none` are those that succeed.
         file: evidence files that hold the records, beside ``panel.json``.
         query: command that lists the records.

@@ -152,14 +152,14 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """Columns of the success matrix, the reference last."""
+        """Columns of the success matrix, the truth first: it is what decides."""
         schemes: dict[str, list[Cell]] = {}
         for cell in self.cells:
             if cell.kind == "grid" and cell.plain and not cell.reference:
                 schemes.setdefault(cell.scheme, []).append(cell)
         groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
         truth = tuple(cell for cell in self.cells if cell.reference)
-        return (*groups, Group("reference", truth, reference=True)) if truth else tuple(groups)
+        return (Group("reference", truth, reference=True), *groups) if truth else tuple(groups)
 
     @cached_property
     def columns(self) -> tuple[Cell, ...]:
@@ -185,6 +185,21 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def mixed_periods(self) -> bool:
         """Whether the matrix mixes control periods, so that columns must name theirs."""
         return len({cell.control_period for cell in self.columns}) > 1
+
+    def called(self, name: str) -> str:
+        """The name of a row or a cell as people read it, in which the truth is called so."""
+        if self.truth is None:
+            return name
+        return name.replace(self.truth.name, "truth").replace("reference dt=", "truth dt=")
+
+    def said(self, text: str) -> str:
+        """A sentence as people read it, in which the truth is called so."""
+        truth = self.truth
+        if truth is not None:
+            text = text.replace(truth.name, "the truth")
+            at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
+            text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
+        return text.replace("the reference", "the truth")
 
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""

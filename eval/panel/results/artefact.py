@@ -35,12 +35,9 @@ from ..model import (
 )
 from ..model import Row as PanelRow
 from ..specification import Cell
-from .answer import answer_of
+from .findings import answer_of, paired_episodes, rankings, remedies
 from .layout import PanelLayout
 from .matrix import Matrix, Row
-from .paired import paired_episodes
-from .ranking import rankings
-from .remedy import remedies
 
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""
@@ -99,7 +96,7 @@ def build_artefact(
                 row.name,
                 cell,
                 layout.native(cell),
-                layout.reference_of(cell),
+                layout.reference_of(matrix, cell),
                 losses.get((row.name, cell)),
                 tuple(dict.fromkeys(file for policy in row.policies for file in files[policy])),
                 _query(directory, row, cell),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ..specification import Cell, Home, PanelSpec, main_home
+from .findings import paired_episodes, paired_remark
 from .layout import PanelLayout
 from .matrix import Matrix, Row
-from .paired import paired_episodes, paired_remark
 
 
 def given_rows(spec: PanelSpec, policy: str, home: Home | None) -> tuple[Row, ...]:
@@ -39,7 +39,7 @@ def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:
     """The range of the policy's returns in one sentence."""
     home = home_cell(row.trained_on)
     cells = [cell.name for cell in spec.columns()]
-    means = {name: float(matrix.values(row.name, name, "return").mean()) for name in cells}
+    means = {name: float(matrix.units(row.name, name, "return").mean()) for name in cells}
     low, high = min(means, key=lambda n: means[n]), max(means, key=lambda n: means[n])
     if means[low] == means[high]:
         return f"Its mean return is {means[low]:.1f} on each of them."

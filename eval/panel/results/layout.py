@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ...verdict import Achieved, Attempt, Comparison, Loss, Rates, split
+from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, split
 from ..running import Tried
 from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
@@ -55,9 +55,14 @@ class PanelLayout:
         wanted = self.cells[cell].discretization
         return next((row.name for row in self.rows if row.trained_on == wanted), None)
 
-    def reference_of(self, cell: str) -> str | None:
-        """The reference cell, where it has the same plant and control period."""
-        return self.reference if self.cells[cell].kind in ("grid", "reference") else None
+    def reference_of(self, matrix: Matrix, cell: str) -> str | None:
+        """The reference cell, where it has the same plant and control period.
+
+        None where the cell cannot be solved in time, so that failing there says nothing.
+        """
+        same = self.cells[cell].kind in ("grid", "reference")
+        unsolvable = same and self.achieved(matrix, cell).status in UNSOLVABLE
+        return self.reference if same and not unsolvable else None
 
     def columns(self) -> tuple[str, ...]:
         """Names of the cells that every row is evaluated in."""
@@ -88,13 +93,16 @@ class PanelLayout:
         return {place: loss for place, loss in found.items() if loss is not None}
 
     def achieved(self, matrix: Matrix, cell: str) -> Achieved:
-        """Whether a cell can be solved: by its natives, or by what was tried before."""
+        """Whether a cell can be solved: by any policy, or by what was tried before."""
         native = self.native(cell)
-        natives = []
-        if native is not None and matrix.has(native, cell):
-            rates = matrix.rates(native, cell).mean(), matrix.recovered_rates(native, cell).mean()
-            natives = [Attempt("Policies trained there", *map(float, rates))]
-        return self._tried(cell).achieved(*natives)
+        attempts = []
+        for row in self.rows:
+            if row.kind != "baseline" and matrix.has(row.name, cell):
+                name = "there" if row.name == native else f"on {row.name}"
+                who = f"Policies trained {name}" if row.kind == "trained" else row.name
+                rates = matrix.rates(row.name, cell), matrix.recovered_rates(row.name, cell)
+                attempts.append(Attempt(who, *(float(rate.mean()) for rate in rates)))
+        return self._tried(cell).achieved(*attempts)
 
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:
         """The transfer of a row with a home to a cell, as it is judged."""

@@ -64,8 +64,8 @@ class Row:
 class Matrix:
     """Outcomes by row and cell.
 
-    The unit of replication is the training seed; of a policy that was given, and of what it is
-    held against, the episode: numbers are about this policy and these starts.
+    The unit of replication is the training seed; of a baseline, of a policy that was given, and of
+    what that is held against, the episode: numbers are about this policy and these starts.
 
     Args:
         rows: the panel's rows.
@@ -113,7 +113,8 @@ class Matrix:
     def units(self, row: str, cell: str, name: str) -> Array:
         """One column by unit of replication, shape (units, episodes of each)."""
         values = self.values(row, cell, name)
-        return values.reshape(-1, 1) if self._by_episode else values
+        by_episode = self._by_episode or self.rows[row].kind == "baseline"
+        return values.reshape(-1, 1) if by_episode else values
 
     def rates(self, row: str, cell: str) -> Array:
         """Success rate of every unit, shape (units,)."""
@@ -220,6 +221,8 @@ class Matrix:
         values = self.units(row, cell, "return")
         if not np.isfinite(values).all():
             return None
+        if self._by_episode:
+            return _unit_mean(values)
         return _estimate(iqm_interval(values), iqm(values))
 
     def _numerics_share(self, row: str, cell: str) -> Estimate | None:

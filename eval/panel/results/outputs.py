@@ -17,10 +17,9 @@ from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
 from .comparing import as_sealed
-from .engine_agreement import agreements
+from .findings import agreements, training_costs
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
-from .training_cost import training_costs
 
 
 def write_artefact(

@@ -8,10 +8,22 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .achievability import Tried, tried
+    from .achievability import Tried, not_tried, tried, try_and_note, unit_of_cell
+    from .division import memory_of, waiting_chunks
     from .evaluation import Subject
-    from .evaluation_units import Evaluated, evaluate_all, evaluated, evaluation_seconds
-    from .panel import complete, opened
+    from .evaluation_units import (
+        Evaluated,
+        batches_of,
+        evaluate_all,
+        evaluate_batch,
+        evaluated,
+        evaluation_seconds,
+        not_evaluated,
+        statuses,
+        unit_of,
+    )
+    from .expected_cost import ExpectedCost, fixed_cost, policy_costs, total_cost
+    from .panel import check_spec, complete, opened, subject_of
     from .run_directory import (
         MANIFEST,
         RunDirectory,
@@ -19,6 +31,16 @@ if TYPE_CHECKING:
         package_versions,
         read_manifest,
     )
-    from .units import baseline_of, is_card_of, trained_units, training_config, units_of
+    from .staging import DRIVEN, SHARED, Desk, clear
+    from .training import train_chunk_here
+    from .units import (
+        baseline_of,
+        is_card_of,
+        is_there,
+        trained_units,
+        training_config,
+        units_of,
+    )
+    from .work import PanelError, Work, panel_bar, working_on
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -57,13 +57,22 @@ class Tried:
 
 def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> dict[str, Tried]:
     """Try every cell of the matrix that has not been tried, each a unit; all, by cell."""
-    waiting = {
-        cell.name: (spec, directory, cell)
-        for cell in spec.columns()
-        if directory.finished(_unit(cell), _key(spec, cell), records=False) is None
-    }
-    work.do("trying what can be done", _try, waiting)
+    waiting = {cell.name: (spec, directory, cell) for cell in not_tried(spec, directory)}
+    work.do("trying what can be done", try_and_note, waiting)
     return tried(directory)
+
+
+def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[Cell]:
+    """Cells of the matrix that have not been tried.
+
+    Raises:
+        RunDirectoryError: if one was tried under another specification or version.
+    """
+    return [
+        cell
+        for cell in spec.columns()
+        if directory.finished(unit_of_cell(cell), _key(spec, cell), records=False) is None
+    ]
 
 
 def tried(directory: RunDirectory) -> dict[str, Tried]:
@@ -104,12 +113,13 @@ def _search(spec: PanelSpec, cell: Cell) -> Search | None:
     return Search(horizon, required, tuple(highest.tolist()), numerics.METHOD)
 
 
-def _try(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
+def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
+    """Try a cell, and mark that as finished."""
     start = time.time()
     found = try_cell(spec, cell)
     search = None if found.search is None else vars(found.search)
     directory.finish(
-        _unit(cell), _key(spec, cell), start,
+        unit_of_cell(cell), _key(spec, cell), start,
         cell=cell.name, success=found.success, recovered=found.recovered, search=search,
     )  # fmt: skip
 
@@ -123,7 +133,8 @@ def _read(marker: Mapping[str, Any]) -> Tried:
     )
 
 
-def _unit(cell: Cell) -> str:
+def unit_of_cell(cell: Cell) -> str:
+    """Name of the unit that tries a cell."""
     return f"{PREFIX}{file_name(cell.name)}"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from integ_gym.evidence import EvidenceStore, Layout
 
 from ..specification import Cell, PanelSpec, inputs
-from .achievability import Tried, try_cells
+from .achievability import Tried, tried, try_cells
 from .evaluation import Subject, divided, evaluate
 from .expected_time import cell_seconds, cell_timing
 from .run_directory import RunDirectory, key_of
@@ -146,15 +146,39 @@ def evaluate_all(
     batches = batches_of(spec, waiting, parts)
     with working(label, seconds, workers, progress) as work:
         work.skip(seconds - evaluation_seconds(spec, waiting))
-        found = try_cells(spec, directory, work)
-        can = {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
+        try_cells(spec, directory, work)
+        can = statuses(directory)
         if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
             tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
-            work.do("evaluating", _commit, tasks)
+            work.do("evaluating", evaluate_batch, tasks)
             return
         for batch in batches:
             tables = _divided(spec, directory, batch, can, work, parts)
-            _commit(spec, directory, batch, can, tables)
+            evaluate_batch(spec, directory, batch, can, tables)
+
+
+def evaluate_batch(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    batch: Sequence[Subject],
+    can: Mapping[str, str],
+    tables: Iterable[Any] | None = None,
+) -> None:
+    """Evaluate policies in all their cells, by default here, and mark that as finished.
+
+    Args:
+        spec: the panel.
+        directory: that it is written to.
+        batch: the policies, with records of the same cells.
+        can: whether a cell can be solved, by its name.
+        tables: the records, where they were made elsewhere.
+    """
+    hashes, start = _hashes(batch), time.time()
+    unit, key = unit_of(spec, batch)
+    store = EvidenceStore(directory.evidence)
+    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store, can))
+    names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
+    directory.finish(unit, key, start, policies=hashes, cells=names)
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
@@ -184,25 +208,20 @@ def _divided(
         yield from tables
 
 
-def _commit(
-    spec: PanelSpec,
-    directory: RunDirectory,
-    batch: Sequence[Subject],
-    can: Mapping[str, str],
-    tables: Iterable[Any] | None = None,
-) -> None:
-    """Evaluate policies in all their cells, by default here, and mark that as finished."""
+def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
+    """Name of the unit that evaluates a batch, and hash of its inputs."""
     hashes = _hashes(batch)
     cells = {cell.name: cell for subject in batch for cell in subject.missing}
     key = _key(spec, hashes, cells.values())
     first, others = next(iter(hashes)), len(hashes) - 1
     unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
-    unit = f"{unit}-added-{key[:8]}" if batch[0].recorded else unit
-    start = time.time()
-    store = EvidenceStore(directory.evidence)
-    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store, can))
-    names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
-    directory.finish(unit, key, start, policies=hashes, cells=names)
+    return (f"{unit}-added-{key[:8]}" if batch[0].recorded else unit), key
+
+
+def statuses(directory: RunDirectory) -> dict[str, str]:
+    """Whether each cell that was tried can be solved, by its name."""
+    found = tried(directory)
+    return {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
 
 
 def _named(batch: Sequence[Subject]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.support import cores
-from integ_gym.train import POLICY_FILE, read_trained
+from integ_gym.train import POLICY_FILE, Workers, fleet_workers, read_trained
 
 from ..specification import PanelSpec, SpecError
 from .evaluation import Subject
@@ -21,12 +21,15 @@ from .units import Unit, baseline_of, is_card_of, units_of
 from .work import PanelError
 
 
-def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
+def check_spec(
+    spec: PanelSpec, workers: int | Workers | None = None, memory_gib: float | None = None
+) -> None:
     """Check what only the trainer and the baselines know.
 
     Args:
         spec: the panel.
-        workers: processes, if so many are requested.
+        workers: processes, if so many are requested, or the fleet's.
+        memory_gib: that they may take together; by default the specification's.
 
     Raises:
         SpecError: for unknown hyperparameters or baselines, or what the trainer cannot train.
@@ -42,27 +45,34 @@ def check_spec(spec: PanelSpec, workers: int | None = None) -> None:
     try:
         for name in spec.baselines:
             baseline_of(spec, name)
-        check_training(spec, workers)
+        fleet = workers if isinstance(workers, Workers) else fleet_workers(workers)
+        check_training(spec, fleet, memory_gib or spec.memory_gib)
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
 @contextmanager
 def opened(
-    spec: PanelSpec, out: Path, *, workers: int | None = None, policies: Path | None = None
+    spec: PanelSpec,
+    out: Path,
+    *,
+    workers: int | Workers | None = None,
+    memory_gib: float | None = None,
+    policies: Path | None = None,
 ) -> Iterator[RunDirectory]:
     """The directory of a panel that can be run, held; see `complete`.
 
     Args:
         spec: the panel.
         out: its directory.
-        workers: processes, if so many are requested.
+        workers: processes, if so many are requested, or the fleet's.
+        memory_gib: that they may take together; by default the specification's.
         policies: directory of a finished panel whose policies are taken instead of training.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
     """
-    check_spec(spec, workers)
+    check_spec(spec, workers, memory_gib)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     source = None if policies is None else finished_policies(policies, spec)
     with directory.opened():

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..specification import PanelSpec
 from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
-from .units import Unit, is_trained, trained_units, training_config, training_key
+from .units import Unit, is_there, is_trained, trained_units, training_config, training_key
 
 
 def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
@@ -50,7 +50,7 @@ def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> Non
         spec: the panel that wants them.
     """
     for unit in trained_units(spec):
-        if not is_trained(directory, unit, training_key(training_config(spec, unit))):
+        if not is_there(spec, directory, unit):
             directory.discard_remains(unit.training)
             target = directory.policies / unit.policy
             shutil.rmtree(target, ignore_errors=True)

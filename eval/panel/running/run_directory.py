@@ -24,6 +24,8 @@ from integ_gym.support import (
     write_json,
 )
 
+from .staging import DRIVEN, SHARED, retire
+
 MANIFEST = "run.json"
 GROWING = "seeds"
 """List in a specification to which more may be added at the end."""
@@ -50,6 +52,10 @@ _NOTED_BY: dict[str, Kinds] = {
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
 """What a marker holds, and by the first word of the unit's name what else."""
+
+
+_TRIES, _BETWEEN_TRIES = 20, 0.1
+"""To share a lock; time between them, s."""
 
 
 class RunDirectoryError(ValueError):
@@ -101,20 +107,47 @@ class RunDirectory:
                 or if another process runs in it.
         """
         self._check()
-        for folder in (self.evidence, self.policies, self._units):
-            folder.mkdir(parents=True, exist_ok=True)
+        self.make_folders()
         with self._locked():
+            retire(self.path, DRIVEN, SHARED)
             for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
-            self._lift_seal()
+            self.lift_seal()
             try:
                 self._write_manifest()
                 yield
             finally:
                 lower_seal(self.path)
 
-    def _lift_seal(self) -> None:
+    @contextmanager
+    def joined(self) -> Iterator[None]:
+        """Create or check the directory and hold it for one of several that take units by claims.
+
+        Raises:
+            RunDirectoryError: see :meth:`opened`.
+        """
+        self._check()
+        self.make_folders()
+        with self._locked(shared=True):
+            retire(self.path, DRIVEN)
+            self._check()
+            self._write_manifest()
+            yield
+
+    def make_folders(self) -> None:
+        """Make the folders of a run."""
+        for folder in (self.evidence, self.policies, self._units):
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def is_finished(self) -> bool:
+        """Whether the run was sealed as it is specified now; its files are not looked at."""
+        manifest = self.path / MANIFEST
+        if not (self.path / SEAL_FILE).exists() or not manifest.exists():
+            return False
+        return bool(read_manifest(manifest)["specification"] == self._specification)
+
+    def lift_seal(self) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
@@ -154,7 +187,7 @@ class RunDirectory:
         manifest = self.path / MANIFEST
         if manifest.exists():
             self._check_manifest(manifest)
-        elif self.path.exists() and not self._is_bare():
+        elif self.path.exists() and not self._is_bare() and not manifest.exists():
             raise RunDirectoryError(
                 f"{self.path} exists and holds no panel; give another directory with --out"
             )
@@ -218,9 +251,9 @@ class RunDirectory:
         )
 
     @contextmanager
-    def _locked(self) -> Iterator[None]:
+    def _locked(self, shared: bool = False) -> Iterator[None]:
         lock = FileLock(self.path / LOCK)
-        if not lock.acquire():
+        if not (_held_soon(lock) if shared else lock.acquire()):
             raise RunDirectoryError(
                 f"another process is running the panel in {self.path}; wait for it, or give "
                 "another directory with --out"
@@ -362,6 +395,15 @@ class RunDirectory:
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
+
+
+def _held_soon(lock: FileLock) -> bool:
+    """Share a lock; one of those that share it may hold it alone for a moment as it leaves."""
+    for _ in range(_TRIES):
+        if lock.acquire(shared=True):
+            return True
+        time.sleep(_BETWEEN_TRIES)
+    return False
 
 
 def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:

@@ -4,23 +4,37 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from integ_gym.evidence import EpisodeContext
 from integ_gym.support import require
-from integ_gym.train import TrainedPolicy, TrainingConfig, TrainingEvidence, card_hash
+from integ_gym.train import (
+    TrainedPolicy,
+    TrainingConfig,
+    TrainingEvidence,
+    Workers,
+    card_hash,
+    fleet_workers,
+)
 
 from ..specification import PanelSpec
+from .division import waiting_chunks
 from .run_directory import RunDirectory, package_versions
-from .units import Unit, is_trained, trained_units, training_config, training_key
+from .staging import WORK
+from .units import Unit, is_there, trained_units, training_config, training_key
+
+_AGAIN = "again"
+"""Folder for what is trained once more, because something that it is trained with is not there."""
 
 
-def check_training(spec: PanelSpec, workers: int | None) -> None:
+def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None = None) -> None:
     """Check that the trainer can train every policy of a panel.
 
     Args:
         spec: the panel.
-        workers: processes, if so many are requested.
+        workers: of the fleet.
+        memory_gib: that they may take together.
 
     Raises:
         ModuleNotFoundError: without the extra, with the command that installs it and another way.
@@ -38,9 +52,9 @@ def check_training(spec: PanelSpec, workers: int | None) -> None:
             "the specification",
             name=error.name,
         ) from None
-    from integ_gym.train import fleet_workers, plan
+    from integ_gym.train import plan
 
-    plan(configs, fleet_workers(workers), spec.memory_gib)
+    plan(configs, workers, memory_gib)
 
 
 def train_units(
@@ -57,48 +71,78 @@ def train_units(
         workers: processes, if so many are requested.
         progress: show a bar.
     """
-    configs = {unit: training_config(spec, unit) for unit in trained_units(spec)}
-    keys = {unit: training_key(config) for unit, config in configs.items()}
-    waiting = [unit for unit, key in keys.items() if not is_trained(directory, unit, key)]
-    if not waiting:
+    chunks = waiting_chunks(spec, directory, fleet_workers(workers), spec.memory_gib)
+    if not chunks:
         return
-    folders = [directory.policies / unit.policy for unit in waiting]
-    for unit, folder in zip(waiting, folders, strict=True):
-        directory.discard_remains(unit.training)
-        shutil.rmtree(folder, ignore_errors=True)
-    start = time.time()
+    units = [unit for chunk in chunks for unit in chunk]
+    again = RunDirectory(directory.path / WORK / _AGAIN, spec.to_json())
+    again.make_folders()
+    places = [again if is_there(spec, directory, u) else directory for u in units]
+    for unit, place in zip(units, places, strict=True):
+        place.discard_remains(unit.training)
+        shutil.rmtree(place.policies / unit.policy, ignore_errors=True)
+    options: dict[str, Any] = {"tensorboard": False}
+    train: Any = spec.algorithm.train
+    if spec.fleet:
+        from integ_gym.train import train_fleet as train
 
-    def mark(place: int, trained: TrainedPolicy) -> None:
-        unit, seconds = waiting[place], float(trained.card["wall_seconds"])
-        hashes = {"policy": trained.content_hash, "card": card_hash(trained.card)}
-        directory.finish(unit.training, keys[unit], start, seconds, **hashes)
-
-    train, options = _trainer(spec)
+        ends = iter(range(len(units)))
+        together = [tuple(next(ends) for _ in chunk) for chunk in chunks]
+        options = {"memory_gib": spec.memory_gib, "together": together}
     train(
-        [configs[unit] for unit in waiting],
-        folders,
-        evidence=[_evidence(spec, directory, unit, configs[unit]) for unit in waiting],
+        [training_config(spec, unit) for unit in units],
+        [place.policies / unit.policy for unit, place in zip(units, places, strict=True)],
+        evidence=[_evidence(spec, p, u) for u, p in zip(units, places, strict=True)],
         progress=progress,
         workers=workers,
-        on_trained=mark,
+        on_trained=_marking(spec, units, places),
         **options,
     )
+    shutil.rmtree(again.path, ignore_errors=True)
 
 
-def _trainer(spec: PanelSpec) -> tuple[Any, dict[str, Any]]:
-    """The trainer, and what it alone is told."""
-    if not spec.fleet:
-        return spec.algorithm.train, {"tensorboard": False}
-    from integ_gym.train import train_fleet
+def train_chunk_here(spec: PanelSpec, directory: RunDirectory, units: Sequence[Unit]) -> None:
+    """Train policies that are trained together, in this process, and mark each as finished.
 
-    return train_fleet, {"memory_gib": spec.memory_gib}
+    Args:
+        spec: the panel.
+        directory: that they are written to.
+        units: the runs.
+    """
+    configs: list[Any] = [training_config(spec, unit) for unit in units]
+    folders = [directory.policies / unit.policy for unit in units]
+    evidence = [_evidence(spec, directory, unit) for unit in units]
+    mark = _marking(spec, units, [directory] * len(units))
+    if spec.fleet:
+        from integ_gym.train import train_together
+
+        train_together(configs, folders, evidence, mark)
+        return
+    spec.algorithm.train(
+        configs, folders, evidence=evidence, progress=False, workers=1, on_trained=mark,
+        tensorboard=False,
+    )  # fmt: skip
 
 
-def _evidence(
-    spec: PanelSpec, directory: RunDirectory, unit: Unit, config: TrainingConfig
-) -> TrainingEvidence:
+def _marking(
+    spec: PanelSpec, units: Sequence[Unit], places: Sequence[RunDirectory]
+) -> Callable[[int, TrainedPolicy], None]:
+    """What marks a unit as finished, told its place and what was trained."""
+    start = time.time()
+
+    def mark(number: int, trained: TrainedPolicy) -> None:
+        unit, seconds = units[number], float(trained.card["wall_seconds"])
+        hashes = {"policy": trained.content_hash, "card": card_hash(trained.card)}
+        key = training_key(training_config(spec, unit))
+        places[number].finish(unit.training, key, start, seconds, **hashes)
+
+    return mark
+
+
+def _evidence(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> TrainingEvidence:
     """Where the training episodes of a unit go, and what they are for."""
     assert unit.home is not None
+    config: TrainingConfig = training_config(spec, unit)
     context = EpisodeContext(
         run_id=spec.name,
         cell=unit.training,

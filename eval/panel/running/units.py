@@ -99,6 +99,11 @@ def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
     return directory.finished(unit.training, key, policy) is not None
 
 
+def is_there(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> bool:
+    """Whether the policy of a panel's unit and its records are there; see :func:`is_trained`."""
+    return is_trained(directory, unit, training_key(training_config(spec, unit)))
+
+
 def is_card_of(card: Mapping[str, Any], marker: Mapping[str, Any]) -> bool:
     """Whether a side-car is the one that a training unit ended with.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from typing import Any
 
-from integ_gym.support import Progress, work_bar
+from integ_gym.support import Cluster, Progress, work_bar
 
 
 class PanelError(RuntimeError):
@@ -44,6 +44,12 @@ class Work:
         futures = {self._executor.submit(task, *given): name for name, given in arguments.items()}
         for future in self._progress.ended(futures):
             error = future.exception()
+            if isinstance(error, BrokenExecutor):
+                raise PanelError(
+                    f"a worker process was lost while {phase} {futures[future]}, perhaps for want "
+                    "of memory; run the same command again to go on, with fewer --workers if it "
+                    "happens again"
+                ) from error
             if isinstance(error, Exception):
                 named = f"{phase} {futures[future]} failed: {error}"
                 raise PanelError(f"{named}; the rest is kept") from error
@@ -52,7 +58,7 @@ class Work:
 
 @contextmanager
 def working(label: str, total: float, workers: int, shown: bool) -> Iterator[Work]:
-    """What runs tasks, and a bar.
+    """What runs tasks in processes of this machine, and a bar.
 
     Args:
         label: of the bar.
@@ -60,8 +66,30 @@ def working(label: str, total: float, workers: int, shown: bool) -> Iterator[Wor
         workers: processes; 0: tasks run in this one.
         shown: whether the bar is.
     """
-    look = "{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}"  # ", phase"
-    with work_bar(label, total, shown, bar_format=look) as bar:
+    with panel_bar(label, total, shown) as bar:
         progress = Progress(bar)
         with progress.pool(workers) if workers else progress.here() as executor:
             yield Work(executor, progress, bar)
+
+
+@contextmanager
+def working_on(
+    cluster: Cluster, bar: Any, prepare: Callable[[int], None] | None = None
+) -> Iterator[Work]:
+    """What runs tasks on an engine of others, and a bar.
+
+    Args:
+        cluster: the engine.
+        bar: the bar; closed at the end.
+        prepare: called once in each process.
+    """
+    with bar:
+        progress = Progress(bar)
+        with cluster.pool(progress, prepare) as executor:
+            yield Work(executor, progress, bar)
+
+
+def panel_bar(label: str, seconds: float, shown: bool) -> Any:
+    """A bar over expected work, s."""
+    look = "{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}"  # ", phase"
+    return work_bar(label, seconds, shown, bar_format=look)

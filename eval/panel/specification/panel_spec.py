@@ -34,7 +34,7 @@ _NO_RESULT = ("memory_gib", "left_out")
 
 @dataclass(frozen=True, kw_only=True)
 class PanelSpec:
-    """One panel; see docs/panel.md for the TOML form."""
+    """One panel; see docs/reference/panel.md for the TOML form."""
 
     name: str
     question: str = "Does a policy trained on one integrator and timestep survive another?"

@@ -80,15 +80,16 @@ def read_spec(path: Path) -> PanelSpec:
         ) from error
     except tomllib.TOMLDecodeError as error:
         raise SpecError(
-            f"{path} is not valid TOML: {error}; docs/panel.md has the format"
+            f"{path} is not valid TOML: {error}; docs/reference/panel.md has the format"
         ) from error
     except RecursionError:
         raise SpecError(
-            f"{path} is nested too deep to be a specification; docs/panel.md has the format"
+            f"{path} is nested too deep to be a specification; docs/reference/panel.md has the "
+            "format"
         ) from None
     except ValueError as error:
         raise SpecError(
-            f"{path} cannot be a specification: {error}; docs/panel.md has the format"
+            f"{path} cannot be a specification: {error}; docs/reference/panel.md has the format"
         ) from None
     return parse_spec(data, source=str(path))
 
@@ -113,7 +114,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     check_keys("key", data, _KEYS)
     missing = [key for key in _REQUIRED if key not in data]
     if missing:
-        raise SpecError(f"missing key {missing[0]!r}; see docs/panel.md for the format")
+        raise SpecError(f"missing key {missing[0]!r}; see docs/reference/panel.md for the format")
     given = {key: read(key, data[key]) for key, read in _VALUES.items() if key in data}
     for key, read in _LISTS.items():
         if key in data:

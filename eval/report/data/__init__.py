@@ -11,13 +11,14 @@ if TYPE_CHECKING:
     from .forest import Forest, Line, Mark, Tone
     from .gaps import VERDICT_ORDER, gap_forest, ordered_verdicts
     from .headline import headline_of
-    from .ladders import LadderPlot, LadderPlots, Series, ladder_plots
+    from .ladders import LadderPlot, LadderPlots, Series, ladder_plots, thinned
     from .matrices import (
         Matrix,
         MatrixLine,
         Shade,
         energy_matrix,
         loss_matrix,
+        mean_words,
         return_matrix,
         solved_words,
         success_matrix,

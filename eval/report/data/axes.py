@@ -40,8 +40,8 @@ RATE_AXIS: Final = Axis(0.0, 1.0, tuple((0.25 * k, fixed(0.25 * k)) for k in ran
 def difference_axis(values: Iterable[Estimate], size: float = 0.2, margins: bool = False) -> Axis:
     """An axis for differences of rates that holds all of them and the margins of the verdicts."""
     ends = [end for value in values for end in (value.estimate, *value.ends)]
-    low = math.floor(min([-0.2, *ends]) * 5.0 - 1e-9) / 5.0
-    high = math.ceil(max([0.4, *ends]) * 5.0 + 1e-9) / 5.0
+    low = math.floor(min([-0.2, *ends]) * 5.0 + 1e-9) / 5.0
+    high = math.ceil(max([0.4, *ends]) * 5.0 - 1e-9) / 5.0
     low, high = max(low, -1.0), min(high, 1.0)
     size = size if high - low <= 1.6 else 0.5
     first, last = math.ceil(low / size - 1e-9), math.floor(high / size + 1e-9)

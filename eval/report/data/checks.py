@@ -57,7 +57,7 @@ def check_forest(panel: Panel) -> Forest | None:
     if not blocks:
         return None
     about = "success with its interval over seeds: ring as specified, dot with the change; the loss"
-    return Forest("Perturbations and latency", about, RATE_AXIS, tuple(blocks))
+    return Forest("Perturbations and latency", about, "success", RATE_AXIS, tuple(blocks))
 
 
 def _line(check: Check) -> Line:

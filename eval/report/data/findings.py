@@ -9,8 +9,8 @@ from typing import Final
 
 from integ_gym.support import NONE, fixed, plural
 
-from ...panel.model import Entry, Panel, Row
-from ...verdict import PASS
+from ...panel.model import Entry, Panel, Row, Verdict
+from ...verdict import PASS, UNSOLVABLE
 from .trust import CLASS_WORDS, Trust
 
 _NAMED: Final = 5  # names in one sentence
@@ -23,7 +23,7 @@ class Finding:
     Attributes
     ----------
     kind
-        `false_pass`, `false_fail`, `agreement` or `missing`.
+        `fails`, `false_pass`, `false_fail`, `agreement` or `missing`.
     lead
         The sentence.
     close
@@ -39,7 +39,26 @@ class Finding:
 
 
 def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
-    """What to conclude from the classes against the reference, the surest first."""
+    """What to conclude: what fails to transfer, then how cells agree with the truth.
+
+    Of the latter the surest comes first; cells that cannot be solved in time are left out.
+    """
+    verdicts = tuple(_failing(panel, one) for one in panel.verdicts if one.verdict == "fails")
+    return (*verdicts, *_against_truth(panel, trusts))
+
+
+def _failing(panel: Panel, judged: Verdict) -> Finding:
+    """A declared transfer that fails."""
+    home, there = panel.row(judged.row).home_success, panel.entry(judged.row, judged.cell)
+    rates = f"{fixed(home.estimate) if home else NONE} at home and {_rate(there)} on {judged.cell}"
+    return Finding(
+        "fails",
+        f"{judged.row} does not transfer to {judged.cell}: success is {rates}, of which "
+        f"{fixed(judged.overfitting.estimate)} is lost by overfitting.",
+    )
+
+
+def _against_truth(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
     if panel.truth is None or not trusts:
         lead = (
             "There is no truth column here: this page shows where discretizations disagree, not "
@@ -54,16 +73,18 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
     fails = (_false_fails(panel, trust) for trust in trusts)
     found = [finding for finding in (*passes, *fails) if finding]
     found.sort(key=lambda finding: (finding.close, -finding.entries))
-    return (_agreement(judged), *found)
+    return (_agreement(panel, judged), *found)
 
 
-def _agreement(judged: Sequence[Entry]) -> Finding:
+def _agreement(panel: Panel, judged: Sequence[Entry]) -> Finding:
+    left = [cell.name for cell in panel.columns if cell.achievability in UNSOLVABLE]
+    out = f" Left out: {_and(left, 'cells')}, which cannot be solved in time." if left else ""
     wrong = [entry for entry in judged if entry.contradicted]
     if not wrong:
         return Finding(
             "agreement",
             f"Every pass and every fail agrees with the truth, in all {len(judged)} "
-            f"pairs of policies and discretizations compared{_none_passes(judged)}.",
+            f"pairs of policies and discretizations compared{_none_passes(judged)}.{out}",
         )
     counts = Counter(str(entry.reference_class) for entry in wrong)
     parts = [
@@ -74,7 +95,7 @@ def _agreement(judged: Sequence[Entry]) -> Finding:
     return Finding(
         "agreement",
         f"{len(judged) - len(wrong)} of {plural(len(judged), 'answer')} agree with the "
-        f"truth; {' and '.join(parts)} do not.",
+        f"truth; {' and '.join(parts)} {'does' if len(wrong) == 1 else 'do'} not.{out}",
     )
 
 
@@ -107,8 +128,13 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | 
 
 
 def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
-    """What works on the reference and fails in one cell."""
-    wrong = trust.of("false_fail")
+    """What works on the reference and fails in one cell.
+
+    A row that is shown not to transfer to the truth does not work there.
+    """
+    truth = panel.truth and panel.truth.name
+    failing = {v.row for v in panel.verdicts if v.verdict == "fails" and v.cell == truth}
+    wrong = [entry for entry in trust.of("false_fail") if entry.row not in failing]
     if not wrong:
         return None
     pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]

@@ -70,11 +70,13 @@ class Forest:
     Attributes:
         title: of the figure.
         about: how to read it.
+        along: what the axis shows.
         axis: of all lines.
         blocks: in order.
     """
 
     title: str
     about: str
+    along: str
     axis: Axis
     blocks: tuple[Block, ...]

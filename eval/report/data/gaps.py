@@ -85,8 +85,9 @@ def gap_forest(panel: Panel) -> Forest | None:
         "Overfitting",
         f"loss of success that neither difficulty nor a deadline explains; shaded: "
         f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}{_level(panel, shown)}",
+        "loss of success by overfitting",
         difference_axis((gap.value for gap in shown), margins=True),
-        tuple(Block(title, [_line(gap) for gap in gaps]) for title, gaps in found if gaps),
+        tuple(Block(title, [_line(panel, gap) for gap in gaps]) for title, gaps in found if gaps),
     )
 
 
@@ -98,12 +99,12 @@ def _level(panel: Panel, gaps: Iterable[Gap]) -> str:
     return f"; intervals over {over}, {percent}not adjusted"
 
 
-def _line(gap: Gap) -> Line:
+def _line(panel: Panel, gap: Gap) -> Line:
     low, high = gap.value.ends
     details = [f"{fixed(low)} to {fixed(high)}"] if gap.value.bounded else []
     return Line(
-        gap.row,
-        gap.cell,
+        panel.called(gap.row),
+        panel.called(gap.cell),
         (gap.row, gap.cell),
         (Mark(gap.value, gap.verdict or "soft", filled=gap.verdict is not None),),
         fixed(gap.value.estimate, 2, True),

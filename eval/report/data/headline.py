@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from integ_gym.support import fixed, plural
+from integ_gym.support import compact, fixed, plural
 
-from ...panel.model import Panel, Verdict
+from ...panel.model import Entry, Panel, Row, Verdict
 from ...verdict import EQUIVALENCE_MARGIN, WITHOUT_VERDICT
 
 _NAMED = 3  # cells in one sentence
@@ -16,14 +16,46 @@ _NAMED = 3  # cells in one sentence
 def headline_of(panel: Panel) -> str:
     """The largest loss by overfitting; then what holds and what cannot be solved.
 
-    Where no declared transfer can be judged, the panel's own answer.
+    Of a policy that was given, how it does at home, on the truth, and where it is worst. Where no
+    declared transfer can be judged, the panel's own answer.
     """
+    given = [row for row in panel.rows if row.kind == "given"]
+    if panel.given_alone and given:
+        return _given(panel, given[0])
     judged = [one for one in panel.verdicts if one.verdict not in WITHOUT_VERDICT]
     if not judged:
         return panel.answer
     worst = max(judged, key=lambda one: one.overfitting.estimate)
     late = max(judged, key=lambda one: one.deadline.estimate)
     return f"{_largest(panel, worst)}{_late(panel, late)} {_rest(panel, judged)}"
+
+
+def _given(panel: Panel, row: Row) -> str:
+    home = panel.entry(row.name, row.home) if row.home else None
+    known = [(home, "at home"), (panel.on_truth(row.name), "on the truth")]
+    places = [(entry, where) for entry, where in known if entry is not None]
+    if places:
+        told = [f"{_earned(panel, entry)} {where}" for entry, where in places]
+        first = f"{row.name} {' and '.join(told)}."
+    else:
+        first = f"It is not known what {row.name} was trained on, and there is no truth here."
+    others = [e for cell in panel.columns if (e := panel.entry(row.name, cell.name)) is not None]
+    worst = min(others, key=lambda entry: _value(panel, entry))
+    if home is not None and _value(panel, worst) == _value(panel, home):
+        return f"{first} It does no worse on any of {plural(len(others), 'discretization')}."
+    return f"{first} Worst is {worst.cell}: there it {_earned(panel, worst)}."
+
+
+def _earned(panel: Panel, entry: Entry) -> str:
+    """What a policy gets, in words: successes, or its return where no truth judges success."""
+    if panel.truth is None and entry.returns is not None:
+        return f"earns {compact(entry.returns.estimate, 4)}"
+    return f"succeeds from {round(entry.success.estimate * entry.episodes)} of {entry.episodes}"
+
+
+def _value(panel: Panel, entry: Entry) -> float:
+    own = entry.returns if panel.truth is None and entry.returns else entry.success
+    return own.estimate
 
 
 def _largest(panel: Panel, worst: Verdict) -> str:

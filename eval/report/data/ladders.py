@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from integ_gym.support import SeriesStyle, SeriesStyles, step
 
 from ...panel.model import Entry, Estimate, Panel, Row
 from ...scheme_style import styles_of
 from .checks import close
+
+_LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     if not ladders:
         return None
     schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
-    rows = tuple((ladder.row.name, _plots(ladder, schemes)) for ladder in ladders)
+    rows = tuple((panel.called(ladder.row.name), _plots(ladder, schemes)) for ladder in ladders)
     about = "success of the same policies as the step shrinks; finer to the right"
     paired = any(ladder.following for ladder in ladders)
     return LadderPlots("Refinement ladder", about, schemes, rows, paired)
@@ -131,7 +133,7 @@ def _plot(about: str, rungs: Rungs, schemes: SeriesStyles, truth: Estimate | Non
     steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
     span = math.log(steps[0] / steps[-1])
     places = {dt: math.log(steps[0] / dt) / span for dt in steps}
-    ticks = steps if len(steps) < 6 else steps[:: math.ceil(len(steps) / 5)]
+    ticks = thinned([(places[dt], step(dt)) for dt in steps], _LETTER)
     order = list(schemes)
     series = []
     for name, line in rungs.items():
@@ -145,7 +147,21 @@ def _plot(about: str, rungs: Rungs, schemes: SeriesStyles, truth: Estimate | Non
         )
         aside = order.index(name) - (len(order) - 1) / 2.0
         series.append(Series(name, schemes[name], aside, points))
-    return LadderPlot(about, tuple((places[dt], step(dt)) for dt in ticks), tuple(series), truth)
+    return LadderPlot(about, ticks, tuple(series), truth)
+
+
+def thinned(ticks: Iterable[tuple[float, str]], letter: float) -> tuple[tuple[float, str], ...]:
+    """Those of some ticks, in order, whose labels do not touch.
+
+    Args:
+        ticks: place in [0, 1] and label.
+        letter: width of a letter, as a share of the axis.
+    """
+    kept: list[tuple[float, str]] = []
+    for place, label in ticks:
+        if not kept or place - kept[-1][0] >= letter * (1 + 0.5 * len(label + kept[-1][1])):
+            kept.append((place, label))
+    return tuple(kept)
 
 
 def ladders_of(panel: Panel) -> tuple[Ladder, ...]:

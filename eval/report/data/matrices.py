@@ -59,9 +59,16 @@ class Shade:
 
 @dataclass(frozen=True)
 class MatrixLine:
-    """One row of a matrix, by groups of columns."""
+    """One row of a matrix, by groups of columns.
+
+    Attributes:
+        row: of the panel.
+        name: of the row, as people read it.
+        shades: of each group's cells.
+    """
 
     row: Row
+    name: str
     shades: tuple[tuple[Group, Shades], ...]
 
 
@@ -144,11 +151,16 @@ def return_matrix(panel: Panel) -> Matrix | None:
     return _matrix(
         panel,
         "Return",
-        "sum of rewards of an episode, the interquartile mean over episodes",
+        f"sum of rewards of an episode, the {mean_words(panel)} over episodes",
         (compact(low, 3), compact(high, 3)),
         ("columns: step in seconds, coarse to fine",),
         shade,
     )
+
+
+def mean_words(panel: Panel) -> str:
+    """Which mean of returns the panel has."""
+    return "mean" if panel.given_alone else "interquartile mean"
 
 
 def energy_matrix(panel: Panel) -> Matrix | None:
@@ -275,7 +287,9 @@ def _line(panel: Panel, row: Row, shade: Callable[[Entry, bool], Shade]) -> Matr
         return None if entry is None else shade(entry, cell.name in row.shares)
 
     return MatrixLine(
-        row, tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups)
+        row,
+        panel.called(row.name),
+        tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups),
     )
 
 

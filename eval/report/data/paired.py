@@ -19,7 +19,7 @@ _Compared = tuple[PairedEpisodes, Estimate, float]
 def paired_success(panel: Panel) -> Forest | None:
     """What every given policy loses of its success in each cell; None without any."""
     found = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
-    return _forest("Success lost", found, difference_axis, partial(fixed, digits=2))
+    return _forest(panel, "Success lost", found, difference_axis, partial(fixed, digits=2))
 
 
 def paired_return(panel: Panel) -> Forest | None:
@@ -29,10 +29,11 @@ def paired_return(panel: Panel) -> Forest | None:
         for one in panel.paired
         if one.returns is not None and one.p_return_adjusted is not None
     ]
-    return _forest("Mean return lost", found, value_axis, partial(compact, digits=3))
+    return _forest(panel, "Mean return lost", found, value_axis, partial(compact, digits=3))
 
 
 def _forest(
+    panel: Panel,
     title: str,
     found: list[_Compared],
     axis: Callable[[Iterable[Estimate]], Axis],
@@ -48,9 +49,12 @@ def _forest(
         title,
         f"positive is worse; intervals over starts, {percent}not adjusted; p adjusted over the "
         f"cells; filled: below {ALPHA}",
+        title.lower(),
         axis(value for _, value, _ in found),
         tuple(
-            Block(_heading(block[0][0]), [_line(title, told, *compared) for compared in block])
+            Block(
+                _heading(block[0][0]), [_line(panel, title, told, *compared) for compared in block]
+            )
             for block in blocks
         ),
     )
@@ -62,14 +66,19 @@ def _heading(one: PairedEpisodes) -> str:
 
 
 def _line(
-    title: str, told: Callable[..., str], one: PairedEpisodes, value: Estimate, p: float
+    panel: Panel,
+    title: str,
+    told: Callable[..., str],
+    one: PairedEpisodes,
+    value: Estimate,
+    p: float,
 ) -> Line:
     low, high = value.ends
     interval = f"{told(low)} to {told(high)}, " if value.bounded else ""
     number, shown = told(value.estimate, sign=True), p < ALPHA
     return Line(
         "",
-        one.cell,
+        panel.called(one.cell),
         (one.row, one.cell),
         (Mark(value, "accent" if shown else "soft", filled=shown),),
         number,

@@ -81,7 +81,7 @@ def remedy_forest(panel: Panel) -> Forest | None:
     about = (
         "success; dot: mixture, with its interval; rings: single ones, red where they lose > 0.2"
     )
-    return Forest("A remedy: training on a mixture", about, RATE_AXIS, tuple(blocks))
+    return Forest("A remedy: training on a mixture", about, "success", RATE_AXIS, tuple(blocks))
 
 
 def _mixture(panel: Panel, remedy: Remedy) -> Mixture:

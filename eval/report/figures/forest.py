@@ -14,6 +14,7 @@ from integ_gym.support import (
     bare,
     blank_figure,
     draw_heading,
+    fitting,
     inch_canvas,
     plain,
 )
@@ -29,6 +30,7 @@ _PITCH: Final = 0.3  # inches from line to line
 _SPLIT: Final = 0.42  # of a block's heading
 _LEFT, _WIDTH, _RIGHT, _TOP, _BOTTOM = 4.7, 4.4, 2.6, 0.8, 0.55
 _WHISKER: Final = 0.05
+_LONGEST: Final = 90  # letters that fit the left margin when they are smallest
 
 
 def draw_forest(forest: Forest) -> Figure:
@@ -40,13 +42,15 @@ def draw_forest(forest: Forest) -> Figure:
     canvas = inch_canvas(figure)
     draw_heading(canvas, 0.3, forest.title, forest.about)
     behind = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.5}
+    names = [_who(line) for block in forest.blocks for line in block.lines]
+    size = fitting(names, _LEFT - 0.45, 8.5)
     y = 0.0
     for block in forest.blocks:
         y += _SPLIT
         heading = plain(block.title, 120)
         canvas.text(0.3, _TOP + y - 0.1, heading, size=9, color=INK, weight="bold", bbox=behind)
         for line in block.lines:
-            _draw_line(axes, canvas, line, forest.axis, y + _PITCH / 2)
+            _draw_line(axes, canvas, line, forest.axis, y + _PITCH / 2, size)
             y += _PITCH
     return figure
 
@@ -66,16 +70,19 @@ def _draw_axis(axes: Axes, axis: Axis, tall: float) -> None:
         axes.axvline(margin, color=red, linewidth=1.2, linestyle=(0, (4, 3)))
 
 
-def _draw_line(axes: Axes, canvas: Axes, line: Line, axis: Axis, y: float) -> None:
+def _draw_line(axes: Axes, canvas: Axes, line: Line, axis: Axis, y: float, size: float) -> None:
     for mark in line.marks:
         _draw_mark(axes, mark, axis, y + 0.5 * _PITCH * mark.down)
     down = _TOP + y
-    who = f"{plain(line.row, 34)} → {plain(line.cell, 34)}" if line.row else plain(line.cell, 34)
-    note = f" ({line.note})" if line.note else ""
-    canvas.text(_LEFT - 0.15, down, who + note, size=8.5, color=INK, ha="right", va="center")
+    canvas.text(_LEFT - 0.15, down, _who(line), size=size, color=INK, ha="right", va="center")
     right = _LEFT + _WIDTH + 0.15
     canvas.text(right, down, line.number, size=8.5, color=INK, va="center", weight="bold")
     canvas.text(right + 0.47, down, line.detail, size=8, color=SOFT, va="center")
+
+
+def _who(line: Line) -> str:
+    note = f" ({line.note})" if line.note else ""
+    return plain((f"{line.row} → " if line.row else "") + line.cell + note, _LONGEST)
 
 
 def _draw_mark(axes: Axes, mark: Mark, axis: Axis, y: float) -> None:

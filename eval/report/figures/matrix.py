@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from integ_gym.support import (
+    BOLD,
     INK,
     LINE,
     NONE,
@@ -15,6 +16,7 @@ from integ_gym.support import (
     SUNK,
     blank_figure,
     draw_heading,
+    fitting,
     inch_canvas,
     ink_on,
     mixed,
@@ -34,7 +36,6 @@ WIDTH, HEIGHT = 0.62, 0.46  # inches of a cell
 _LEFT, _TOP = 2.75, 1.62
 _GROUP_GAP: Final = 0.14  # inches between groups of columns
 _TRUTH_GAP: Final = 0.34
-_BOLD: Final = 0.0098  # width of a bold letter, inches per point of its size
 _HATCHES: Final = {"too_slow": "////", "unachievable": "xxxx"}
 _STRIPES: Final = 0.45  # share of the ink in a hatching's colour
 _LEGEND_LINE: Final = 0.24  # inches
@@ -63,9 +64,9 @@ def draw_matrix(matrix: Matrix) -> Figure:
 
 
 def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float) -> None:
-    name = plain(line.row.name, 38)
+    name = plain(line.name, 38)
     axes.text(
-        _LEFT - 0.14, y + HEIGHT / 2, name, size=_fitting([name], _LEFT - 0.44, 9.0),
+        _LEFT - 0.14, y + HEIGHT / 2, name, size=fitting([name], _LEFT - 0.44, 9.0),
         color=INK, ha="right", va="center", weight="bold",
     )  # fmt: skip
     for _, shades in line.shades:
@@ -186,15 +187,14 @@ def _small(axes: Axes, x: float, y: float, text: str) -> None:
 
 
 def _column_places(groups: Sequence[Group]) -> tuple[dict[str, float], float]:
-    """Left edge of every column in inches, and the right edge of the last."""
+    """Left edge of every column in inches, and what lies to the right of the last."""
     places: dict[str, float] = {}
     x = _LEFT
-    for number, group in enumerate(groups):
-        if number:
-            x += _TRUTH_GAP if group.reference else _GROUP_GAP
+    for group in groups:
         for cell in group.cells:
             places[cell.name] = x
             x += WIDTH
+        x += _TRUTH_GAP if group.reference else _GROUP_GAP
     return places, x
 
 
@@ -204,7 +204,7 @@ def _column_heads(axes: Axes, matrix: Matrix, place: dict[str, float], bottom: f
     widths = [len(group.cells) * WIDTH + 0.1 for group in groups]
     names = ["truth" if group.reference else group.label for group in groups]
     heads = [_head(name, width) for name, width in zip(names, widths, strict=True)]
-    size = min(_fitting(head, width, 9.5) for head, width in zip(heads, widths, strict=True))
+    size = min(fitting(head, width, 9.5) for head, width in zip(heads, widths, strict=True))
     for group, lines in zip(groups, heads, strict=True):
         first, last = place[group.cells[0].name], place[group.cells[-1].name] + WIDTH
         axes.text(
@@ -212,7 +212,7 @@ def _column_heads(axes: Axes, matrix: Matrix, place: dict[str, float], bottom: f
             size=size, weight="bold", va="bottom", linespacing=1.0,
         )  # fmt: skip
         if group.reference:
-            edge = first - _TRUTH_GAP / 2
+            edge = last + _TRUTH_GAP / 2
             axes.plot([edge, edge], [_TOP - 0.75, bottom], color=INK, linewidth=1.2)
         else:
             axes.plot([first + 0.05, last - 0.05], [_TOP - 0.54] * 2, color=LINE, linewidth=1)
@@ -220,16 +220,11 @@ def _column_heads(axes: Axes, matrix: Matrix, place: dict[str, float], bottom: f
             _column_head(axes, cell, place[cell.name] + WIDTH / 2, matrix.periods)
 
 
-def _fitting(lines: Sequence[str], width: float, size: float) -> float:
-    """Size of bold text in points, at most ``size``, at which lines fit a width in inches."""
-    return max(5.0, min(size, width / (_BOLD * max(len(line) for line in lines))))
-
-
 def _head(label: str, width: float) -> list[str]:
     """A group's name on one line, or cut after underscores and spaces into two where narrow."""
-    most = int(width / (_BOLD * 6.5))
+    most = int(width / (BOLD * 6.5))
     text = plain(label, max(2 * most, 8))
-    if len(text) * _BOLD * 9.5 <= width:
+    if len(text) * BOLD * 9.5 <= width:
         return [text]
     cuts = [place + 1 for place, letter in enumerate(text[:-1]) if letter in "_ "]
     cut = min(cuts, key=lambda place: abs(place - len(text) / 2), default=len(text))

@@ -14,6 +14,7 @@ from ..data import (
     Matrix,
     energy_matrix,
     loss_matrix,
+    mean_words,
     return_matrix,
     solved_words,
     success_matrix,
@@ -23,7 +24,6 @@ from ..episodes import CHOICE, TaskWords, Told, packed
 from .commands import readable
 from .drawing import shading
 from .failures import LABEL_WORDS
-from .naming import called, said
 
 _MEASURES = (
     ("success", success_matrix),
@@ -53,10 +53,10 @@ def carried_by(
         "choice": CHOICE,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
-        "cells": [{"name": c.name, "shown": called(panel, c.name)} for c in panel.cells],
+        "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
         "rows": [
             {
-                "shown": called(panel, row.name),
+                "shown": panel.called(row.name),
                 "homes": [cells[name] for name in row.shares if name in cells],
                 "policies": [
                     {
@@ -85,7 +85,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head, lambda text: said(panel, text))
+    return packed(panel, told, head, panel.said)
 
 
 def _place(panel: Panel, entry: Entry) -> str:
@@ -99,7 +99,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
             shade.text,
             shading(shade),
             " ".join(shade.marks),
-            said(panel, shade.words),
+            panel.said(shade.words),
             shade.tone,
         ]
         for block in matrix.blocks
@@ -122,7 +122,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = readable(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    facts = [[name, said(panel, text)] for name, text in _facts(panel, entry) if text]
+    facts = [[name, panel.said(text)] for name, text in _facts(panel, entry) if text]
     return {"facts": facts, "file": entry.file, "query": query}
 
 
@@ -130,7 +130,7 @@ def _facts(panel: Panel, entry: Entry) -> list[tuple[str, str | None]]:
     """The numbers of one entry as (name, text) pairs."""
     return [
         ("success", _long(entry.success, fixed)),
-        ("return", _long(entry.returns, _three)),
+        (f"return, {mean_words(panel)}", _long(entry.returns, _three)),
         ("time to success", _time_to_success(entry)),
         ("energy residual", _long(entry.energy_residual, _signed, " J")),
         ("energy residual, size", _long(entry.energy_residual_abs, _three, " J")),

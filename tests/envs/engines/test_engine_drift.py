@@ -1,4 +1,4 @@
-"""The worked example of docs/drift.md, by every engine's integrators whose map is in it."""
+"""The worked example of docs/explanation/drift.md, by all engines' integrators that are in it."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.maps import one_step_map
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
-DOCS = (Path(__file__).parents[3] / "docs" / "engines.md").read_text(encoding="utf-8")
+DOCS = (Path(__file__).parents[3] / "docs" / "reference" / "engines.md").read_text(encoding="utf-8")
 STEPS = (0.004, 0.002, 0.001, 0.0005)
 COAST = 0.12
 """Time of a motion into a stop and back, s."""

@@ -1,4 +1,4 @@
-"""The tables and figures of docs/engines.md and docs/trust.md are what is declared and measured."""
+"""The tables and figures of the pages on engines and on trust are what is declared and measured."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from integ_gym.envs.maps import map_names, one_step_map
 from integ_gym.envs.numerics.fingerprinting import fingerprint
 
 ROOT = Path(__file__).parents[3]
-ENGINES_TABLE = (ROOT / "docs" / "engines.md").read_text("utf-8").split("\n## ")[1]
-TRUST_PAGE = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+ENGINES_TABLE = (ROOT / "docs" / "reference" / "engines.md").read_text("utf-8").split("\n## ")[1]
+TRUST_PAGE = (ROOT / "docs" / "explanation" / "trust.md").read_text(encoding="utf-8")
 
 
 def _pins(file):

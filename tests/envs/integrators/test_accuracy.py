@@ -105,7 +105,9 @@ def _seconds(engine, q, v) -> float:
 
 COSTS = re.findall(
     r"^\| `(\w+)`, q = \((.*?)\), v = \((.*?)\) \| (\S+) s \| (\d+) \| (\d+) \|",
-    (Path(__file__).parents[3] / "docs" / "verification.md").read_text(encoding="utf-8"),
+    (Path(__file__).parents[3] / "docs" / "explanation" / "verification.md").read_text(
+        encoding="utf-8"
+    ),
     re.MULTILINE,
 )
 
@@ -116,7 +118,7 @@ def test_costs_are_stated_for_every_plant():
 
 @pytest.mark.parametrize(("plant", "q", "v", "period", "inner", "evaluations"), COSTS)
 def test_inner_steps_of_the_reference_are_as_stated(plant, q, v, period, inner, evaluations):
-    """The table of docs/verification.md: control periods of the environments' own."""
+    """The table of docs/explanation/verification.md: control periods of the environments' own."""
     system = Counting(PLANTS.load(plant)())
     engine = NativeEngine(system, "reference", float(period))
     q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))

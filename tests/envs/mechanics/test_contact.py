@@ -419,7 +419,7 @@ def test_starts_of_the_three_worlds_carry_the_energy_of_the_stops():
     ],
 )
 def test_energy_that_a_rebound_leaves(integrator, left, made_up):
-    """The table of docs/environments.md: the stop is touched at 25 places within a step."""
+    """The table of docs/reference/environments.md: touched at 25 places within a step."""
     starts = np.tile([2.33, 3.0, pi, 0.0], (25, 1))
     starts[:, 0] -= 3.0 * 0.02 * np.arange(25) / 25
     env = gym.make_vec("IntegCartPoleSwingUp-v0", num_envs=25, integrator=integrator)

@@ -50,7 +50,7 @@ def test_work_of_a_limited_torque_bounds_the_energy() -> None:
     ],
 )  # fmt: skip
 def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
-    """Of the rod, from rest, for the goal's energy within 8 s: as docs/panel.md has it."""
+    """Of the rod, from rest, for the goal's energy within 8 s: as in docs/reference/panel.md."""
     made = partial(setup, integrator=integrator, dt=dt)
     found = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
     assert found == pytest.approx(critical, abs=2e-3)

@@ -1,4 +1,4 @@
-"""Testbeds of one's own: docs/testbeds.md's example, and Gymnasium's classic control."""
+"""Testbeds of one's own: docs/how-to/testbeds.md's example, and Gymnasium's classic control."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from integ_gym.envs import testbeds
 from integ_gym.envs.environments.stated import Repeated, StatedEnv
 from integ_gym.envs.testbeds.classic_control import CLASSIC
 
-PAGE = (ROOT / "docs" / "testbeds.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture

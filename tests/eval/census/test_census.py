@@ -121,7 +121,7 @@ def test_gymnasium_is_what_it_says(gymnasium: dict[str, Line]) -> None:
 
 
 def test_the_energy_of_gymnasium_drifts_as_its_maps_do(gymnasium: dict[str, Line]) -> None:
-    """Released 90° from hanging: the figures of docs/verification.md's maps at these steps."""
+    """Released 90° from hanging: figures of docs/explanation/verification.md at these steps."""
     drift = gymnasium["Pendulum-v1"].drift
     assert drift is not None
     assert drift.largest == pytest.approx(0.0906, abs=5e-5)
@@ -334,7 +334,9 @@ def test_unknown_names_are_refused(
     assert guess in capsys.readouterr().err
 
 
-DOCS = (Path(__file__).parents[3] / "docs" / "census.md").read_text(encoding="utf-8")
+DOCS = (Path(__file__).parents[3] / "docs" / "explanation" / "census.md").read_text(
+    encoding="utf-8"
+)
 
 
 def cells_with(*texts: str) -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""docs/diagnose.md says what `integ-gym diagnose` prints and writes."""
+"""docs/reference/diagnose.md says what `integ-gym diagnose` prints and writes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pathlib import Path
 from integ_gym.commands.diagnose import parser
 from integ_gym.eval.diagnosis.run import SECTIONS
 
-PAGE = (Path(__file__).parents[3] / "docs" / "diagnose.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "reference" / "diagnose.md").read_text(
+    encoding="utf-8"
+)
 
 
 def _blocks(language: str) -> list[str]:

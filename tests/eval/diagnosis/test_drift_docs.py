@@ -1,4 +1,4 @@
-"""docs/drift.md says what is measured."""
+"""docs/explanation/drift.md says what is measured."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from integ_gym.eval.diagnosis.worked_example import (
     RELEASE,
 )
 
-TEXT = (Path(__file__).parents[3] / "docs" / "drift.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[3] / "docs" / "explanation" / "drift.md").read_text(encoding="utf-8")
 ROUNDING = 1e-9
 """Percent."""
 

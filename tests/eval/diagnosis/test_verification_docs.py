@@ -1,4 +1,4 @@
-"""docs/verification.md says what is measured."""
+"""docs/explanation/verification.md says what is measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
 
 ROOT = Path(__file__).parents[3]
-PAGE = ROOT / "docs" / "verification.md"
+PAGE = ROOT / "docs" / "explanation" / "verification.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
 

@@ -124,8 +124,8 @@ def test_what_cannot_be_filmed_is_refused():
 
 
 def test_the_film_of_the_readme_is_light_and_moves():
-    path = ROOT / "docs" / "watch-it-fail.gif"
+    path = ROOT / "docs" / "images" / "watch-it-fail.gif"
     assert path.stat().st_size < 2_000_000
     with Image.open(path) as film:
         assert film.n_frames > 200
-    assert "docs/watch-it-fail.gif" in (ROOT / "README.md").read_text()[:1500]
+    assert "docs/images/watch-it-fail.gif" in (ROOT / "README.md").read_text()[:1500]

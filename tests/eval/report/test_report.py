@@ -21,7 +21,6 @@ from integ_gym.eval.report import page as report
 from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
-from integ_gym.eval.report.page.naming import called, said
 from integ_gym.evidence.schema.fields import LABELS
 from integ_gym.support.terminal.formatting import fixed, true_minus
 
@@ -128,11 +127,11 @@ def test_hostile_text_stays_text() -> None:
 def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     panel, page = panel_of("full"), page_of("full")
     text = " ".join(page.text.split())
-    places = [text.index(panel.question), text.index(said(panel, headline_of(panel)))]
+    places = [text.index(panel.question), text.index(panel.said(headline_of(panel)))]
     assert places == sorted(places)
     assert places[1] < text.index("Verdicts on the declared family")
     for judged in panel.verdicts:
-        assert said(panel, true_minus(judged.reason)) in text
+        assert panel.said(true_minus(judged.reason)) in text
     for entry in panel.matrix:
         assert fixed(entry.success.estimate) in text
     for failure in panel.failures:
@@ -170,7 +169,7 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
     cards = shown.split(tally)[1]
     for word in words:
         judged = judged_in_turn[word]
-        head = f"{word} {called(panel, judged.row)} evaluated on {called(panel, judged.cell)}"
+        head = f"{word} {panel.called(judged.row)} evaluated on {panel.called(judged.cell)}"
         assert head in cards
         card = cards.split(head)[1].split(" evaluated on ")[0]
         parts = " ".join(
@@ -183,7 +182,7 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
             )
         )
         assert parts in card
-        assert said(panel, true_minus(judged.reason)) in card
+        assert panel.said(true_minus(judged.reason)) in card
     few = " ".join(page_of("nothing learned").text.split())
     assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
     assert "0 too slow" not in few
@@ -196,7 +195,7 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
         cell = panel.cell(entry.cell)
         place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
         status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
-        assert ["the cell", said(panel, status)] in head["entries"][place]["facts"]
+        assert ["the cell", panel.said(status)] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:

@@ -72,11 +72,11 @@ def test_parts_add_up_to_the_loss() -> None:
             assert sum(part.estimate for part in parts) == pytest.approx(total.estimate)
 
 
-def test_groups_are_integrators_from_coarse_to_fine_with_the_reference_last() -> None:
+def test_groups_are_integrators_from_coarse_to_fine_after_the_truth() -> None:
     groups = panel_of("full").groups
-    assert [group.label for group in groups] == [*example.SCHEMES, "reference"]
-    assert [cell.dt for cell in groups[0].cells] == sorted(example.STEPS, reverse=True)
-    assert groups[-1].reference
+    assert [group.label for group in groups] == ["reference", *example.SCHEMES]
+    assert [cell.dt for cell in groups[1].cells] == sorted(example.STEPS, reverse=True)
+    assert groups[0].reference
 
 
 def test_ladders_keep_the_two_control_periods_apart() -> None:

@@ -9,7 +9,7 @@ import pytest
 from driving import Browser, driven
 from house import ROOT
 
-LOOKING = (ROOT / "tests" / "helpers" / "eval" / "looking.js").read_text(encoding="utf-8")
+LOOKING = (ROOT / "tests" / "helpers" / "report" / "looking.js").read_text(encoding="utf-8")
 WIDTHS = (1440, 1024, 390)
 CELLS = "[...document.querySelectorAll('table.heat td > a')]"
 FOCUSED = "document.activeElement"

@@ -47,7 +47,7 @@ def _found(store):
 
 
 def _replayed(store, **options):
-    return replay(list(store.named_records()), **options)
+    return replay(list(store.named_records()), **options).settle()
 
 
 def _forge(store, column, change):
@@ -201,6 +201,21 @@ def test_fields_that_hold_anything_are_named_in_a_sentence(column, text, tmp_pat
     assert "\n" not in found
     assert _replayed(store).records < 2
     assert "restore the file from a copy" in found
+
+
+def test_the_only_one_of_a_file_whose_bits_differ_is_named_however_little(tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=20)
+    changed = []
+
+    def little(values):
+        changed.append(len(values))
+        return [values[0] * (1.0 + 1e-9), *values[1:]]
+
+    _forge(store, "energy_end", little)
+    done = _replayed(store)
+    assert (changed, done.exact, done.records) == ([20], 19, 20)
+    (found,) = done.findings
+    assert "`energy_end` is recorded as" in found.message
 
 
 @pytest.mark.parametrize("column", ["time", "theta", "solver_status_code", "reward", "energy"])

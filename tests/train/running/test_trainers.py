@@ -29,7 +29,10 @@ from integ_gym.train.running.evidence import TrainingEvidence
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-OWN = {train_ppo: {"tensorboard"}, train_fleet: {"memory_gib", "cache_dir"}}
+OWN = {
+    train_ppo: {"tensorboard"},
+    train_fleet: {"memory_gib", "cache_dir", "executor", "address", "together"},
+}
 """What one trainer alone is told."""
 SCRIPT = Path(integ_gym.__file__).parent.parent / "train" / "ppo.py"
 

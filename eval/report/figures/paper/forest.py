@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from integ_gym.support import PALETTE, PAPER, SOFT, axes_at, blank_figure, inch_canvas
 
 from ....verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
-from ...data import RATE_AXIS, Axis, Forest, Line, Mark
+from ...data import Axis, Forest, Line, Mark
 from .sheet import COLUMN, LINE_HEIGHT, TYPE, framed, short
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def print_forest(forest: Forest) -> Figure:
     figure = blank_figure(COLUMN, tall + _BOTTOM + 0.06)
     width = COLUMN - _EDGE - _RIGHT
     axes = axes_at(figure, _EDGE, _BOTTOM, width, tall)
-    _draw_axis(axes, forest.axis, tall)
+    _draw_axis(axes, forest.axis, forest.along, tall)
     canvas = inch_canvas(figure)
     y = 0.0
     for block in forest.blocks:
@@ -39,11 +39,10 @@ def print_forest(forest: Forest) -> Figure:
     return figure
 
 
-def _draw_axis(axes: Axes, axis: Axis, tall: float) -> None:
-    label = "success" if axis == RATE_AXIS else "loss of success by overfitting"
+def _draw_axis(axes: Axes, axis: Axis, along: str, tall: float) -> None:
     axes.set(xlim=(0.0, 1.0), ylim=(tall, 0.0))
     axes.set_xticks([axis.share(tick) for tick, _ in axis.ticks], [text for _, text in axis.ticks])
-    framed(axes, label, "")
+    framed(axes, along, "")
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     if axis.margins:

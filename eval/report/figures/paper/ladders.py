@@ -15,7 +15,7 @@ from integ_gym.support import (
     scheme_entries,
 )
 
-from ...data import RATE_AXIS, LadderPlot, LadderPlots
+from ...data import RATE_AXIS, LadderPlot, LadderPlots, thinned
 from ..ladders import draw_series
 from .sheet import COLUMN, LETTER, LINE_HEIGHT, PAGE, TYPE, framed, short
 
@@ -51,7 +51,8 @@ def print_ladders(ladders: LadderPlots) -> Figure:
             said = short(words, unit - 0.08)
             canvas.text(left, y + (line + 0.7) * LINE_HEIGHT, said, va="center", **TYPE)
         axes = axes_at(figure, left, high - y - _ABOVE - _HEIGHT, unit - _GAP, _HEIGHT)
-        _draw_plot(axes, plot, "success" if number % across == 0 else "")
+        letter = LETTER / (unit - _GAP)
+        _draw_plot(axes, plot, "success" if number % across == 0 else "", letter)
     return figure
 
 
@@ -60,11 +61,12 @@ def _about(plot: LadderPlot) -> str:
     return plot.about.replace("control period", "control")
 
 
-def _draw_plot(axes: Axes, plot: LadderPlot, up: str) -> None:
+def _draw_plot(axes: Axes, plot: LadderPlot, up: str, letter: float) -> None:
     axes.set(ylim=(-0.05, 1.08), xlim=(-0.12, 1.12))
     words = [text if up else "" for _, text in RATE_AXIS.ticks]
     axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], words)
-    axes.set_xticks([share for share, _ in plot.ticks], [text for _, text in plot.ticks])
+    ticks = thinned(plot.ticks, letter)
+    axes.set_xticks([share for share, _ in ticks], [text for _, text in ticks])
     framed(axes, plot.along, up)
     if plot.truth is not None:
         axes.axhline(plot.truth.estimate, zorder=1.5, **_TRUTH)

@@ -71,7 +71,7 @@ def print_matrix(matrix: Matrix) -> Figure:
 
 
 def _name(line: MatrixLine) -> str:
-    return short(line.row.name, _LONGEST)
+    return short(line.name, _LONGEST)
 
 
 def _notes(matrix: Matrix) -> list[str]:

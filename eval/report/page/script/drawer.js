@@ -1,7 +1,7 @@
 // From a cell to its episodes, and from one of them to what happened in it.
 class Drawer {
-  constructor(carried, dialog) {
-    Object.assign(this, { carried, dialog });
+  constructor(carried, dialog, opening) {
+    Object.assign(this, { carried, dialog, opening });
     this.body = dialog.querySelector(".body");
     this.title = dialog.querySelector("h2");
     dialog.querySelector(".shut").addEventListener("click", () => dialog.close());
@@ -9,29 +9,50 @@ class Drawer {
     dialog.addEventListener("close", () => this.closed());
   }
 
-  open(place) {
-    const { r, c, s } = place;
-    if (!this.carried.entry(r, c)) return;
+  // Whether there is something to open.
+  open(asked) {
+    const { r, c } = asked;
+    if (!this.carried.entry(r, c)) return false;
+    const place = this.carried.label(r, c, asked.s, asked.e) ? asked : { r, c, s: null };
     const origin = this.place ? this.origin : [r, c];
     Object.assign(this, { place, origin });
     if (this.player) this.player.pause();
     this.player = null;
-    this.body.replaceChildren(...(s === null ? this.entry(place) : this.episode(place)));
+    this.body.replaceChildren(...(place.s === null ? this.entry(place) : this.episode(place)));
     for (const block of this.body.querySelectorAll("pre.command")) copyable(block);
-    if (!this.dialog.open) this.dialog.showModal();
+    if (!this.dialog.open) {
+      this.from = document.activeElement;
+      this.opening();
+      this.dialog.showModal();
+    }
     this.dialog.scrollTop = 0;
     const first = this.body.querySelector("[data-first]") || this.body.querySelector("button, a");
     if (first) first.focus({ preventScroll: true });
+    return true;
   }
 
-  closed() {
+  // For another place, which the address says already.
+  leave() {
+    this.stop();
+    this.dialog.close();
+  }
+
+  stop() {
     if (this.player) this.player.pause();
     this.player = null;
-    const [r, c] = this.origin;
     this.place = null;
+  }
+
+  // By the reader: back to where the drawer was opened from, or to its cell of the matrix.
+  closed() {
+    if (!this.place) return;
+    this.stop();
     remember("");
+    const [r, c] = this.origin;
     const cell = document.querySelector(`table.heat a[href="#r${r}c${c}"]`);
-    if (cell) cell.focus();
+    const seen = (one) => one && one !== document.body && one.isConnected && one.offsetParent !== null;
+    const back = [this.from, cell].find(seen);
+    if (back) back.focus();
   }
 
   names({ r, c }) {
@@ -119,7 +140,6 @@ class Drawer {
     const { carried } = this;
     const { r, c, s, e } = place;
     const label = carried.label(r, c, s, e);
-    if (label === null || label === undefined) return this.entry({ r, c });
     const policy = carried.rows[r].policies[s];
     this.title.replaceChildren(...this.names(place));
     const back = make("button", { type: "button", class: "chip" }, "‹ all episodes");
@@ -138,7 +158,7 @@ class Drawer {
     else parts.push(make("p", { class: "about" }, `Its motion is not on this page, which carries traces ${carried.choice}. The command below shows its record.`));
     if (lead >= 0) {
       parts.push(make("p", { class: "about" }, "This policy is on this page: ",
-        make("a", { href: watchHash(lead, [c], 0, carried.live.startOf(carried.trace(...carried.leads[lead].at))) },
+        make("a", { href: watchHash(lead, [...new Set([carried.leads[lead].cells[0], c])], 0, carried.live.startOf(carried.trace(...carried.leads[lead].at))) },
           "start it from anywhere, recomputed in this browser"), "."));
     }
     parts.push(...this.ledger(r, c, s, e, trace), ...this.elsewhere(place), ...this.record(place, trace));

@@ -3,32 +3,37 @@ async function begin() {
   const carried = await unpack(document.getElementById("carried").textContent);
   const matrix = document.querySelector(".matrixcard");
   const grid = matrix ? new Grid(carried, matrix) : null;
-  const drawer = new Drawer(carried, document.getElementById("drawer"));
   const watched = document.getElementById("watch-card");
   const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;
+  const drawer = new Drawer(carried, document.getElementById("drawer"),
+    () => { if (watch) watch.player.pause(); });
   for (const svg of document.querySelectorAll("[data-scene]")) showTask(carried, svg);
   const went = () => {
     const view = viewOf(location.hash);
     if (grid && view) grid.view(view);
     else if (viewed) remember(placeHash());
     const place = placeOf(location.hash);
-    if (place.kind === "entry") drawer.open(place);
-    else if (place.kind === "watch" && watch) {
+    if (place.kind === "entry" && drawer.open(place)) return;
+    const led = drawer.dialog.open && place.kind === "watch";
+    if (place.id === "") drawer.dialog.close();
+    else drawer.leave();
+    if (place.kind === "watch" && watch) {
       watch.open(place.lead, place.on, place.t, place.value);
+      if (led) watch.focus();
       watched.scrollIntoView();
-    } else if (drawer.dialog.open) drawer.dialog.close();
+    }
   };
   const policies = document.getElementById("policies");
   policies.addEventListener("toggle", () => listPolicies(carried, policies), { once: true });
   if (watch) watch.open(0);
-  went();
-  if (watch && placeOf(location.hash).kind !== "watch") watch.startWhenSeen();
   addEventListener("hashchange", went);
   // A second visit of the same cell changes no hash.
   document.addEventListener("click", (event) => {
     const link = event.target.closest('a[href^="#r"]');
     if (link && link.hash === placeHash()) went();
   });
+  went();
+  if (watch && placeOf(location.hash).kind !== "watch") watch.startWhenSeen();
   document.documentElement.dataset.ready = performance.now().toFixed(0);
 }
 

@@ -4,7 +4,7 @@ const ENTRY = /^r(\d+)c(\d+)(?:s(\d+)e(\d+))?(?:t([\d.]+))?$/;
 const WATCHED = /^w(\d+)(?:o([\d.]+?))?(?:a(-?[\d.]+))?(?:t([\d.]+))?$/;
 const VIEWED = /^(?:m(\d+))?(?:g([\d.]+))?(?:d([\d.]+))?$/;
 
-const whole = (text) => (text === undefined ? null : Number(text));
+const whole = (text) => (Number.isFinite(Number(text)) ? Number(text) : null);
 const listed = (text) => (text ? text.split(".").map(Number) : null);
 
 function placeOf(hash) {
@@ -19,7 +19,11 @@ function placeOf(hash) {
     const [, lead, on, value, t] = watched;
     return { kind: "watch", lead: Number(lead), on: listed(on), value: whole(value), t: whole(t) };
   }
-  return { kind: "page", id: decodeURIComponent(text) };
+  return { kind: "page", id: decoded(text) };
+}
+
+function decoded(text) {
+  try { return decodeURIComponent(text); } catch { return text; }
 }
 
 // The measure that the matrix shows, and the groups and steps that it does not; null: not said.

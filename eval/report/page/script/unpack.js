@@ -36,7 +36,8 @@ class Carried {
 
   label(r, c, s, e) {
     const own = this.outcomes[`${r}/${c}`];
-    return own ? this.labels[this.numbers[own.label + s * own.n + e]] : null;
+    const there = own && s in this.rows[r].policies && e >= 0 && e < own.n;
+    return there ? this.labels[this.numbers[own.label + s * own.n + e]] : null;
   }
 
   // Motor, numerics and losses, J, rounded; exact where a trace is carried.

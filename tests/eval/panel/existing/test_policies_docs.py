@@ -1,4 +1,4 @@
-"""The commands of docs/policies.md, one for each kind of policy, run as they are written."""
+"""The commands of docs/how-to/policies.md, one for each kind of policy, run as they are written."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from integ_gym.eval.panel.model.files import read_panel
 from integ_gym.train import POLICY_ENDINGS, save_policy, write_sidecar
 
 PENDULUM = "IntegPendulum-v0"
-PAGE = (Path(__file__).parents[4] / "docs" / "policies.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[4] / "docs" / "how-to" / "policies.md").read_text(encoding="utf-8")
 SMALL = ("--integrator", "rk4", "--dt", "0.01", "--episodes", "2", "--env-arg", "duration=0.5",
          "--workers", "1", "--no-progress")  # fmt: skip
 

@@ -15,7 +15,11 @@ from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import along
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.panel.results.engine_agreement import EVALUATED_ONCE, agreements, twin_of
+from integ_gym.eval.panel.results.findings.engine_agreement import (
+    EVALUATED_ONCE,
+    agreements,
+    twin_of,
+)
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.specification.cells import Cell

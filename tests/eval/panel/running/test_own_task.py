@@ -1,4 +1,4 @@
-"""docs/adding.md's task made part of the suite: what its plant lacks, panels leave out."""
+"""docs/how-to/adding.md's task made part of the suite: what its plant lacks, panels leave out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.train.baselines.making import has_handmade, make_baseline, possible_baselines
 
-PAGE = ROOT / "docs" / "adding.md"
+PAGE = ROOT / "docs" / "how-to" / "adding.md"
 BLOCKS = re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)
 PLANTS = {
     "no gravity": lambda source: source,

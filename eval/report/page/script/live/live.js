@@ -31,6 +31,12 @@ class Live {
   // Where the chosen coordinate of a trace started, less than half a turn from the middle.
   startOf(trace) { return this.wrapped(trace.state[this.coordinate], this.middle(trace)); }
 
+  // The nearest start that can be chosen.
+  within(trace, value) {
+    const middle = this.middle(trace);
+    return Math.max(middle - this.reach, Math.min(middle + this.reach, value));
+  }
+
   shown(value) {
     const text = this.turns ? `${((this.wrapped(value) * 180) / Math.PI).toFixed(1)}°`
       : `${value.toFixed(3)} ${this.unit}`;

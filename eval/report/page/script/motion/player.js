@@ -1,4 +1,4 @@
-// Traces side by side on one clock: play, pause, scrub.
+// Traces side by side on one clock: play, pause, scrub. `moved` hears of what the reader does.
 class Player {
   constructor(carried, traces, options = {}) {
     Object.assign(this, { carried, traces, time: 0, playing: false, moved: () => {} }, options);
@@ -10,7 +10,11 @@ class Player {
     this.parts = [];
     this.panes = traces.map((trace, place) => this.pane(trace, place, scene, scale, mark));
     this.button = make("button", { type: "button", class: "play" }, "Play");
-    this.button.addEventListener("click", () => (this.playing ? this.pause() : this.play()));
+    this.button.addEventListener("click", () => {
+      if (!this.playing) return this.play();
+      this.pause();
+      return this.moved(this.time);
+    });
     this.slider = make("input", { type: "range", min: 0, max: this.end.toFixed(6),
       step: traces[0].period, value: 0, "aria-label": "time, seconds" });
     this.slider.addEventListener("input", () => {
@@ -92,6 +96,5 @@ class Player {
     if (!this.playing) return;
     this.playing = false;
     this.button.textContent = "Play";
-    this.moved(this.time);
   }
 }

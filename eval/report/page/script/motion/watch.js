@@ -93,7 +93,7 @@ class Watch {
     this.more.hidden = !others.length;
     if (others.some((c) => this.shown.includes(c))) this.more.open = true;
     this.anew.hidden = !this.simulated(lead.at[1]);
-    this.value = this.anew.hidden ? null : value;
+    this.value = this.anew.hidden || value === null ? null : this.carried.live.within(this.like, value);
     this.build(time || 0);
   }
 
@@ -192,6 +192,8 @@ class Watch {
     return starts.element;
   }
 
+  focus() { (this.anew.hidden ? this.player.slider : this.slider).focus({ preventScroll: true }); }
+
   note() {
     remember(watchHash(this.carried.leads.indexOf(this.lead), this.shown, this.player.time, this.value));
   }
@@ -203,7 +205,7 @@ class Watch {
       return;
     }
     const seen = new IntersectionObserver((found) => {
-      if (!found.some((one) => one.isIntersecting)) return;
+      if (!found.some((one) => one.isIntersecting) || document.querySelector("dialog[open]")) return;
       seen.disconnect();
       if (this.player.time === 0) this.player.play();
     }, { threshold: 0.5 });

@@ -1,0 +1,163 @@
+"""What an engine takes beside the work: the same units on each, over processes of this machine.
+
+    python benchmarks/executor_overhead.py [--seconds 60] [--units 4] [--json FILE]
+
+Every unit computes for so many seconds by the clock, so that what is over is the engine's: its
+start, which comes once, and for each unit sending it, claiming it and putting its result in place,
+which a local pool has not. How much was computed in a second of processor time is told as well,
+beside what the local pool computed: an engine that takes from the work shows there. Run it on an
+idle machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measuring import results
+from tqdm import tqdm
+
+from integ_gym.eval.panel.running import DRIVEN, Desk
+from integ_gym.support import Claims, FolderFiles, Progress, Resources, cluster_of, write_once
+
+EXAMPLES = """\
+examples:
+  python benchmarks/executor_overhead.py                     9 minutes
+  python benchmarks/executor_overhead.py --only local dask --seconds 5
+"""
+
+EXECUTORS = ("local", "dask", "ray", "executor_overhead:two_processes")
+SIZE = 64
+"""Of the square matrices whose products are the work."""
+
+RESULT = 1_000_000
+"""Bytes that each unit leaves behind."""
+
+PACKAGES = ("integ-gym", "dask", "distributed", "ray", "numpy")
+
+
+def two_processes() -> Any:
+    """An executor as a module of one's own may give it."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+
+
+def compute(seconds: float) -> float:
+    """Work for so long by the clock; products of matrices in a second of processor time."""
+    matrix = np.random.default_rng(0).standard_normal((SIZE, SIZE)) / SIZE
+    begun, used, products = time.perf_counter(), time.process_time(), 0
+    while time.perf_counter() - begun < seconds:
+        for _ in range(100):
+            matrix = matrix @ matrix
+        products += 100
+    return products / (time.process_time() - used)
+
+
+def here(run: str, unit: str, seconds: float) -> float:
+    """A unit of a local pool, which writes where its result belongs."""
+    rate = compute(seconds)
+    write_once(Path(run) / "evidence" / f"{unit}.parquet", _result)
+    return rate
+
+
+def elsewhere(run: str, unit: str, seconds: float) -> float:
+    """A unit as tasks of an engine do it: claimed, staged, committed, put in place."""
+    desk = Desk(Path(run), DRIVEN)
+    claim = Claims(FolderFiles(desk.claims), [unit]).seize(unit)
+    rate = compute(seconds)
+    folder = desk.staged(claim) / "evidence"
+    folder.mkdir(parents=True)
+    write_once(folder / f"{unit}.parquet", _result)
+    if not claim.commit():
+        raise RuntimeError(f"{unit} was taken over")
+    desk.put_in_place(claim)
+    claim.finish()
+    return rate
+
+
+def _result(path: Path) -> None:
+    path.write_bytes(bytes(RESULT))
+
+
+def nothing(number: int) -> None:
+    """A task that waits for a worker to be there."""
+    time.sleep(0.5)
+
+
+def measured(executor: str, given: argparse.Namespace) -> dict[str, float]:
+    """Seconds until workers are there, seconds of all units, and the rate of the work."""
+    run = Path(tempfile.mkdtemp())
+    try:
+        (run / "evidence").mkdir()
+        Desk(run, DRIVEN).open()
+        begun = time.perf_counter()
+        with cluster_of(executor, resources=Resources(given.workers)) as cluster:
+            progress = Progress()
+            task: Callable[..., float] = elsewhere if cluster.remote else here
+            with cluster.pool(progress) as pool:
+                for ready in [pool.submit(nothing, n) for n in range(2 * given.workers)]:
+                    ready.result()
+                started = time.perf_counter()
+                futures = [
+                    pool.submit(task, str(run), f"unit-{number}", given.seconds)
+                    for number in range(given.units)
+                ]
+                rates = [future.result() for future in futures]
+                ended = time.perf_counter()
+        if len(list((run / "evidence").glob("*.parquet"))) != given.units:
+            raise RuntimeError(f"{executor} lost units")
+        return {
+            "start_seconds": started - begun,
+            "unit_seconds": ended - started,
+            "products_per_second": float(np.mean(rates)),
+        }
+    finally:
+        shutil.rmtree(run)
+
+
+def main() -> None:
+    """Print the table; write JSON where asked."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--only", nargs="+", default=list(EXECUTORS), metavar="EXECUTOR")
+    add("--seconds", type=float, default=60.0, metavar="S", help="of each unit (default: 60)")
+    add("--units", type=int, default=4, metavar="N", help="(default: 4)")
+    add("--workers", type=int, default=2, metavar="N", help="(default: 2)")
+    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
+    given = parser.parse_args()
+    found = {}
+    for executor in tqdm(given.only, unit="engine"):
+        found[executor] = measured(executor, given)
+        results.write(given.json, {"executors": found}, PACKAGES)
+    least = given.seconds * -(-given.units // given.workers)
+    first = next(iter(found.values()))
+    rows = [
+        [
+            executor,
+            f"{one['start_seconds']:.1f}",
+            f"{one['unit_seconds']:.2f}",
+            f"{one['unit_seconds'] / first['unit_seconds'] - 1.0:+.2%}",
+            f"{one['unit_seconds'] / least - 1.0:+.2%}",
+            f"{one['products_per_second'] / first['products_per_second']:.2f}",
+        ]
+        for executor, one in found.items()
+    ]
+    name = f"over {next(iter(found))}"
+    results.print_table(
+        ("executor", "start, s", "units, s", name, "over the work alone", "work per CPU second"),
+        rows,
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What benchmarks share: rates, bare loops to compare with, tables and files of results."""

@@ -1,0 +1,120 @@
+"""What a panel costs in core time and storage, from measured figures, before anything is run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from integ_gym.evidence import Layout
+
+from ..specification import Home, PanelSpec
+from .expected_time import cell_seconds, cell_timing
+from .units import Unit, trained_units, training_config
+
+DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
+"""Time of a decision of training with stable-baselines3, by algorithm, s: docs/how-to/fleet.md."""
+
+ENTRY_BYTES = 2.7
+"""Storage of one number of a trace; see docs/performance.md."""
+
+RECORD_BYTES = 85.0
+"""Storage of a record without its trace."""
+
+FILE_BYTES = 70_000.0
+"""Storage of a file of records with hardly any in it."""
+
+BESIDE = 1.75
+"""What a panel takes over the sum of its decisions: compilation, second horizons, its page.
+
+It is the quick panel's time in the README over what would be computed without this.
+"""
+
+POLICY_BYTES = 20_000.0
+"""Storage of a policy's files without its weights."""
+
+WEIGHT_BYTES = 12.0
+"""Storage of an actor's weight: in both files, and in one of them also the critic's like it."""
+
+
+@dataclass(frozen=True)
+class ExpectedCost:
+    """What something costs.
+
+    Attributes:
+        train_seconds: of one core.
+        evaluate_seconds: of one core.
+        storage: bytes.
+    """
+
+    train_seconds: float
+    evaluate_seconds: float
+    storage: float
+
+    @property
+    def seconds(self) -> float:
+        """Of one core, altogether."""
+        return self.train_seconds + self.evaluate_seconds
+
+    def times(self, count: float) -> ExpectedCost:
+        """That of so many."""
+        own = (self.train_seconds, self.evaluate_seconds, self.storage)
+        return ExpectedCost(*(count * one for one in own))
+
+
+def total_cost(costs: Sequence[ExpectedCost]) -> ExpectedCost:
+    """Of all together."""
+    return ExpectedCost(
+        sum(one.train_seconds for one in costs),
+        sum(one.evaluate_seconds for one in costs),
+        sum(one.storage for one in costs),
+    )
+
+
+def policy_costs(spec: PanelSpec) -> list[ExpectedCost]:
+    """Cost of every policy that a panel trains, its evaluation in all its cells included."""
+    by_home: dict[Home | None, ExpectedCost] = {}
+    units = trained_units(spec)
+    for unit in units:
+        if unit.home not in by_home:
+            by_home[unit.home] = total_cost([_training(spec, unit), _evaluation(spec, unit.home)])
+    return [by_home[unit.home] for unit in units]
+
+
+def fixed_cost(spec: PanelSpec) -> ExpectedCost:
+    """Cost of what a panel does however many policies it trains: its baselines."""
+    return _evaluation(spec, None).times(len(spec.baselines))
+
+
+def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
+    config: Any = training_config(spec, unit)
+    layout = len(Layout(spec.nominal.plant, spec.nominal.task))
+    timing = spec.nominal.timing
+    episodes = config.rounded_steps / timing.horizon
+    records = episodes * RECORD_BYTES + ENTRY_BYTES * layout * (
+        config.rounded_steps / config.trace_every
+    )
+    sizes = (len(spec.nominal.task.observation_names), *config.net_arch, 1)
+    weights = sum(a * b for a, b in pairwise(sizes))
+    files = FILE_BYTES + POLICY_BYTES + WEIGHT_BYTES * weights
+    return ExpectedCost(BESIDE * _training_seconds(spec, config), 0.0, records + files)
+
+
+def _training_seconds(spec: PanelSpec, config: Any) -> float:
+    if not spec.fleet:
+        return float(config.rounded_steps) * DECISION_SECONDS[config.algorithm]
+    from integ_gym.train import training_seconds
+
+    return training_seconds(config)
+
+
+def _evaluation(spec: PanelSpec, home: Home | None) -> ExpectedCost:
+    layout = len(Layout(spec.nominal.plant, spec.nominal.task))
+    cells = spec.cells_of(home)
+    steps = sum(cell_timing(spec, cell).horizon + 1 for cell in cells)
+    records = spec.episodes * (
+        len(cells) * RECORD_BYTES + ENTRY_BYTES * layout * steps / spec.trace_every
+    )
+    seconds = sum(cell_seconds(spec, cell) for cell in cells)
+    return ExpectedCost(0.0, BESIDE * seconds, records)

@@ -1,0 +1,67 @@
+"""What is left to be done of a panel, as shared units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from integ_gym.train import Workers
+
+from ..running import (
+    RunDirectory,
+    Subject,
+    batches_of,
+    not_evaluated,
+    not_tried,
+    subject_of,
+    unit_of,
+    unit_of_cell,
+    units_of,
+    waiting_chunks,
+)
+from ..specification import PanelSpec
+from .shared_unit import SharedUnit
+
+
+def training(
+    spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None
+) -> list[SharedUnit]:
+    """Chunks of policies that are trained together."""
+    chunks = waiting_chunks(spec, directory, workers, memory_gib)
+    names = [tuple(unit.policy for unit in chunk) for chunk in chunks]
+    return [SharedUnit("train", _named("train", own), policies=own) for own in names]
+
+
+def trying(spec: PanelSpec, directory: RunDirectory) -> list[SharedUnit]:
+    """Cells in which it is not known what can be done."""
+    cells = not_tried(spec, directory)
+    return [SharedUnit("try", unit_of_cell(cell), cell=cell.name) for cell in cells]
+
+
+def evaluating(spec: PanelSpec, directory: RunDirectory, workers: int) -> list[SharedUnit]:
+    """Batches of policies that are evaluated side by side; all are trained."""
+    subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
+    return [unit for unit, _ in batches(spec, directory, subjects, workers)]
+
+
+def batches(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject], workers: int
+) -> list[tuple[SharedUnit, tuple[Subject, ...]]]:
+    """Batches of given policies."""
+    waiting = not_evaluated(spec, directory, subjects)
+    return [
+        (
+            SharedUnit(
+                "evaluate",
+                unit_of(spec, batch)[0],
+                policies=tuple(subject.policy.policy_id for subject in batch),
+                recorded=tuple(sorted(batch[0].recorded)),
+            ),
+            batch,
+        )
+        for batch in batches_of(spec, waiting, workers)
+    ]
+
+
+def _named(kind: str, policies: Sequence[str]) -> str:
+    others = len(policies) - 1
+    return f"{kind}-{policies[0]}" + (f"-and-{others}-more" if others else "")

@@ -1,0 +1,128 @@
+"""A unit of work as a small value, and how it is done wherever that may be."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+from integ_gym.support import Claim
+
+from ..running import (
+    MANIFEST,
+    Desk,
+    RunDirectory,
+    Subject,
+    evaluate_batch,
+    is_there,
+    read_manifest,
+    statuses,
+    subject_of,
+    train_chunk_here,
+    try_and_note,
+    units_of,
+)
+from ..specification import PanelSpec, planned_spec
+
+Kind = Literal["train", "try", "evaluate"]
+
+
+@dataclass(frozen=True)
+class SharedUnit:
+    """What is to be done, by names alone; the rest is in the run's directory.
+
+    Attributes:
+        kind: of work.
+        name: of the unit.
+        policies: that are trained together, or evaluated together.
+        recorded: cells of these policies that there are records of.
+        cell: that is tried.
+    """
+
+    kind: Kind
+    name: str
+    policies: tuple[str, ...] = ()
+    recorded: tuple[str, ...] = ()
+    cell: str = ""
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> SharedUnit:
+        """From plain data, as :func:`dataclasses.asdict` gives it and JSON keeps it."""
+        lists = {name: tuple(plain[name]) for name in ("policies", "recorded")}
+        return cls(**{**plain, **lists})
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data."""
+        return asdict(self)
+
+
+def do_and_commit(
+    desk: Desk, claim: Claim, unit: SharedUnit, subjects: Sequence[Subject] | None = None
+) -> bool:
+    """Do a unit that is held, and put its results in place; False if it was taken over.
+
+    Args:
+        desk: where it was claimed.
+        claim: on it.
+        unit: the unit.
+        subjects: the policies that are evaluated, where the run's own are not.
+    """
+    if not claim.decided:
+        staged = desk.staged(claim)
+        _do(desk.run, staged, unit, subjects)
+        if not claim.commit():
+            shutil.rmtree(staged, ignore_errors=True)
+            return False
+    desk.put_in_place(claim)
+    claim.finish()
+    return True
+
+
+def _do(run: Path, staged: Path, unit: SharedUnit, subjects: Sequence[Subject] | None) -> None:
+    """Do a unit, and write its results into a folder."""
+    spec, directory = _opened(run)
+    there = RunDirectory(staged, spec.to_json(), spec.engine_versions())
+    there.make_folders()
+    if unit.kind == "train":
+        _train(spec, directory, there, unit.policies)
+    elif unit.kind == "try":
+        (cell,) = (cell for cell in spec.columns() if cell.name == unit.cell)
+        try_and_note(spec, there, cell)
+    else:
+        given = subjects or _subjects(spec, directory, unit)
+        evaluate_batch(spec, there, given, statuses(directory))
+
+
+def _train(
+    spec: PanelSpec, directory: RunDirectory, there: RunDirectory, policies: Sequence[str]
+) -> None:
+    """Train policies together, and keep those that are not there yet."""
+    units = [unit for unit in units_of(spec) if unit.policy in policies]
+    own = sorted(units, key=lambda unit: policies.index(unit.policy))
+    train_chunk_here(spec, there, own)
+    for one in own:
+        if is_there(spec, directory, one):
+            there.discard_remains(one.training)
+            shutil.rmtree(there.policies / one.policy)
+
+
+def _subjects(spec: PanelSpec, directory: RunDirectory, unit: SharedUnit) -> list[Subject]:
+    found = {one.policy: one for one in units_of(spec) if one.policy in unit.policies}
+    subjects = [subject_of(spec, directory, found[policy]) for policy in unit.policies]
+    return [subject.waiting(unit.recorded) for subject in subjects]
+
+
+def _opened(run: Path) -> tuple[PanelSpec, RunDirectory]:
+    """The panel that a directory says it holds."""
+    manifest = json.dumps(read_manifest(run / MANIFEST)["specification"], sort_keys=True)
+    spec = _spec(manifest)
+    return spec, RunDirectory(run, spec.to_json(), spec.engine_versions())
+
+
+@lru_cache(maxsize=4)
+def _spec(manifest: str) -> PanelSpec:
+    return planned_spec(json.loads(manifest))

@@ -1,0 +1,34 @@
+"""Options of commands whose work can be given to an engine that runs on many machines."""
+
+from __future__ import annotations
+
+import argparse
+
+from integ_gym.support import EXECUTORS, Resources, whole_number
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """Add the options to a command's."""
+    add = parser.add_argument_group("engine (docs/how-to/clusters.md)").add_argument
+    add(
+        "--executor", default="local", metavar="NAME",
+        help=f"what runs the processes: {', '.join(EXECUTORS)}, or module:function for a function "
+        "of your own that returns a concurrent.futures.Executor (default: local)",
+    )  # fmt: skip
+    add(
+        "--address", metavar="ADDRESS",
+        help="of a running cluster of Ray or Dask (default: one is started on this machine)",
+    )  # fmt: skip
+    add(
+        "--cores-per-worker", type=whole_number, default=1, metavar="N",
+        help="that an engine sets aside for each process (default: 1)",
+    )  # fmt: skip
+    add(
+        "--gpus-per-worker", type=float, default=0.0, metavar="N",
+        help="the same of GPUs, on which the fleet then trains (default: 0)",
+    )  # fmt: skip
+
+
+def resources_of(arguments: argparse.Namespace) -> Resources:
+    """What the options ask for, of each worker."""
+    return Resources(cores=arguments.cores_per_worker, gpus=arguments.gpus_per_worker)

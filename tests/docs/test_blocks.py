@@ -1,0 +1,103 @@
+"""Python on the pages of ``docs`` runs: here, or in the tests of what a page is about."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from house import ROOT
+
+ELSEWHERE = {
+    "explanation/census.md": "tests/eval/census/test_census.py",
+    "explanation/verification.md": "tests/eval/diagnosis/test_verification_docs.py",
+    "how-to/adding.md": "tests/package/test_adding.py",
+    "how-to/testbeds.md": "tests/envs/testbeds/test_gym_testbed.py",
+    "reference/environments.md": "tests/package/test_readme.py",
+    "reference/evidence.md": "tests/evidence/test_docs.py",
+}
+TRAINED = """
+import integ_gym
+config = integ_gym.PPOConfig.of(
+    "IntegPendulum-v0", total_steps=2048, env_arguments={"integrator": "rk4", "dt": 0.05}
+)
+integ_gym.train_ppo([config], ["runs/rk4"], progress=False, tensorboard=False)
+"""
+PANEL = """
+from pathlib import Path
+import integ_gym
+Path("small.toml").write_text('''
+name = "small"
+env_id = "IntegPendulum-v0"
+control_period = 0.05
+seeds = [0]
+episodes = 2
+trainer = "sb3"
+training = { total_steps = 2048 }
+train = [{ integrator = "rk4", dt = 0.05 }]
+evaluate = [{ integrator = "rk4", dt = 0.05 }]
+''')
+integ_gym.run_panel("small.toml", "runs/panel", workers=1, progress=False)
+"""
+OWN = """
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
+normalized = VecNormalize(make_vec_env("integ_gym:IntegPendulum-v0"))
+PPO("MlpPolicy", normalized).save("policy.zip")
+normalized.save("vecnormalize.pkl")
+class writer:
+    add_scalar = print
+global_step = 0
+"""
+HERE = {
+    "how-to/films.md": (TRAINED, {}),
+    "how-to/fleet.md": (
+        "",
+        {"seed=seed)": "seed=seed, total_steps=4096)", "range(10)": "range(2)"},
+    ),
+    "how-to/policies.md": (
+        OWN,
+        {"100_000": "512", "10_000": "256", "discretization_gap(act": "discretization_gap(policy"},
+    ),
+    "reference/engines.md": ("", {"307_200": "2048"}),
+    "reference/panel.md": (PANEL, {}),
+    "tutorials/first_steps.md": ("", {}),
+}
+"""Page to what its blocks take for granted, and what makes them short."""
+
+
+def _blocks(page: str) -> list[str]:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def test_no_page_is_left_out():
+    pages = (path.relative_to(ROOT / "docs") for path in (ROOT / "docs").rglob("*.md"))
+    assert {page.as_posix() for page in pages if _blocks(str(page))} == {*ELSEWHERE, *HERE}
+    for page, test in ELSEWHERE.items():
+        assert page.partition("/")[2] in (ROOT / test).read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", HERE)
+def test_blocks_run_one_after_the_other(page, tmp_path):
+    before, shorter = HERE[page]
+    code = "\n".join(_blocks(page))
+    for long, short in shorter.items():
+        assert long in code
+        code = code.replace(long, short)
+    body = textwrap.indent(f"{before}\n{code}", "    ")
+    (tmp_path / "page.py").write_text(f'if __name__ == "__main__":\n{body}\n', encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "page.py"], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONWARNINGS": "ignore"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    if page == "tutorials/first_steps.md":
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        (said,) = re.findall(r"^```text\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        assert said in done.stdout

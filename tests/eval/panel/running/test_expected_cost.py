@@ -1,0 +1,43 @@
+"""What a panel is told to cost, before anything runs."""
+
+from __future__ import annotations
+
+import pytest
+from shared_panel import specification
+
+from integ_gym.cli import main
+from integ_gym.eval import fixed_cost, policy_costs, specified, total_cost
+from integ_gym.eval.panel.running.units import trained_units
+
+
+def test_every_policy_is_counted_with_its_evaluation(tmp_path):
+    spec = specified(specification(tmp_path))
+    costs = policy_costs(spec)
+    assert len(costs) == len(trained_units(spec))
+    for cost in costs:
+        assert min(cost.train_seconds, cost.evaluate_seconds, cost.storage) > 0.0
+    assert fixed_cost(spec).train_seconds == 0.0
+    both = total_cost([costs[0].times(2.0), costs[1]])
+    assert both.seconds == pytest.approx(2.0 * costs[0].seconds + costs[1].seconds)
+
+
+@pytest.mark.slow
+def test_storage_is_that_of_a_run(undisturbed, tmp_path):
+    """Within a third: a run as small as this is all but its files' heads."""
+    spec = specified(specification(tmp_path))
+    told = total_cost([*policy_costs(spec), fixed_cost(spec)]).storage
+    folders = ("evidence", "policies")
+    held = sum(f.stat().st_size for name in folders for f in (undisturbed / name).rglob("*.*"))
+    assert 0.67 < told / held < 1.5
+
+
+def test_the_command_tells_it_and_runs_nothing(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["panel", str(specification(tmp_path)), "--plan", "--workers", "8", "--out", str(out)]
+    assert main(words) == 0
+    told = capsys.readouterr().out
+    assert not out.exists()
+    assert "4 policies and 1 baseline" in " ".join(told.split())
+    for count in ("4 (this panel)", "10 ", "1,000", "100,000"):
+        assert any(line.startswith(count) for line in told.splitlines()), count
+    assert "on 8 workers" in told
