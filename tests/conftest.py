@@ -87,7 +87,8 @@ def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 def pytest_report_header() -> str:
     """What is not tested here."""
     absent = [n for n in ENGINES.names() if n not in APART and missing_modules(n)]
-    absent += [name for name in PUBLISHED.names() if not installed(name)]
+    here = [name for name in PUBLISHED.names() if PUBLISHED.load(name).apart is None]
+    absent += [name for name in here if not installed(name)]
     return (
         f"not installed, and so not tested: {', '.join(absent) or 'nothing'}; in environments of "
         f"their own, and so replayed: {', '.join(APART)}"

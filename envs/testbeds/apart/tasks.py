@@ -22,12 +22,11 @@ class DmControlTask(RemoteTestbed):
 
 
 class IsaaclabTask(RemoteTestbed):
-    """A direct task of Isaac Lab's, ``"isaaclab:Isaac-Cartpole-Direct"``, on Newton and the CPU.
+    """Isaac Lab's own cart-pole, ``"isaaclab:Isaac-Cartpole-Direct"``, on Newton and the CPU.
 
-    Its integrators are those of Newton's MuJoCo solver, by Isaac Lab's names.
-
-    Args:
-        newton_substeps: steps that Newton takes in each of Isaac Lab's; ``dt`` is Newton's own.
+    Its integrators are those of Newton's MuJoCo solver, by Isaac Lab's names, and ``dt`` is
+    Newton's own step. Arguments are ``newton_substeps``, how many of them are taken in each of
+    Isaac Lab's, and ``cart_damping``, N s/m, of the cart's actuator.
     """
 
     apart = APART["isaaclab"]

@@ -19,8 +19,8 @@ from exchanges import record
 
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import one_step
-from integ_gym.envs.plants import CartPole
 from integ_gym.envs.testbeds import make_checked, testbed_of
+from integ_gym.eval.census.subjects.published.isaaclab import decision, plant_of
 
 
 def isaaclab_engine() -> dict[str, float]:
@@ -68,16 +68,6 @@ def _steps(environments: Any, count: int) -> list[list[Any]]:
     return told
 
 
-CENTRE, INERTIA = 0.47, (0.06**2 + 1.0) / 12.0
-"""Of the pole of Isaac Lab's cart-pole, m and kg m^2: a box of 1 kg, as heavy as its cart."""
-
-LENGTH = (CENTRE**2 + INERTIA) / CENTRE
-"""Of the point mass on a rod that moves alike, m."""
-
-ITS_POLE = CENTRE / LENGTH
-"""Mass of that, kg."""
-
-
 def isaaclab_task_steps() -> dict[str, tuple[float, float]]:
     """Errors of one step of Isaac Lab's task against symplectic Euler's two kinds or rk4.
 
@@ -93,39 +83,28 @@ def isaaclab_task_steps() -> dict[str, tuple[float, float]]:
 
 
 def _errors(integrator: str, damping: float, count: int) -> tuple[float, float]:
-    testbed = testbed_of(
-        "isaaclab:Isaac-Cartpole-Direct", {"cart_damping": damping, "newton_substeps": count}
-    )
-    period = testbed.control_period
-    environments = make_checked(
-        testbed, replace(testbed.home, integrator=integrator, dt=period / count), 1
-    )
-    worker = environments.unwrapped.envs[0].unwrapped.worker
-    plant = CartPole(
-        cart_mass=2.0 - ITS_POLE, mass=ITS_POLE, length=LENGTH, gravity=9.81,
-        mass_distribution="point", cart_damping=damping,
-    )  # fmt: skip
-    names = ("rk4",) * 2 if integrator == "rk4" else ("symplectic_euler", IMPLICITLY)
+    dt = PERIOD / count
+    decided = decision(integrator, dt, cart_damping=damping, newton_substeps=count)
+    known = ("rk4",) * 2 if integrator == "rk4" else ("symplectic_euler", IMPLICITLY)
+    steps = [one_step(native_name(name), plant_of(damping), dt) for name in known]
     errors = [0.0, 0.0]
     rng = np.random.default_rng(1)
     for _ in range(8):
-        start = rng.uniform(-2.0, 2.0, 4).astype(np.float32)
-        force = float(rng.uniform(-100.0, 100.0))
-        worker.call("put", lane=0, position=start[:2].tolist(), velocity=start[2:].tolist())
-        x, tip, speed, spin = worker.call("step", lane=0, action=[force / 100.0])[0]
-        for place, name in enumerate(names):
-            q, v = tuple(start[:2] * SIGNS), tuple(start[2:] * SIGNS)
+        x, tip, speed, spin = rng.uniform(-2.0, 2.0, 4).astype(np.float32).tolist()
+        start, force = ((x, tip), (speed, spin)), float(rng.uniform(-100.0, 100.0))
+        got = np.array(decided(*start, force)).ravel()
+        for place, step in enumerate(steps):
+            state = start
             for _ in range(count):
-                q, v = one_step(native_name(name), plant, period / count)(q, v, force)
-            apart = np.array((*q, *v)) - (x, -tip, speed, -spin)
-            error = np.abs(apart) / (1.0 + np.abs((*q, *v)))
+                state = step(*state, force)
+            expected = np.array(state).ravel()
+            error = np.abs(got - expected) / (1.0 + np.abs(expected))
             errors[place] = max(errors[place], float(error.max()))
     return errors[0], errors[1]
 
 
+PERIOD = 1 / 60
 IMPLICITLY = "symplectic_euler_implicit_damping"
-SIGNS = np.array([1.0, -1.0])
-"""Of cart and pole, which tips to the other side there."""
 
 
 SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {

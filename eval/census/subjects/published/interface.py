@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, ClassVar
 
 from integ_gym.envs import CartPole, Pendulum, Plant, numerics
-from integ_gym.support import package_version
+from integ_gym.support import Apart, package_version
 
 from ..settable import Settable
 from ..subject import Access, Statement, Subject
@@ -22,6 +22,8 @@ class Library(ABC):
     """The distribution whose version is told."""
     modules: ClassVar[tuple[str, ...]]
     """What has to be importable."""
+    apart: ClassVar[Apart | None] = None
+    """The environment of its own that it runs in, if it has one."""
     install: ClassVar[str]
     """The command that makes it so."""
 
@@ -39,7 +41,8 @@ class Library(ABC):
         **more: Any,
     ) -> Subject:
         """One of its environments; see :class:`Subject`."""
-        version = package_version(self.package) or "unknown"
+        told = package_version(self.package) if self.apart is None else self.apart.version()
+        version = told or "unknown"
         return Subject(self.title, name, version, True, plant, stated, max_control, access, **more)
 
     def pendulum(
