@@ -19,6 +19,7 @@ ELSEWHERE = {
     "reference/environments.md": "tests/package/test_readme.py",
     "reference/evidence.md": "tests/evidence/test_docs.py",
 }
+COMPILED = {"how-to/clusters.md": "needs an installation of MPI"}
 TRAINED = """
 import integ_gym
 config = integ_gym.PPOConfig.of(
@@ -77,9 +78,19 @@ def _blocks(page: str) -> list[str]:
 
 def test_no_page_is_left_out():
     pages = (path.relative_to(ROOT / "docs") for path in (ROOT / "docs").rglob("*.md"))
-    assert {page.as_posix() for page in pages if _blocks(str(page))} == {*ELSEWHERE, *HERE}
+    assert {page.as_posix() for page in pages if _blocks(str(page))} == {
+        *ELSEWHERE,
+        *COMPILED,
+        *HERE,
+    }
     for page, test in ELSEWHERE.items():
         assert page.partition("/")[2] in (ROOT / test).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", COMPILED)
+def test_what_cannot_run_here_is_python(page):
+    for block in _blocks(page):
+        compile(block, page, "exec")
 
 
 @pytest.mark.slow

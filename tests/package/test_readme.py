@@ -92,7 +92,7 @@ def test_shell_lines_name_what_exists(command):
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_links_and_pictures_exist(document):
     text = document.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)\)", text):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if not target.startswith("https://"):
             assert (document.parent / target).exists(), target
     assert "<!--" not in text

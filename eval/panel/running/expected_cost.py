@@ -17,7 +17,7 @@ DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
 """Time of a decision of training with stable-baselines3, by algorithm, s: docs/how-to/fleet.md."""
 
 ENTRY_BYTES = 2.7
-"""Storage of one number of a trace; see docs/performance.md."""
+"""Storage of one number of a trace; see docs/explanation/performance.md."""
 
 RECORD_BYTES = 85.0
 """Storage of a record without its trace."""
