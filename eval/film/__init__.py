@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .film import Film
+    from .film import LEAST_START, Film
     from .of_policy import side_by_side
     from .of_record import watch
     from .window import show_film

@@ -23,7 +23,7 @@ FPS = 20
 """Frames per second: the times between them are whole hundredths, which a GIF keeps."""
 
 
-_LEAST_START = 0.05
+LEAST_START = 0.05
 """Energy at the start below which it is not told, J."""
 
 
@@ -95,7 +95,7 @@ class Film(Sequence[Frame]):
     def _shown(self) -> tuple[str, ...]:
         """Names of the amounts of energy that are shown: a start at rest and no losses are not."""
         ledgers = [episode.ledger() for episode in self.episodes]
-        least = {"start": _LEAST_START, "losses": 0.0}
+        least = {"start": LEAST_START, "losses": 0.0}
         return tuple(
             name
             for name in ledgers[0]

@@ -104,16 +104,19 @@ def _leads(
     panel: Panel, pair: tuple[str, str], outcomes: Mapping[tuple[str, str], Outcomes]
 ) -> Iterator[Lead]:
     own, home = outcomes[pair], outcomes.get((pair[0], _home(panel, pair[0]) or ""))
-    cells = _cells(panel, pair)
     success = own.label == "none"
     at_home = np.ones_like(success) if home is None else home.label == "none"
-    pump = np.nan_to_num(np.abs(own.ledger[1]))
+    pump = _pump(own, home)
     seed = int(np.argmax(at_home.mean(axis=1) - success.mean(axis=1)))
     worst = _worst(~success[seed], at_home[seed], own.traced[seed], pump[seed])
+
+    def lead(place: tuple[int, int], kind: Kind) -> Lead:
+        return Lead(*pair, *place, kind, _cells(panel, pair, outcomes, place))
+
     taken = set()
     if worst is not None:
         taken.add((seed, worst))
-        yield Lead(*pair, seed, worst, "worst", cells)
+        yield lead((seed, worst), "worst")
     kinds: tuple[tuple[Kind, Array, Array], ...] = (
         ("failure", ~success, pump),
         ("success", success, own.time),
@@ -121,14 +124,21 @@ def _leads(
     for kind, wanted, by in kinds:
         place = _median(wanted & own.traced, by)
         if place is not None and place not in taken:
-            yield Lead(*pair, *place, kind, cells)
+            yield lead(place, kind)
 
 
 def _worst(failed: Array, at_home: Array, traced: Array, pump: Array) -> int | None:
-    """A failure that succeeds at home, if there is one, to which the numerics gave most."""
+    """A failure that succeeds at home, if there is one, in which the numerics differ by most."""
     wanted = failed & traced
     wanted = wanted & at_home if (wanted & at_home).any() else wanted
     return int(np.argmax(np.where(wanted, pump, -1.0))) if wanted.any() else None
+
+
+def _pump(own: Outcomes, home: Outcomes | None) -> Array:
+    """By how much the energy from the numerics differs from that at home, J."""
+    at_home = 0.0 if home is None else home.ledger[1]
+    difference: Array = np.nan_to_num(np.abs(own.ledger[1] - at_home))
+    return difference
 
 
 def _median(wanted: Array, by: Array) -> tuple[int, int] | None:
@@ -145,11 +155,31 @@ def _home(panel: Panel, row: str) -> str | None:
     return panel.row(row).home or next(iter(panel.row(row).shares), None)
 
 
-def _cells(panel: Panel, pair: tuple[str, str]) -> tuple[str, ...]:
-    """Home, the cell itself, the truth, and every integrator at its coarsest step."""
+def _cells(
+    panel: Panel,
+    pair: tuple[str, str],
+    outcomes: Mapping[tuple[str, str], Outcomes],
+    place: tuple[int, int],
+) -> tuple[str, ...]:
+    """Home, the cell itself, the truth, and every integrator at its coarsest step.
+
+    Behind the first two, what differs from both comes first: another ending than home's, and among
+    those what the numerics gave or took most.
+    """
     row, cell = pair
     truth = panel.truth.name if panel.truth else None
     wanted = (_home(panel, row), cell, truth, *(group.cells[0].name for group in panel.groups))
-    return tuple(
-        dict.fromkeys(name for name in wanted if name and panel.entry(row, name) is not None)
+    first, *others = dict.fromkeys(
+        name for name in wanted if name and panel.entry(row, name) is not None
     )
+
+    def telling(name: str) -> tuple[bool, float]:
+        own = outcomes.get((row, name))
+        if own is None:
+            return True, 0.0
+        size = float(np.nan_to_num(abs(own.ledger[1][place])))
+        return own.label[place] == "none", -size
+
+    head = [name for name in others if name == cell]
+    tail = sorted((name for name in others if name != cell), key=telling)
+    return (first, *head, *tail)

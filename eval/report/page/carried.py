@@ -8,6 +8,7 @@ from typing import Any
 
 from integ_gym.support import compact, fixed, step, true_minus
 
+from ...film import LEAST_START
 from ...panel.model import Entry, Estimate, Panel
 from ..data import (
     CLASS_WORDS,
@@ -51,6 +52,7 @@ def carried_by(
         "directory": panel.directory,
         "scene": task.scene if task else None,
         "choice": CHOICE,
+        "leastStart": LEAST_START,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
         "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
@@ -112,6 +114,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
         "name": name,
         "about": matrix.about,
         "ends": matrix.ends,
+        "notes": [said(panel, note) for note in matrix.notes],
         "signed": matrix.signed,
         "cells": cells,
     }

@@ -118,3 +118,15 @@ def test_a_link_beyond_what_is_there_does_no_harm(
     assert browser.value(f"{CARD}.querySelectorAll('.pane').length") >= 1
     assert "NaN" not in browser.value("document.body.innerText")
     assert browser.said == []
+
+
+def test_a_film_is_printed_as_it_ends_with_what_it_shows(browser: Browser, report: str) -> None:
+    caption = f"{CARD}.querySelector('.caption').textContent"
+    browser.prefers(reduced_motion="no-preference")
+    opened(browser, report)
+    browser.value("dispatchEvent(new Event('beforeprint'))")
+    end = browser.value(f"Number({CARD}.querySelector('.clockwork input').max).toFixed(2)")
+    assert browser.value(caption).endswith(f" · at {end} s")
+    assert "seed" in browser.value(caption)
+    browser.value("dispatchEvent(new Event('afterprint'))")
+    assert " · at " not in browser.value(caption)

@@ -65,10 +65,12 @@ class Drawer {
     this.title.replaceChildren(...this.names({ r, c }));
     const facts = entry.facts.map(([name, text]) =>
       make("div", {}, make("dt", {}, name), make("dd", {}, text)));
+    const told = ["success", "loss against home", "of it overfitting"].flatMap((name) =>
+      entry.facts.filter(([own]) => own === name));
     return [
-      ...this.episodes(r, c),
-      make("h3", {}, "In numbers"),
+      make("p", { class: "summary" }, told.map(([name, text]) => make("span", {}, `${name} `, make("b", {}, text)))),
       make("dl", { class: "facts" }, facts),
+      ...this.episodes(r, c),
       make("p", { class: "files" }, "Records: ", entry.file.map((name, k) => [k ? ", " : "",
         make("a", { href: this.carried.files[name] }, name)])),
       ...this.command("lists these records", entry.query),
@@ -85,9 +87,11 @@ class Drawer {
     const traced = new Set(carried.traces.filter((t) => t.at[0] === r && t.at[1] === c)
       .map((t) => `${t.at[2]}/${t.at[3]}`));
     const found = new Map();
-    const first = traced.size ? [...traced][0].split("/").map(Number) : [0, 0];
-    const lines = policies.map((policy, s) => make("div", { role: "row" },
-      make("span", { role: "rowheader" }, policy.seed === null ? "–" : `seed ${policy.seed}`),
+    const order = this.worstFirst(r, c);
+    const first = traced.size ? [...traced][0].split("/").map(Number) : [order[0], 0];
+    const acts = policies.map((_, s) => this.restartable(r, s) >= 0);
+    const lines = order.map((s) => [policies[s], s]).map(([policy, s]) => make("div", { role: "row" },
+      make("span", { role: "rowheader" }, policy.seed === null ? "–" : `seed ${policy.seed}`, acts[s] ? " ◆" : null),
       Array.from({ length: count }, (_, e) => {
         const label = carried.label(r, c, s, e);
         found.set(label, (found.get(label) || 0) + 1);
@@ -109,10 +113,25 @@ class Drawer {
     const legend = [...found].sort((a, b) => b[1] - a[1]).map(([label, n]) =>
       make("span", {}, make("b", {}, signOf(label)), ` ${label === "none" ? "succeeds" : spaced(label)} ${n.toLocaleString("en")}`));
     if (traced.size) legend.push(make("span", {}, make("b", { class: "traced" }, "●"), " its motion is on this page"));
+    if (acts.includes(true)) legend.push(make("span", {}, make("b", {}, "◆"), " its policy is on this page, to be started anywhere"));
     return [
-      make("h3", {}, `Every episode: ${policies.length > 1 ? `${policies.length} seeds` : "one policy"} × ${count} starts`),
+      make("h3", {}, `Every episode: ${policies.length > 1 ? `${policies.length} seeds` : "one policy"} × ${count} starts${policies.length > 1 ? ", the largest loss first" : ""}`),
       make("p", { class: "legend" }, legend), make("div", { class: "scroll" }, grid),
     ];
+  }
+
+  // Places of the seeds, by how many successes at home are lost here; at home, by how few there are.
+  worstFirst(r, c) {
+    const { carried } = this;
+    const { policies, homes: [home] } = carried.rows[r];
+    const share = (cell, s) => {
+      const n = carried.episodes(r, cell);
+      let won = 0;
+      for (let e = 0; e < n; e += 1) won += carried.label(r, cell, s, e) === "none";
+      return n ? won / n : 1;
+    };
+    const lost = policies.map((_, s) => (home === undefined || home === c ? 1 : share(home, s)) - share(c, s));
+    return policies.map((_, s) => s).sort((a, b) => lost[b] - lost[a]);
   }
 
   walk(event, grid) {

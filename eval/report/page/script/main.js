@@ -7,6 +7,9 @@ async function begin() {
   const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;
   const drawer = new Drawer(carried, document.getElementById("drawer"),
     () => { if (watch) watch.player.pause(); });
+  // On a phone what moves comes before the words on the task.
+  const task = document.querySelector(".task");
+  if (watch && task && innerWidth <= 640) watched.parentElement.after(task);
   for (const svg of document.querySelectorAll("[data-scene]")) showTask(carried, svg);
   const went = () => {
     const view = viewOf(location.hash);
@@ -23,6 +26,7 @@ async function begin() {
       watched.scrollIntoView();
     }
   };
+  document.querySelectorAll("ul.forest, ul.findings, table.data").forEach(walkable);
   const policies = document.getElementById("policies");
   policies.addEventListener("toggle", () => listPolicies(carried, policies), { once: true });
   if (watch) watch.open(0);

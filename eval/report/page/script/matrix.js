@@ -25,6 +25,8 @@ class Grid {
     box.append(...this.chips);
     this.root.querySelector(".controls").append(box);
     this.legend = this.root.querySelector(".legend");
+    this.notes = make("span", { class: "notes" });
+    this.legend.append(this.notes);
   }
 
   show(place) {
@@ -40,7 +42,9 @@ class Grid {
       if (tone) link.classList.add(tone);
       link.title = words;
       link.setAttribute("aria-label", words);
-      link.querySelector("b").textContent = text;
+      const number = link.querySelector("b");
+      number.textContent = text;
+      number.classList.toggle("long", text.length > 6);
       const signs = link.querySelector("i");
       if (signs) signs.textContent = marks;
       else if (marks) link.append(make("i", {}, marks));
@@ -49,6 +53,7 @@ class Grid {
     ramp.classList.toggle("energyramp", measure.signed);
     ramp.previousSibling.textContent = `${measure.ends[0]} `;
     ramp.nextSibling.textContent = ` ${measure.ends[1]}`;
+    this.notes.replaceChildren(...(place ? measure.notes.map((note) => make("span", {}, note)) : []));
     this.legend.querySelectorAll(".only-success").forEach((note) => { note.hidden = place !== 0; });
   }
 
@@ -69,7 +74,7 @@ class Grid {
       });
       return { chip, pressed: () => chip.setAttribute("aria-pressed", String(!hidden.has(value))) };
     });
-    const [byName, byStep] = [chips(this.names, this.hiddenGroups, spaced),
+    const [byName, byStep] = [chips(this.names, this.hiddenGroups, String),
       chips(this.steps, this.hiddenSteps, (step) => `${step} s`)];
     this.sifting = [...byName, ...byStep];
     this.columns = make("details", { class: "filters" }, make("summary", {}, "columns"),

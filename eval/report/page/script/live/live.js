@@ -37,10 +37,11 @@ class Live {
     return Math.max(middle - this.reach, Math.min(middle + this.reach, value));
   }
 
-  shown(value) {
-    const text = this.turns ? `${((this.wrapped(value) * 180) / Math.PI).toFixed(1)}°`
+  // A start as it is told: from the middle.
+  shown(value, middle = 0) {
+    const text = this.turns ? `${(((value - middle) * 180) / Math.PI).toFixed(1)}°`
       : `${value.toFixed(3)} ${this.unit}`;
-    return text.replace("-", "−");
+    return text.replace(/^-(?=0\.?0*[^\d.])/, "").replace("-", "−");
   }
 
   // Decision by decision, from a trace's start with the chosen coordinate at a value.

@@ -42,7 +42,7 @@ class Starts {
     this.words.textContent = done ? `${share} % ✓` : "…";
     this.svg.setAttribute("aria-label", done
       ? `succeeds from ${share} % of ${ANGLES} starts of ${this.live.name}, ` +
-        `${this.live.shown(this.live.reach)} to either side of ${this.live.shown(this.middle)}`
+        `${this.live.shown(this.live.reach)} to either side of ${this.middle ? "hanging" : this.live.shown(0)}`
       : "being simulated");
   }
 

@@ -1,10 +1,10 @@
-// What the motor gave, what the numerics gave, and the energy there is: bars about zero.
-const BARS = ["motor", "numerics", "energy"];
+// Amounts of energy, the last of which is the sum of the others: bars about zero.
+const BARS = ["start", "motor", "numerics", "losses", "energy"];
 
 class Bars {
-  constructor(carried, trace, scale, mark) {
+  constructor(carried, trace, { names, scale }, mark) {
     Object.assign(this, { carried, trace, scale });
-    this.lines = BARS.map((name) => {
+    this.lines = names.map((name) => {
       const bar = make("i", { class: name });
       const value = make("output", {});
       const tick = name === "energy" && mark ? make("b", { title: mark.words }) : null;
@@ -20,25 +20,32 @@ class Bars {
   }
 
   show(time) {
-    const energies = this.carried.energies(this.trace, time);
+    const energies = amountsOf(this.carried, this.trace, time);
     for (const { name, bar, value } of this.lines) {
       const end = this.place(energies[name]);
       bar.style.left = `${Math.min(50, end)}%`;
       bar.style.width = `${Math.abs(end - 50)}%`;
       bar.classList.toggle("below", energies[name] < 0);
-      value.textContent = name === "energy" ? joules(energies[name], 1).replace("+", "") : joules(energies[name], 1);
+      value.textContent = ["start", "energy"].includes(name) ? joules(energies[name], 1).replace("+", "") : joules(energies[name], 1);
     }
   }
 }
 
-// The largest energy that any of the traces shows, J: the scale that their bars share.
-function scaleOf(carried, traces) {
-  let largest = 1e-9;
+function amountsOf(carried, trace, time) {
+  const found = carried.energies(trace, time);
+  return { ...found, start: trace.start || 0, losses: -found.losses };
+}
+
+// The amounts that matter in any of the traces, and the largest of them, J: the scale of their bars.
+function amountsIn(carried, traces) {
+  const largest = Object.fromEntries(BARS.map((name) => [name, 0]));
   for (const trace of traces) {
     for (let k = 0; k < trace.n; k += 1) {
-      const found = carried.energies(trace, k * trace.period);
-      largest = Math.max(largest, ...BARS.map((name) => Math.abs(found[name])));
+      const found = amountsOf(carried, trace, k * trace.period);
+      for (const name of BARS) largest[name] = Math.max(largest[name], Math.abs(found[name]));
     }
   }
-  return largest;
+  const least = { start: carried.leastStart, losses: 0 };
+  const names = BARS.filter((name) => !(name in least) || largest[name] > least[name]);
+  return { names, scale: Math.max(1e-9, ...names.map((name) => largest[name])) };
 }

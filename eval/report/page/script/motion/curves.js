@@ -1,5 +1,6 @@
 // Coordinates, control and energy against time, with a cursor.
-const WIDE = 640;
+// As wide as it is drawn, so that text keeps its size.
+const WIDE = innerWidth <= 640 ? 350 : 640;
 const LANE = 74;
 
 class Curves {

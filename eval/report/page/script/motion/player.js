@@ -4,11 +4,11 @@ class Player {
     Object.assign(this, { carried, traces, time: 0, playing: false, moved: () => {} }, options);
     this.end = Math.max(...traces.map((trace) => (trace.n - 1) * trace.period));
     const { scene } = carried;
-    const scale = scaleOf(carried, traces);
+    const amounts = amountsIn(carried, traces);
     const mark = scene && scene.upright > 0
       ? { value: scene.upright, words: `${scene.upright} J: at rest at the goal` } : null;
     this.parts = [];
-    this.panes = traces.map((trace, place) => this.pane(trace, place, scene, scale, mark));
+    this.panes = traces.map((trace, place) => this.pane(trace, place, scene, amounts, mark));
     this.button = make("button", { type: "button", class: "play" }, "Play");
     this.button.addEventListener("click", () => {
       if (!this.playing) return this.play();
@@ -34,7 +34,7 @@ class Player {
     this.show(Math.min(options.start ?? 0, this.end));
   }
 
-  pane(trace, place, scene, scale, mark) {
+  pane(trace, place, scene, amounts, mark) {
     const children = [];
     if (scene) {
       const stage = new Stage(this.carried, scene, trace);
@@ -46,7 +46,7 @@ class Player {
       children.push(curves.svg);
     }
     if (trace.totals.every(known)) {
-      const bars = new Bars(this.carried, trace, scale, mark);
+      const bars = new Bars(this.carried, trace, amounts, mark);
       this.parts.push(bars);
       children.push(bars.element);
     } else {

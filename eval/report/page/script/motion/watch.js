@@ -1,8 +1,7 @@
 // "Watch it fail": one policy from one start, one discretization beside the other.
 const KINDS = { worst: "its worst start", failure: "the median failure", success: "the median success" };
 const MOST_PANES = 4;
-const BARS_SAY = "Bars: energy since the start from the motor and from the numerics, and the energy " +
-  "there is, J; a tick marks rest at the goal.";
+const BARS_SAY = "Bars add up to the energy there is, J; a tick marks rest at the goal.";
 const STRIPS_SAY = "Strips: from which starts it succeeds, all simulated in this browser.";
 
 class Watch {
@@ -13,29 +12,65 @@ class Watch {
     this.on = make("div", { class: "chips", role: "group", "aria-label": "discretizations" });
     this.more = make("details", { class: "further" }, make("summary", {}, "more discretizations"),
       make("div", { class: "chips", role: "group", "aria-label": "more discretizations" }));
+    this.caption = make("p", { class: "caption" });
     this.stage = make("div", {});
     this.anew = this.startControls();
-    const cells = make("div", { class: "controls cells" }, this.on, this.more);
-    root.querySelector(".controls").append(
-      make("label", { for: "watch-policy" }, "policy and start"), this.choice, this.anew);
-    root.append(cells, this.stage);
+    root.append(this.caption, this.stage, make("div", { class: "controls" },
+      make("label", { for: "watch-policy" }, "policy and start"), this.choice, this.anew,
+      make("div", { class: "controls cells" }, this.on, this.more)));
+    addEventListener("beforeprint", () => this.toPrint());
+    addEventListener("afterprint", () => this.fromPrint());
   }
 
-  // Leads whose policies are on the page, apart from those that are recorded only.
+  // Printed as it ends, unless the reader stopped it before.
+  toPrint() {
+    this.before = this.player.time;
+    const chosen = this.before > 0 && !this.player.playing;
+    this.player.pause();
+    if (!chosen) this.player.show(this.player.end);
+    this.caption.append(make("span", {}, ` · at ${this.player.clock.textContent}`));
+  }
+
+  fromPrint() {
+    this.player.show(this.before);
+    this.say();
+  }
+
+  // Leads by what their policies were trained on, apart from those that are recorded only.
   options() {
-    const { leads, live } = this.carried;
-    const option = (lead) => make("option", { value: leads.indexOf(lead) }, this.words(lead));
-    const acts = ({ at: [r, , s] }) => Boolean(live && live.acts(r, s));
-    const [here, recorded] = [leads.filter(acts), leads.filter((lead) => !acts(lead))];
-    if (!here.length || !recorded.length) return leads.map(option);
-    return [make("optgroup", { label: "from any start, recomputed here" }, here.map(option)),
-      make("optgroup", { label: "recorded only" }, recorded.map(option))];
+    const { leads, live, rows } = this.carried;
+    const groups = new Map();
+    for (const [place, lead] of leads.entries()) {
+      const { at: [r, , s] } = lead;
+      const label = rows[r].shown + (live && !live.acts(r, s) ? ", recorded only" : "");
+      if (!groups.has(label)) groups.set(label, []);
+      groups.get(label).push(make("option", { value: place }, this.words(lead)));
+    }
+    return [...groups].map(([label, options]) => make("optgroup", { label }, options));
   }
 
   words({ at: [r, c, s, e], kind }) {
     const { rows, cells } = this.carried;
-    return `${rows[r].shown} · seed ${rows[r].policies[s].seed ?? s}, start ${e}: ` +
-      `${KINDS[kind]} on ${cells[c].shown}`;
+    return `seed ${rows[r].policies[s].seed ?? s}, start ${e}: ${KINDS[kind]} on ${cells[c].shown}`;
+  }
+
+  // What all panes have in common.
+  say() {
+    const { at: [r, , s] } = this.lead;
+    const { rows } = this.carried;
+    const moved = this.value === null ? this.words(this.lead)
+      : `seed ${rows[r].policies[s].seed ?? s}, ${this.what()} ${this.toldOf(this.value)}`;
+    this.caption.replaceChildren(make("b", {}, rows[r].shown), ` · ${moved}`);
+  }
+
+  what() {
+    const { live } = this.carried;
+    return live.middle(this.like) ? "start angle from hanging" : `start ${spaced(live.name)}`;
+  }
+
+  toldOf(value) {
+    const { live } = this.carried;
+    return live.shown(value, live.middle(this.like));
   }
 
   // The slider of the start, and the way back to the record.
@@ -49,9 +84,8 @@ class Watch {
     this.slider.addEventListener("input", () => this.startAt(Number(this.slider.value)));
     this.slider.addEventListener("change", () => this.begin());
     this.back.addEventListener("click", () => { this.startAt(null); this.begin(); });
-    const what = `start ${live.turns ? "angle" : live.name}`;
-    return make("div", { class: "start" }, make("label", { for: "watch-start" }, what),
-      this.told, this.slider, this.back);
+    this.named = make("label", { for: "watch-start" });
+    return make("div", { class: "start" }, this.named, this.told, this.slider, this.back);
   }
 
   get like() { return this.carried.trace(...this.lead.at); }
@@ -162,6 +196,7 @@ class Watch {
       this.value === null ? null : make("span", {}, STRIPS_SAY),
       missing.length ? make("span", {}, `Recorded only, so not from this start: ${missing.join(", ")}.`) : null,
       make("span", {}, episode)));
+    this.say();
     if (!this.anew.hidden) this.tell();
   }
 
@@ -176,7 +211,8 @@ class Watch {
     this.slider.min = middle - live.reach;
     this.slider.max = middle + live.reach;
     this.slider.value = value;
-    this.told.textContent = live.shown(value);
+    this.named.textContent = this.what();
+    this.told.textContent = this.toldOf(value);
     this.slider.setAttribute("aria-valuetext", this.told.textContent);
     this.back.setAttribute("aria-pressed", String(this.value === null));
   }
