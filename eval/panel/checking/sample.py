@@ -15,8 +15,8 @@ from .plan import of_files
 
 _EVALUATION = "evaluate-"
 
-SAMPLED, SAMPLED_OF_A_FILE = 128, 64
-"""Records that are recomputed and played again before a page is written, and the most of a file."""
+SAMPLED = 128
+"""Records that are recomputed and played again before a page is written, of two files or more."""
 
 
 def check_records(directory: RunDirectory) -> None:
@@ -52,12 +52,12 @@ def of_sample(directory: RunDirectory) -> Iterator[Finding]:
     store = EvidenceStore(directory.evidence)
     files = [file.name for file in store.files() if file.name.startswith(_EVALUATION)]
     random.shuffle(files)
-    left = SAMPLED
+    left, most = SAMPLED, SAMPLED // min(2, max(1, len(files)))
     while files and left > 0:
         name = files.pop()
-        records = store.some_records(name, SAMPLED_OF_A_FILE)
+        records = store.some_records(name, most)
         left -= len(records)
         for record in records:
             yield from recompute(record, f"evidence/{name}")
         own, chance = store.only(name), random.Random()
-        yield from replay_some(own, SAMPLED_OF_A_FILE, chance, acting_in(store)).findings
+        yield from replay_some(own, most, chance, acting_in(store)).findings
