@@ -130,3 +130,19 @@ def test_a_film_is_printed_as_it_ends_with_what_it_shows(browser: Browser, repor
     assert "seed" in browser.value(caption)
     browser.value("dispatchEvent(new Event('afterprint'))")
     assert " · at " not in browser.value(caption)
+
+
+def test_a_cell_begins_with_its_numbers_and_its_worst_seed(browser: Browser, report: str) -> None:
+    opened(browser, report)
+    cell = an_episode(browser).partition("s")[0]
+    opened(browser, report + cell)
+    parts = f"[...{DRAWER}.querySelectorAll('.summary, .facts, .episodes')]"
+    assert browser.value(f"{parts}.map((part) => part.className)") == [
+        "summary", "facts", "episodes",
+    ]  # fmt: skip
+    assert browser.value(f"{parts}[0].textContent").startswith("success ")
+    rows = f"[...{DRAWER}.querySelectorAll('.episodes [role=row]')]"
+    heads = browser.value(f"{rows}.map((row) => row.firstChild.textContent)")
+    assert len(heads) == len(set(heads)) > 1
+    assert any("◆" in head for head in heads)
+    assert browser.said == []
