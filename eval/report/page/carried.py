@@ -114,7 +114,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
         "name": name,
         "about": matrix.about,
         "ends": matrix.ends,
-        "notes": [said(panel, note) for note in matrix.notes],
+        "notes": [panel.said(note) for note in matrix.notes],
         "signed": matrix.signed,
         "cells": cells,
     }
