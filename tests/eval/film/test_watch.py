@@ -97,7 +97,7 @@ def test_the_command_shows_a_trained_policy(panel_directory, tmp_path, capsys):
     out = tmp_path / "film.mp4"
     assert main(["watch", str(policy), "--seed", "5", "--out", str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split(maxsplit=1)[1] for line in lines[:2]] == ["rk4 dt=0.05", "reference dt=0.05"]
+    assert [line.split(maxsplit=1)[1] for line in lines[:2]] == ["rk4 dt=0.05", "truth dt=0.05"]
     assert out.stat().st_size > 1000
     assert json.loads((policy / "policy.json").read_text())["seed"] in (0, 1)
 

@@ -51,7 +51,8 @@ class Watch {
 
   words({ at: [r, c, s, e], kind }) {
     const { rows, cells } = this.carried;
-    return `seed ${rows[r].policies[s].seed ?? s}, start ${e}: ${KINDS[kind]} on ${cells[c].shown}`;
+    const where = cells[c].shown === "truth" ? "the truth" : cells[c].shown;
+    return `seed ${rows[r].policies[s].seed ?? s}, start ${e}: ${KINDS[kind]} on ${where}`;
   }
 
   // What all panes have in common.
