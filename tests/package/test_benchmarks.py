@@ -38,7 +38,7 @@ def test_a_benchmark_runs(name, tmp_path):
     command = [sys.executable, str(FOLDER / f"{name}.py"), *SHORT[name], "--json", str(output)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert len(done.stdout.splitlines()) > 3
+    assert len(done.stdout.splitlines()) > 2
     found = json.loads(output.read_text(encoding="utf-8"))
     assert found["machine"]["cores"] >= 1
     assert found["versions"]["integ-gym"]
