@@ -75,10 +75,10 @@ def _hide(engine, monkeypatch):
     """As if the modules of an engine's extra were not there."""
     hidden = ENGINES.load(engine).modules
 
-    def find(module, *arguments):
+    def find(module, *arguments, **named):
         if module.partition(".")[0] in hidden:
             raise ModuleNotFoundError(f"No module named {module!r}", name=module)
-        return importlib_import(module, *arguments)
+        return importlib_import(module, *arguments, **named)
 
     importlib_import = extras.importlib.import_module
     monkeypatch.setattr(extras.importlib, "import_module", find)
