@@ -58,8 +58,8 @@ STOPPED = [
 """Every integrator that heeds its engine's own stops."""
 
 
-def lighter(cases: Sequence[tuple[str, str]]) -> list[Any]:
-    """Engines and integrators; engines that compile are marked slow."""
+def lighter(cases: Sequence[tuple[str, ...]]) -> list[Any]:
+    """Engines, integrators and what follows; engines that compile are marked slow."""
     return [
         pytest.param(*case, marks=pytest.mark.slow) if case[0] in COMPILING else case
         for case in cases
