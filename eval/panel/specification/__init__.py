@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .panel_spec import ALGORITHM, PanelSpec
     from .perturbations import standard_perturbations
     from .planned import names_code, planned_home, planned_spec, texts_of
-    from .reading import BUILT_IN, built_in_spec, read_spec
+    from .reading import BUILT_IN, built_in_spec, parse_spec, read_spec, read_toml
     from .sweeps import swept_name
     from .values import SpecError
 else:
