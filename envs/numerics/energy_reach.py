@@ -29,10 +29,13 @@ class Reach:
         energy: highest energy at a decision from each start, J, shape (starts,).
         time: first decision at which the energy that was asked for is reached, s, shape
             (starts,); inf where it is not.
+        residual: energy that numerical error put in up to then, or up to the end, J, shape
+            (starts,).
     """
 
     energy: Array
     time: Array
+    residual: Array
 
 
 def goal_energy(setup: Setup) -> float | None:
@@ -64,8 +67,9 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
     timing, engine = setup.timing, setup.engine
     controls = CONTROLS * float(setup.task.control_limit)
     states = np.asarray(starts, dtype=np.float64)
-    energy = _energy(setup, states)
+    energy = first = _energy(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
+    given = residual = np.zeros(len(states))
     tried = np.tile(controls, len(states))
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
@@ -77,11 +81,13 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         best = energies.argmax(axis=1)
         states = ends.reshape(len(states), len(controls), -1)[places, best]
         highest = np.maximum(highest, energies[places, best])
+        given = given + (motion.work - sum(motion.losses)).reshape(energies.shape)[places, best]
+        residual = np.where(time == np.inf, energies[places, best] - first - given, residual)
         now = decision * timing.control_period
         time = np.where((time == np.inf) & (highest >= required), now, time)
         if np.isfinite(time).all():
             break
-    return Reach(highest, time)
+    return Reach(highest, time, residual)
 
 
 def critical_limit(
