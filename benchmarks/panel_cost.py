@@ -28,7 +28,7 @@ from typing import Any
 from measuring import results, training_cost
 from tqdm import tqdm
 
-from integ_gym.support.workers import cores
+from integ_gym.support.processes.workers import cores
 from integ_gym.train.fleet.planning import GIB_PER_WORKER, kind_of
 from integ_gym.train.ppo import PPOConfig
 

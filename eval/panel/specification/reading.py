@@ -13,13 +13,17 @@ from integ_gym.envs import testbed_of
 from integ_gym.support import read_bounded
 from integ_gym.train import possible_baselines
 
-from .cells import nominal_setup
+from .cells import (
+    absent_engines,
+    asks_for_installed,
+    evaluated,
+    nominal_setup,
+    perturbations_of,
+    sweeps_of,
+    trained,
+)
 from .checks import check_environment, check_parts
-from .discretizations import asks_for_installed, evaluated, trained
-from .engine_cells import absent_engines
 from .panel_spec import PanelSpec
-from .perturbations import perturbations_of
-from .sweeps import sweeps_of
 from .values import SpecError, check_keys, flag, integer, list_of, pair_of, positive, table, text
 
 BUILT_IN = ("quick", "engines")
@@ -59,7 +63,8 @@ _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
     """A panel that comes with the package."""
-    content = (resources.files(__package__) / f"{name}.toml").read_text(encoding="utf-8")
+    file = resources.files(__package__) / "built_in" / f"{name}.toml"
+    content = file.read_text(encoding="utf-8")
     return parse_spec(tomllib.loads(content), source=f"built-in panel {name!r}")
 
 
