@@ -31,11 +31,15 @@ class Reach:
             (starts,); inf where it is not.
         residual: energy that numerical error put in up to then, or up to the end, J, shape
             (starts,).
+        states: at every decision, in state order, shape (decisions + 1, starts, n).
+        controls: N m or N, shape (decisions, starts).
     """
 
     energy: Array
     time: Array
     residual: Array
+    states: Array
+    controls: Array
 
 
 def goal_energy(setup: Setup) -> float | None:
@@ -70,6 +74,7 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
     energy = first = _energy(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
     given = residual = np.zeros(len(states))
+    path, taken = [states], []
     tried = np.tile(controls, len(states))
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
@@ -80,6 +85,8 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         energies = np.nan_to_num(_energy(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)
         states = ends.reshape(len(states), len(controls), -1)[places, best]
+        path.append(states)
+        taken.append(controls[best])
         highest = np.maximum(highest, energies[places, best])
         given = given + (motion.work - sum(motion.losses)).reshape(energies.shape)[places, best]
         residual = np.where(time == np.inf, energies[places, best] - first - given, residual)
@@ -87,7 +94,7 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         time = np.where((time == np.inf) & (highest >= required), now, time)
         if np.isfinite(time).all():
             break
-    return Reach(highest, time, residual)
+    return Reach(highest, time, residual, np.array(path), np.array(taken))
 
 
 def critical_limit(
