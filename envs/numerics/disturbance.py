@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arithmetic import ARRAY
 from ..episode import Setup
-from ..plants import join_state, split_state
+from ..plants import split_state
 from .stepping import Array
 
 

@@ -71,7 +71,7 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
     timing, engine = setup.timing, setup.engine
     controls = CONTROLS * float(setup.task.control_limit)
     states = np.asarray(starts, dtype=np.float64)
-    energy = first = _energy(setup, states)
+    energy = first = energy_at(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
     given = residual = np.zeros(len(states))
     path, taken = [states], []
@@ -82,7 +82,7 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         with np.errstate(all="ignore"):
             motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
         ends = np.stack(join_state(motion.q, motion.v), axis=-1)
-        energies = np.nan_to_num(_energy(setup, ends), nan=-np.inf).reshape(len(states), -1)
+        energies = np.nan_to_num(energy_at(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)
         states = ends.reshape(len(states), len(controls), -1)[places, best]
         path.append(states)
@@ -134,7 +134,7 @@ def critical_limit(
     return high
 
 
-def _energy(setup: Setup, states: Array) -> Array:
+def energy_at(setup: Setup, states: Array) -> Array:
     """Energy of states (lanes, n), J, shape (lanes,)."""
     q, v = split_state(tuple(states.T))
     with np.errstate(all="ignore"):

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .specification import (
         BUILT_IN,
         TRAINERS,
+        Home,
         PanelSpec,
         SpecError,
         grown,
