@@ -53,12 +53,15 @@ class Curve(msgspec.Struct, frozen=True):
         at: numbers, ascending.
         loss: at each.
         half_width: of the interval of a prediction.
+        seen_error: mean of the absolute error over the points of the fit, each predicted from the
+            other limits of the control.
     """
 
     number: str
     at: tuple[float, ...]
     loss: tuple[float, ...]
     half_width: float
+    seen_error: float
 
     def __call__(self, quantities: Quantities) -> float:
         """Loss that is to be expected."""
@@ -74,6 +77,7 @@ class Trial:
         error: mean of the absolute error over the held-out points.
         low: of its 95 % interval over training grounds.
         high: the same.
+        seen_error: of the curve, see :class:`Curve`.
         covered: share of the held-out losses within their intervals.
         points: held out.
     """
@@ -82,6 +86,7 @@ class Trial:
     error: float
     low: float
     high: float
+    seen_error: float
     covered: float
     points: int
 
@@ -111,17 +116,23 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
         if point.ratio == ratio
     ]
     width = float(np.quantile(residuals, LEVEL, method="higher"))
-    return Curve(name, tuple(at.tolist()), tuple(loss.tolist()), width)
+    error = float(np.mean(residuals))
+    return Curve(name, tuple(at.tolist()), tuple(loss.tolist()), width, error)
 
 
 def trial(curve: Curve, held_out: Sequence[Point]) -> Trial:
-    """A curve's predictions against losses that it has not seen."""
-    learned = [point for point in held_out if point.learned]
-    errors = np.array([abs(point.loss - curve(point.quantities)) for point in learned])
-    homes = np.array([point.home.name for point in learned])
+    """A curve's predictions against losses that it has not seen.
+
+    Args:
+        curve: fitted without them.
+        held_out: points that were learned, at least one.
+    """
+    errors = np.array([abs(point.loss - curve(point.quantities)) for point in held_out])
+    homes = np.array([point.home.name for point in held_out])
     low, high = _resampled(errors, homes)
     covered = float((errors <= curve.half_width).mean())
-    return Trial(curve.number, float(errors.mean()), low, high, covered, len(learned))
+    error = float(errors.mean())
+    return Trial(curve.number, error, low, high, curve.seen_error, covered, len(held_out))
 
 
 def _curve(name: str, learned: Sequence[Point]) -> tuple[Array, Array]:
