@@ -32,9 +32,7 @@ from integ_gym.support import (
 )
 
 from .engine_options import add_engine, resources_of
-from .panel_plan import print_plan
-from .panel_power import print_power
-from .verdict_table import print_verdicts
+from .printed import print_plan, print_power, print_verdicts
 
 EXAMPLES = """\
 examples:
