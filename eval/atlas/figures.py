@@ -93,7 +93,7 @@ def draw_losses(
     canvas = inch_canvas(figure)
     draw_heading(
         canvas, 0.3, f"{name}: loss by the {curve.number}",
-        "what success on the truth falls short of that at home, for each training ground and limit; open: held out of the fit",
+        "one mark for each training ground and limit of the control; open: held out of the fit",
     )  # fmt: skip
     axes = axes_at(figure, 0.75, 0.65, 6.2, 2.85)
     bare(axes)
