@@ -12,9 +12,17 @@ from .apart import APART
 
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb"),
-    "fleet": ("jax",),
+    "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "tqdm"),
     "render": ("pygame", "PIL", "imageio_ffmpeg"),
-    "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
+    "report": (
+        "jinja2",
+        "matplotlib",
+        "msgspec",
+        "safetensors",
+        "scipy",
+        "threadpoolctl",
+        "tqdm",
+    ),
     "train": (
         "stable_baselines3",
         "torch",
