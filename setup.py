@@ -10,11 +10,13 @@ TOOLS = tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["to
 
 
 def packages() -> list[str]:
-    """Dotted names of all folders with an ``__init__.py``."""
-    found = []
+    """Dotted names of all folders that hold a file, whether modules or what these read."""
+    found = set()
     for name, root in TOOLS["setuptools"]["package-dir"].items():
-        for door in (HERE / root).rglob("__init__.py"):
-            found.append(".".join([name, *door.parent.relative_to(HERE / root).parts]))
+        for file in filter(Path.is_file, (HERE / root).rglob("*")):
+            inside = file.parent.relative_to(HERE / root).parts
+            if "__pycache__" not in inside:
+                found.add(".".join([name, *inside]))
     return sorted(found)
 
 

@@ -28,8 +28,8 @@ from integ_gym.envs import Discretization, testbed_of
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.matrix import Cell, Row
 from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.panel.specification.cells import Cell as Place
-from integ_gym.eval.panel.specification.cells import environments_of
+from integ_gym.eval.panel.specification.cells.cell import Cell as Place
+from integ_gym.eval.panel.specification.cells.cell import environments_of
 from integ_gym.evidence import EvidenceStore
 from integ_gym.train import POLICY_FILE, PolicyStack, read_trained
 

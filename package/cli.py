@@ -14,6 +14,7 @@ COMMANDS = {
     "panel": "train and evaluate a whole panel (the main job)",
     "train": "train one policy with PPO",
     "evaluate": "evaluate an existing policy",
+    "atlas": "run one panel at several limits of the control",
     "diagnose": "check integrators against theory",
     "engines": "tell what every engine really does",
     "census": "tell what every pendulum and cart-pole of the name really does",

@@ -44,18 +44,23 @@ if TYPE_CHECKING:
         write_figure,
     )
     from .files import (
+        Kinds,
         cannot_write,
+        check_regular,
+        checked_object,
         file_hash,
         make_folder,
         new_path,
+        parse_json,
+        read_bounded,
+        read_json,
+        read_object,
         remove_leftovers,
         replace_file,
         told_path,
         write_json,
         write_once,
     )
-    from .locks import FileLock
-    from .machine import host, instruction_sets
     from .packages import (
         APART,
         Apart,
@@ -86,14 +91,17 @@ if TYPE_CHECKING:
         units,
         unknown_name,
     )
-    from .reading import (
-        Kinds,
-        check_regular,
-        checked_object,
-        parse_json,
-        read_bounded,
-        read_json,
-        read_object,
+    from .processes import (
+        FileLock,
+        Progress,
+        SpawnError,
+        check_spawning,
+        cores,
+        host,
+        instruction_sets,
+        limit_threads,
+        report_work,
+        work_bar,
     )
     from .sharing import (
         EXECUTORS,
@@ -112,7 +120,6 @@ if TYPE_CHECKING:
         pauses,
         was_committed,
     )
-    from .spawning import SpawnError, check_spawning
     from .terminal import (
         DIM,
         FITS,
@@ -141,6 +148,5 @@ if TYPE_CHECKING:
         whole_number,
         width_of,
     )
-    from .workers import Progress, cores, limit_threads, report_work, work_bar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.workers import cores
+from integ_gym.support.processes.workers import cores
 
 
 def machine() -> dict[str, Any]:

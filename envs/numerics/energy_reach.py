@@ -29,10 +29,17 @@ class Reach:
         energy: highest energy at a decision from each start, J, shape (starts,).
         time: first decision at which the energy that was asked for is reached, s, shape
             (starts,); inf where it is not.
+        residual: energy that numerical error put in up to then, or up to the end, J, shape
+            (starts,).
+        states: at every decision, in state order, shape (decisions + 1, starts, n).
+        controls: N m or N, shape (decisions, starts).
     """
 
     energy: Array
     time: Array
+    residual: Array
+    states: Array
+    controls: Array
 
 
 def goal_energy(setup: Setup) -> float | None:
@@ -64,8 +71,10 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
     timing, engine = setup.timing, setup.engine
     controls = CONTROLS * float(setup.task.control_limit)
     states = np.asarray(starts, dtype=np.float64)
-    energy = _energy(setup, states)
+    energy = first = energy_at(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
+    given = residual = np.zeros(len(states))
+    path, taken = [states], []
     tried = np.tile(controls, len(states))
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
@@ -73,15 +82,19 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         with np.errstate(all="ignore"):
             motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
         ends = np.stack(join_state(motion.q, motion.v), axis=-1)
-        energies = np.nan_to_num(_energy(setup, ends), nan=-np.inf).reshape(len(states), -1)
+        energies = np.nan_to_num(energy_at(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)
         states = ends.reshape(len(states), len(controls), -1)[places, best]
+        path.append(states)
+        taken.append(controls[best])
         highest = np.maximum(highest, energies[places, best])
+        given = given + (motion.work - sum(motion.losses)).reshape(energies.shape)[places, best]
+        residual = np.where(time == np.inf, energies[places, best] - first - given, residual)
         now = decision * timing.control_period
         time = np.where((time == np.inf) & (highest >= required), now, time)
         if np.isfinite(time).all():
             break
-    return Reach(highest, time)
+    return Reach(highest, time, residual, np.array(path), np.array(taken))
 
 
 def critical_limit(
@@ -121,7 +134,7 @@ def critical_limit(
     return high
 
 
-def _energy(setup: Setup, states: Array) -> Array:
+def energy_at(setup: Setup, states: Array) -> Array:
     """Energy of states (lanes, n), J, shape (lanes,)."""
     q, v = split_state(tuple(states.T))
     with np.errstate(all="ignore"):

@@ -14,6 +14,15 @@ if TYPE_CHECKING:
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
     from .power import family_power
     from .running import MANIFEST, fixed_cost, policy_costs, total_cost
-    from .specification import BUILT_IN, TRAINERS, PanelSpec, grown
+    from .specification import (
+        BUILT_IN,
+        TRAINERS,
+        Home,
+        PanelSpec,
+        SpecError,
+        grown,
+        parse_spec,
+        read_toml,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

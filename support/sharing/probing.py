@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..locks import FileLock
+from ..processes import FileLock
 from .folder_files import FolderFiles
 
 ROUNDS, RIVALS = 8, 4

@@ -40,7 +40,8 @@ def wheel(tmp_path_factory) -> Path:
     ignored = shutil.ignore_patterns(".*", "runs", "build", "*.egg-info", "__pycache__")
     shutil.copytree(ROOT, source, ignore=ignored)
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out)]
-    subprocess.run([*command, str(source)], check=True, capture_output=True, text=True)
+    said = subprocess.run([*command, str(source)], check=True, capture_output=True, text=True)
+    assert "is absent from the `packages` configuration" not in said.stdout + said.stderr
     (built,) = out.glob("*.whl")
     return built
 

@@ -8,21 +8,25 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .achievability import Tried, not_tried, tried, try_and_note, unit_of_cell
+    from .costs import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .division import memory_of, waiting_chunks
-    from .evaluation import Subject
-    from .evaluation_units import (
+    from .evaluation import (
         Evaluated,
+        Subject,
+        Tried,
         batches_of,
         evaluate_all,
         evaluate_batch,
         evaluated,
         evaluation_seconds,
         not_evaluated,
+        not_tried,
         statuses,
+        tried,
+        try_and_note,
         unit_of,
+        unit_of_cell,
     )
-    from .expected_cost import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .panel import check_spec, complete, opened, subject_of
     from .run_directory import (
         MANIFEST,

@@ -11,9 +11,8 @@ from integ_gym.support import cores
 from integ_gym.train import Workers, fleet_workers, read_trained, readable_file
 
 from ..specification import PanelSpec, SpecError
-from .evaluation import Subject
-from .evaluation_units import evaluate_all, evaluated
-from .expected_time import check_cost
+from .costs import check_cost
+from .evaluation import Subject, evaluate_all, evaluated
 from .reuse import bring, finished_policies
 from .run_directory import RunDirectory
 from .training import check_training, train_units

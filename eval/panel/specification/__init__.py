@@ -14,19 +14,21 @@ if TYPE_CHECKING:
         DiscretizationMixture,
         Home,
         changes_of,
+        engine_versions,
         environments_of,
         file_name,
+        is_engine,
         main_home,
+        map_of,
+        standard_perturbations,
+        swept_name,
         training_arguments,
     )
     from .checks import TRAINERS
-    from .engine_cells import engine_versions, is_engine, map_of
     from .growth import grown, inputs, stages
     from .panel_spec import ALGORITHM, PanelSpec
-    from .perturbations import standard_perturbations
     from .planned import names_code, planned_home, planned_spec, texts_of
-    from .reading import BUILT_IN, built_in_spec, read_spec
-    from .sweeps import swept_name
+    from .reading import BUILT_IN, built_in_spec, parse_spec, read_spec, read_toml
     from .values import SpecError
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -11,9 +11,15 @@ from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed
 from integ_gym.support import install_command, package_version
 from integ_gym.train import ALGORITHMS, BASELINES, Algorithm
 
-from .cells import Cell, DiscretizationMixture, Home, Perturbation, nominal_setup
-from .engine_cells import engine_versions
-from .sweeps import Sweep
+from .cells import (
+    Cell,
+    DiscretizationMixture,
+    Home,
+    Perturbation,
+    Sweep,
+    engine_versions,
+    nominal_setup,
+)
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""

@@ -9,9 +9,8 @@ import msgspec
 
 from integ_gym.envs import WEIGHT, Discretization
 
-from .cells import UNNAMED, DiscretizationMixture, Home, Perturbation
+from .cells import UNNAMED, DiscretizationMixture, Home, Perturbation, Sweep
 from .panel_spec import PanelSpec
-from .sweeps import Sweep
 from .values import SpecError
 
 _CODE = ("env_id", "environment", "train", "grid")

@@ -13,13 +13,17 @@ from integ_gym.envs import testbed_of
 from integ_gym.support import read_bounded
 from integ_gym.train import possible_baselines
 
-from .cells import nominal_setup
+from .cells import (
+    absent_engines,
+    asks_for_installed,
+    evaluated,
+    nominal_setup,
+    perturbations_of,
+    sweeps_of,
+    trained,
+)
 from .checks import check_environment, check_parts
-from .discretizations import asks_for_installed, evaluated, trained
-from .engine_cells import absent_engines
 from .panel_spec import PanelSpec
-from .perturbations import perturbations_of
-from .sweeps import sweeps_of
 from .values import SpecError, check_keys, flag, integer, list_of, pair_of, positive, table, text
 
 BUILT_IN = ("quick", "engines")
@@ -59,7 +63,8 @@ _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
     """A panel that comes with the package."""
-    content = (resources.files(__package__) / f"{name}.toml").read_text(encoding="utf-8")
+    file = resources.files(__package__) / "built_in" / f"{name}.toml"
+    content = file.read_text(encoding="utf-8")
     return parse_spec(tomllib.loads(content), source=f"built-in panel {name!r}")
 
 
@@ -69,8 +74,17 @@ def read_spec(path: Path) -> PanelSpec:
     Raises:
         SpecError: if the file cannot be read, or is no valid specification.
     """
+    return parse_spec(read_toml(path), source=str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The plain data of a specification.
+
+    Raises:
+        SpecError: if the file cannot be read, or is no TOML.
+    """
     try:
-        data = tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
+        return tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
     except UnicodeDecodeError as error:
         raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
@@ -91,7 +105,6 @@ def read_spec(path: Path) -> PanelSpec:
         raise SpecError(
             f"{path} cannot be a specification: {error}; docs/reference/panel.md has the format"
         ) from None
-    return parse_spec(data, source=str(path))
 
 
 def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:

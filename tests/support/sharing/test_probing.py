@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from integ_gym.support import check_sharing
-from integ_gym.support.locks import FileLock
+from integ_gym.support.processes.locks import FileLock
 from integ_gym.support.sharing import folder_files
 
 

@@ -15,8 +15,8 @@ from integ_gym.eval.panel.model.panel import Cost
 from integ_gym.eval.panel.results.artefact import build_artefact
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.running.achievability import Tried
-from integ_gym.eval.panel.specification.cells import Cell
+from integ_gym.eval.panel.running.evaluation.achievability import Tried
+from integ_gym.eval.panel.specification.cells.cell import Cell
 from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.verdict.achievability import Search
 

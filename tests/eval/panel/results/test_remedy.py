@@ -12,7 +12,7 @@ from integ_gym.eval.panel.results.findings.remedy import remedies
 from integ_gym.eval.panel.results.findings.training_cost import RATE, WINDOW, decisions_to_success
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture
+from integ_gym.eval.panel.specification.cells.cell import Cell, DiscretizationMixture
 from integ_gym.eval.statistics.rates import paired_difference, unpaired_difference
 from integ_gym.eval.statistics.scalars import median_interval
 

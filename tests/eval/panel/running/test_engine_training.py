@@ -11,7 +11,7 @@ from small_panel import small_data
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.running import units
-from integ_gym.eval.panel.running.expected_time import cell_seconds
+from integ_gym.eval.panel.running.costs.expected_time import cell_seconds
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, training_key
 from integ_gym.eval.panel.specification.reading import parse_spec

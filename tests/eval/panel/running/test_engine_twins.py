@@ -22,7 +22,7 @@ from integ_gym.eval.panel.results.findings.engine_agreement import (
 )
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.specification.cells import Cell
+from integ_gym.eval.panel.specification.cells.cell import Cell
 from integ_gym.eval.panel.specification.reading import parse_spec
 
 FREE = Pendulum()

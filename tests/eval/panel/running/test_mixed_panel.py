@@ -16,10 +16,14 @@ from mixed_panel import TOML
 from integ_gym.cli import main
 from integ_gym.envs.catalogue.registration import environment_setup
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.running.evaluation import Subject, evaluate
+from integ_gym.eval.panel.running.evaluation.subjects import Subject, evaluate
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, units_of
-from integ_gym.eval.panel.specification.cells import Cell, DiscretizationMixture, training_arguments
+from integ_gym.eval.panel.specification.cells.cell import (
+    Cell,
+    DiscretizationMixture,
+    training_arguments,
+)
 from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError

@@ -8,7 +8,7 @@ from typing import Any
 from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
 from integ_gym.support import running_version
 
-from .values import check_known, many
+from ..values import check_known, many
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""

@@ -8,9 +8,9 @@ from typing import Any
 
 from integ_gym.envs import WEIGHT, Discretization
 
-from .cells import DiscretizationMixture, Home
-from .engine_cells import INSTALLED, on_installed
-from .values import SpecError, check_keys, check_unique, list_of, many, positive, text
+from ..values import SpecError, check_keys, check_unique, list_of, many, positive, text
+from .cell import DiscretizationMixture, Home
+from .engines import INSTALLED, on_installed
 
 
 def trained(data: Mapping[str, Any], of: Discretization) -> tuple[Home, ...]:

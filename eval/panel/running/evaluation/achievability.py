@@ -16,12 +16,12 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.train import possible_baselines
 
-from ...verdict import ACHIEVED, Achieved, Attempt, Search, achieved
-from ..specification import Cell, PanelSpec, environments_of, file_name, inputs
-from .evaluation import Subject, second_horizon, success_of
-from .run_directory import RunDirectory, key_of
-from .units import baseline_of
-from .work import Work
+from ....verdict import ACHIEVED, Achieved, Attempt, Search, achieved
+from ...specification import Cell, PanelSpec, environments_of, file_name, inputs
+from ..run_directory import RunDirectory, key_of
+from ..units import baseline_of
+from ..work import Work
+from .subjects import Subject, second_horizon, success_of
 
 PREFIX = "achieve-"
 HANDMADE = "handmade"

@@ -13,9 +13,9 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from .figures import HUES, PALETTE, channels
-from .packages import load
-from .terminal import compact, fixed, seconds, step
+from ..figures import HUES, PALETTE, channels
+from ..packages import load
+from ..terminal import compact, fixed, seconds, step
 
 SCRIPT: Final = """
 (function () {

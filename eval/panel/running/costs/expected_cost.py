@@ -9,9 +9,9 @@ from typing import Any
 
 from integ_gym.evidence import Layout
 
-from ..specification import Home, PanelSpec
+from ...specification import Home, PanelSpec
+from ..units import Unit, trained_units, training_config
 from .expected_time import cell_seconds, cell_timing
-from .units import Unit, trained_units, training_config
 
 DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
 """Time of a decision of training with stable-baselines3, by algorithm, s: docs/how-to/fleet.md."""

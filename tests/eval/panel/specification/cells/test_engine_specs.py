@@ -15,8 +15,8 @@ from integ_gym.cli import main
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, training_key
-from integ_gym.eval.panel.specification import engine_cells
-from integ_gym.eval.panel.specification.engine_cells import (
+from integ_gym.eval.panel.specification.cells import engines
+from integ_gym.eval.panel.specification.cells.engines import (
     installed_engines,
     integrator_applying,
     map_of,
@@ -46,7 +46,7 @@ def test_the_built_in_panel_asks_the_quick_panels_policies():
 def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
     absent = [name for k, name in enumerate(FOREIGN) if k % 2 == 0 or missing_modules(name)]
     absent = sorted([*absent, *ELSEWHERE])
-    monkeypatch.setattr(engine_cells, "missing_modules", lambda name: [name] * (name in absent))
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name in absent))
     spec = parse_spec(tomllib.loads(engines_panel.TOML), "test")
     assert spec.left_out == tuple(absent)
     assert not {d.engine for d in spec.grid} & set(absent)
@@ -75,10 +75,10 @@ def _hide(engine, monkeypatch):
     """As if the modules of an engine's extra were not there."""
     hidden = ENGINES.load(engine).modules
 
-    def find(module, *arguments):
+    def find(module, *arguments, **named):
         if module.partition(".")[0] in hidden:
             raise ModuleNotFoundError(f"No module named {module!r}", name=module)
-        return importlib_import(module, *arguments)
+        return importlib_import(module, *arguments, **named)
 
     importlib_import = extras.importlib.import_module
     monkeypatch.setattr(extras.importlib, "import_module", find)

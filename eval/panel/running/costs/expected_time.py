@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from integ_gym.envs import ENGINES, Discretization, Timing
 
-from ..specification import Cell, Home, PanelSpec, SpecError, is_engine
+from ...specification import Cell, Home, PanelSpec, SpecError, is_engine
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""

@@ -11,10 +11,10 @@ from engine_cases import needs
 
 from integ_gym.envs import testbeds
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.running.evaluation import Subject, divided, evaluate
-from integ_gym.eval.panel.running.evaluation_units import batches_of, evaluation_seconds
-from integ_gym.eval.panel.running.replays import Successes
-from integ_gym.eval.panel.specification.cells import (
+from integ_gym.eval.panel.running.evaluation.replays import Successes
+from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate
+from integ_gym.eval.panel.running.evaluation.units import batches_of, evaluation_seconds
+from integ_gym.eval.panel.specification.cells.cell import (
     Cell,
     DiscretizationMixture,
     Perturbation,
@@ -92,7 +92,9 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, m
     every = range(spec.episodes)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    monkeypatch.setattr("integ_gym.eval.panel.running.evaluation.report_work", counted.append)
+    monkeypatch.setattr(
+        "integ_gym.eval.panel.running.evaluation.subjects.report_work", counted.append
+    )
     store.commit_all("together", evaluate(spec, subjects, every, store, {}))
     assert len(counted) == len({cell.name for subject in subjects for cell in subject.cells})
     assert sum(counted) == pytest.approx(evaluation_seconds(spec, subjects))

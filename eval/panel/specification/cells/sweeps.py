@@ -9,8 +9,8 @@ from typing import Any
 
 from integ_gym.envs import DISCRETIZATION
 
-from .cells import Perturbation
-from .values import SpecError, check_keys, check_known, check_unique, list_of, text
+from ..values import SpecError, check_keys, check_known, check_unique, list_of, text
+from .cell import Perturbation
 
 
 @dataclass(frozen=True)

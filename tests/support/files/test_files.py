@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support.files import told_path
+from integ_gym.support.files.writing import told_path
 from integ_gym.support.terminal.command_line import named_value, told_command
 
 

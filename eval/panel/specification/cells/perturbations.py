@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .cells import Perturbation
-from .values import SpecError, check_keys, list_of
+from ..values import SpecError, check_keys, list_of
+from .cell import Perturbation
 
 
 def standard_perturbations(setup: Any) -> tuple[Perturbation, ...]:

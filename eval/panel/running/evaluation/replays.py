@@ -13,7 +13,7 @@ from integ_gym.envs import Discretization, Settings
 from integ_gym.evidence import Home as HomeReplay
 from integ_gym.evidence import Replays
 
-from ..specification import Cell, Home
+from ...specification import Cell, Home
 
 Flags = npt.NDArray[np.bool_]
 Key = tuple[Discretization, str | None]

@@ -15,12 +15,12 @@ import numpy as np
 
 from integ_gym.evidence import EvidenceStore, Layout
 
-from ..specification import Cell, PanelSpec, inputs
+from ...specification import Cell, PanelSpec, inputs
+from ..costs import cell_seconds, cell_timing
+from ..run_directory import RunDirectory, key_of
+from ..work import Work, working
 from .achievability import Tried, tried, try_cells
-from .evaluation import Subject, divided, evaluate
-from .expected_time import cell_seconds, cell_timing
-from .run_directory import RunDirectory, key_of
-from .work import Work, working
+from .subjects import Subject, divided, evaluate
 
 PREFIX = "evaluate-"
 

@@ -16,8 +16,8 @@ from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEviden
 from integ_gym.support import report_work
 from integ_gym.train import Policy, PolicyStack
 
-from ..specification import Cell, Home, PanelSpec, environments_of
-from .expected_time import cell_seconds
+from ...specification import Cell, Home, PanelSpec, environments_of
+from ..costs import cell_seconds
 from .replays import Successes, with_what_they_rest_on
 
 Array = npt.NDArray[Any]

@@ -1,0 +1,25 @@
+"""Evaluation of policies in cells: units of work, paired starts, replays, what can be achieved.
+
+Knows finished policies, not how they were trained.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .achievability import Tried, not_tried, tried, try_and_note, unit_of_cell
+    from .subjects import Subject
+    from .units import (
+        Evaluated,
+        batches_of,
+        evaluate_all,
+        evaluate_batch,
+        evaluated,
+        evaluation_seconds,
+        not_evaluated,
+        statuses,
+        unit_of,
+    )
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
