@@ -71,7 +71,7 @@ def check_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
     held = [name for name in _FILES if (folder / name).exists()]
     if held and not force:
         raise FileExistsError(
-            f"{folder} already holds {' and '.join(held)}; give another folder, or --force "
+            f"{folder} already holds {', '.join(held)}; give another folder, or --force "
             "(force=True) to replace the policy"
         )
     if folder.exists() and not folder.is_dir():
