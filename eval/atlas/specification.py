@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from ..panel import PanelSpec, SpecError, parse_spec, read_toml
-from .limits import critical_limit
+from .limits import control_argument, critical_limit
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -103,17 +103,13 @@ def read_atlas(path: Path) -> Atlas:
     """
     data = dict(read_toml(path))
     try:
-        axis = msgspec.convert(data.pop("atlas", None), _Axis)
-    except msgspec.ValidationError as error:
-        raise SpecError(
-            f"{path}: [atlas] {error}; docs/reference/atlas.md has the format"
-        ) from None
-    unknown = set(axis.held_out) - set(axis.ratios)
-    if not axis.ratios or min(axis.ratios) <= 0.0 or sorted(set(axis.ratios)) != axis.ratios:
-        raise SpecError(f"{path}: `ratios` must be above 0 and ascend, got {axis.ratios}")
-    if unknown:
-        raise SpecError(f"{path}: `held_out` names {min(unknown):g}, which is not among `ratios`")
+        axis = _axis(data.pop("atlas", None))
+    except (msgspec.ValidationError, SpecError) as error:
+        raise SpecError(f"{path}: {error}; docs/reference/atlas.md has the format") from None
     panel = parse_spec(data, str(path))
+    name, _ = control_argument(panel.nominal)
+    if axis.argument != name:
+        raise SpecError(f"{path}: `{axis.argument}` does not limit the control; `{name}` does")
     return Atlas(
         name=panel.name,
         panel=panel,
@@ -123,3 +119,17 @@ def read_atlas(path: Path) -> Atlas:
         seeds_per_block=axis.seeds_per_block,
         stated=axis.critical,
     )
+
+
+def _axis(table: object) -> _Axis:
+    if table is None:
+        raise SpecError("it has no table [atlas]")
+    axis = msgspec.convert(table, _Axis)
+    if not axis.ratios or min(axis.ratios) <= 0.0 or sorted(set(axis.ratios)) != axis.ratios:
+        raise SpecError(f"`ratios` must be above 0 and ascend, got {axis.ratios}")
+    unknown = set(axis.held_out) - set(axis.ratios)
+    if unknown:
+        raise SpecError(f"`held_out` names {min(unknown):g}, which is not among `ratios`")
+    if axis.seeds_per_block < 1:
+        raise SpecError(f"`seeds_per_block` must be 1 or above, got {axis.seeds_per_block}")
+    return axis

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         PanelSpec,
         SpecError,
         grown,
+        map_of,
         parse_spec,
         read_toml,
     )
