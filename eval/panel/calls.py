@@ -86,7 +86,7 @@ def run_panel(
         PanelError, TrainingError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     check_spawning()
     given, taken = specified(spec), None if policies is None else Path(policies)
     asked = replace(resources or Resources(), workers=workers, memory_gib=given.memory_gib)
@@ -151,7 +151,7 @@ def work_on_panel(
         PanelError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     if not SHORTEST_LEASE <= lease < math.inf:
         raise ValueError(f"a lease takes {SHORTEST_LEASE:g} s or more, got {lease:g}; give --lease")
     share = Share(workers or cores(), gpus, lease, progress, command)
@@ -216,7 +216,7 @@ def evaluate(
         PanelError: if an evaluation fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     given, statistics = environment or {}, None if obs_stats is None else Path(obs_stats)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
         if statistics is not None:

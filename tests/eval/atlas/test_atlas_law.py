@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from integ_gym.envs import Discretization
 from integ_gym.eval.atlas.law import CANDIDATES, GUESSES, fit, number_of, trial
 from integ_gym.eval.atlas.points import Point
-from integ_gym.eval.atlas.quantities import Quantities, quantities
+from integ_gym.eval.atlas.quantities import Quantities
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
 HOMES = [
@@ -23,10 +25,10 @@ def planted(generator, ratios=RATIOS, noise=0.0):
     found = []
     for ratio in ratios:
         for home in HOMES:
-            numbers = generator.uniform(0.01, 1.0, 8)
-            force = float(numbers[0])
-            own = Quantities(ratio, *(float(x) for x in numbers[1:4]), 0.0, *numbers[4:8].tolist())
-            own = Quantities(**{**vars(own), "force": force})
+            names = ("force", "power", "energy_share", "critical_ratio", "h_omega", "step")
+            own = {name: float(generator.uniform(0.01, 1.0)) for name in (*names, "growth")}
+            own = SimpleNamespace(**own, inverse_order=float(generator.uniform(0.1, 1.0)))
+            force = own.force
             loss = min(1.0, max(0.0, force - 0.2 + noise * generator.normal()))
             on_truth = np.full(4, 1.0 - loss)
             found.append(Point(ratio, home, own, (0, 1, 2, 3), np.ones(4), on_truth, on_truth))
@@ -84,7 +86,7 @@ def test_numbers_of_known_discretizations():
     """Explicit Euler pumps, implicit Euler drains, the truth is the truth."""
     given = {"start": "hanging", "duration": 10.0, "max_torque": 0.714}
     own = {
-        name: quantities("IntegPendulum-v0", given, Discretization(name, 0.05, 0.05))
+        name: Quantities("IntegPendulum-v0", given, Discretization(name, 0.05, 0.05))
         for name in ("explicit_euler", "implicit_euler", "reference")
     }
     assert own["reference"].margin == pytest.approx(1.7, abs=1e-3)

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import portalocker
 import pytest
 from small_panel import TOML
 
@@ -252,11 +253,9 @@ def test_bad_specifications_leave_nothing_behind(tmp_path, capsys, old, new, fra
 
 
 def test_two_runs_in_one_directory_are_refused(panel_directory, capsys):
-    import fcntl
-
     spec = panel_directory.parent / "small.toml"
     with (panel_directory / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        portalocker.lock(lock, portalocker.LockFlags.EXCLUSIVE)
         message = _fails(capsys, "panel", str(spec), "--out", str(panel_directory))
     assert "another process" in message
 
