@@ -141,15 +141,7 @@ class Costs:
         for count in GROWTH:
             found = self.alone(training_cost.relative_cost, self.seeds(count), self.seeds(1))
             measured.append({"policies": count, **found})
-        rows = [
-            [
-                f"{row['policies']} policies",
-                f"{self.rollouts * row['cpu'] / row['policies']:.2f}",
-                f"{row['ratio']:.2f}",
-                f"{row['mib']:.0f}",
-            ]
-            for row in measured
-        ]
+        rows = [self._row(f"{r['policies']} policies", r, r["policies"]) for r in measured]
         return measured, rows
 
     def steps(self) -> tuple[list[dict[str, Any]], Rows]:
@@ -163,16 +155,13 @@ class Costs:
                 runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
                 found = self.alone(training_cost.relative_cost, runs, coarse)
                 measured.append({"integrator": integrator, "dt": dt, **found})
-        rows = [
-            [
-                f"{row['integrator']} dt={row['dt']:g}",
-                f"{self.rollouts * row['cpu'] / TOGETHER:.2f}",
-                f"{row['ratio']:.2f}",
-                f"{row['mib']:.0f}",
-            ]
-            for row in measured
-        ]
+        rows = [self._row(f"{r['integrator']} dt={r['dt']:g}", r, TOGETHER) for r in measured]
         return measured, rows
+
+    def _row(self, name: str, found: Mapping[str, Any], policies: float) -> list[str]:
+        """One line of a table; ``policies`` were trained together."""
+        cpu = self.rollouts * found["cpu"] / policies
+        return [name, f"{cpu:.2f}", f"{found['ratio']:.2f}", f"{found['mib']:.0f}"]
 
     def acting(self) -> tuple[list[dict[str, Any]], Rows]:
         """Cost of the environments alone over the integration step."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         Prediction,
         Published,
         again,
+        doubt,
         missing,
         predict,
         publish,

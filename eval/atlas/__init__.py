@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .agreement import check_agree
-    from .predicting import Prediction, predict
+    from .predicting import Prediction, doubt, predict
     from .publishing import Published, publish
     from .running import again, missing, run_blocks
     from .specification import Atlas, Block, critical_limit, read_atlas

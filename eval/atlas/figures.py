@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from integ_gym.support import (
 )
 
 from ..scheme_style import styles_of
-from .law import Curve, number_of
+from .law import Curve, number_of, telling
 from .points import Point
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 WIDE, HIGH = 0.5, 0.27  # inches of a cell
 _LEFT, _TOP, _GAP = 2.2, 1.35, 0.5
-MIXTURE: Final = "mixture"
+SMALLEST = 1e-3
+"""Of a number, where losses begin to be drawn."""
 
 
 def draw_phases(
@@ -88,34 +89,31 @@ def draw_losses(
     name: str, found: Sequence[Point], held_out: Sequence[float], curve: Curve
 ) -> Figure:
     """Losses of all that learned over one number, with the fitted curve and its interval."""
-    figure = blank_figure(7.2, 4.6)
+    figure = blank_figure(7.2, 4.9)
     canvas = inch_canvas(figure)
     draw_heading(
-        canvas, 0.3, f"{name}: loss on the truth by the {curve.number}",
+        canvas, 0.3, f"{name}: loss by the {curve.number}",
         "one mark for each training ground and limit of the control; open: held out of the fit",
     )  # fmt: skip
-    axes = axes_at(figure, 0.75, 0.65, 6.2, 2.9)
+    axes = axes_at(figure, 0.75, 0.65, 6.2, 2.85)
     bare(axes)
-    learned = [point for point in found if point.learned]
-    numbers = [number_of(curve.number, point.quantities) for point in learned]
-    smallest = min((number for number in numbers if number > 0.0), default=1e-3) / 2.0
-    at = np.geomspace(smallest, max([*numbers, 2 * smallest]), 400)
+    learned = telling(found)
+    numbers = [number_of(curve.number, point.known) for point in learned]
+    at = np.geomspace(SMALLEST, max([*numbers, 2 * SMALLEST]), 400)
     loss = np.interp(at, curve.at, curve.loss)
     width = curve.half_width
     axes.fill_between(at, loss - width, loss + width, color=SUNK, linewidth=0)
     axes.plot(at, loss, color=INK, linewidth=1.4)
-    styles = styles_of(_scheme(point) for point in learned)
+    styles = styles_of(point.known.home.integrator for point in learned)
     for point, number in zip(learned, numbers, strict=True):
-        style = styles[_scheme(point)]
+        style = styles[point.known.home.integrator]
         look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
         fill = PAPER if point.ratio in held_out else style.colour
-        axes.plot([max(number, smallest)], [point.loss], linestyle="none", color=fill, **look)
+        axes.plot([max(number, SMALLEST)], [point.loss], linestyle="none", color=fill, **look)
     draw_legend(canvas, scheme_entries(styles), 7.0)
     axes.set_xscale("log")
-    axes.set_xlabel(f"{curve.number} (log scale; zero at the left edge)", size=9, color=INK)
+    axes.set_xlabel(
+        f"{curve.number} (log scale; what is smaller stands at the left edge)", size=9, color=INK
+    )
     axes.set_ylabel("success at home − on the truth", size=9, color=INK)
     return figure
-
-
-def _scheme(point: Point) -> str:
-    return getattr(point.home, "integrator", MIXTURE)

@@ -97,18 +97,18 @@ def number_of(name: str, quantities: Quantities) -> float:
 
 
 def fit(name: str, seen: Sequence[Point]) -> Curve:
-    """The curve of one number over points that were learned.
+    """The curve of one number over single discretizations in which the task was learned.
 
     Raises:
         ValueError: if there are none.
     """
-    learned = [point for point in seen if point.learned]
+    learned = telling(seen)
     if not learned:
         raise ValueError("no policy learned its task in any of the points")
     at, loss = _curve(name, learned)
     ratios = sorted({point.ratio for point in learned})
     residuals = [
-        abs(point.loss - float(np.interp(number_of(name, point.quantities), *others)))
+        abs(point.loss - float(np.interp(number_of(name, point.known), *others)))
         for ratio in ratios
         if (rest := [p for p in learned if p.ratio != ratio] or learned)
         for others in [_curve(name, rest)]
@@ -120,14 +120,19 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
     return Curve(name, tuple(at.tolist()), tuple(loss.tolist()), width, error)
 
 
+def telling(found: Sequence[Point]) -> list[Point]:
+    """Those whose loss a number may predict: single discretizations that were learned in."""
+    return [point for point in found if point.learned and point.quantities is not None]
+
+
 def trial(curve: Curve, held_out: Sequence[Point]) -> Trial:
     """A curve's predictions against losses that it has not seen.
 
     Args:
         curve: fitted without them.
-        held_out: points that were learned, at least one.
+        held_out: points that tell something, at least one.
     """
-    errors = np.array([abs(point.loss - curve(point.quantities)) for point in held_out])
+    errors = np.array([abs(point.loss - curve(point.known)) for point in held_out])
     homes = np.array([point.home.name for point in held_out])
     low, high = _resampled(errors, homes)
     covered = float((errors <= curve.half_width).mean())
@@ -139,7 +144,7 @@ def _curve(name: str, learned: Sequence[Point]) -> tuple[Array, Array]:
     """Numbers, ascending and each once, and the fitted loss at each."""
     from scipy.optimize import isotonic_regression
 
-    numbers = np.array([number_of(name, point.quantities) for point in learned])
+    numbers = np.array([number_of(name, point.known) for point in learned])
     losses = np.array([point.loss for point in learned])
     at, places = np.unique(numbers, return_inverse=True)
     counts = np.bincount(places).astype(float)

@@ -60,29 +60,19 @@ def critical_limit(
         SpecError: if the goal's energy is not reached, or the task names no goal at rest.
     """
     rest = {name: value for name, value in environment.items() if name != argument}
-    return _critical_limit(env_id, tuple(sorted(rest.items())), argument, at)
+    return _critical_limit(env_id, tuple(sorted(rest.items())), at)
 
 
 @lru_cache(maxsize=256)
-def _critical_limit(
-    env_id: str, given: tuple[tuple[str, Any], ...], argument: str, at: Discretization
-) -> float:
-    def setup(limit: float) -> Any:
-        return setup_of(env_id, {**dict(given), argument: limit}, at)
-
-    one = setup(1.0)
-    required = numerics.goal_energy(one)
+def _critical_limit(env_id: str, given: tuple[tuple[str, Any], ...], at: Discretization) -> float:
+    setup = setup_of(env_id, dict(given), at)
+    required = numerics.goal_energy(setup)
     if required is None:
         raise SpecError(f"{env_id} names no goal at rest; state `critical` under [atlas]")
-    high = abs(required)
+    high, start = abs(required), middle_start(setup)
     try:
         return numerics.critical_limit(
-            setup,
-            middle_start(one),
-            one.settings.duration,
-            high / WIDEST,
-            high,
-            tolerance=high * 1e-5,
+            setup, start, setup.settings.duration, high / WIDEST, high, tolerance=high * 1e-5
         )
     except ValueError as error:
         raise SpecError(f"{env_id} on {at.name}: {error}") from None

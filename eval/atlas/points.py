@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs import Discretization
+
 from ..panel import Home
 from .agreement import Agreement, check_agree
-from .quantities import Quantities, quantities
+from .quantities import Quantities
 from .specification import Atlas, Block
 from .summary import Summary
 
@@ -28,7 +30,7 @@ class Point:
     Attributes:
         ratio: limit of the control over the critical one of the truth.
         home: what they were trained on.
-        quantities: known before training.
+        quantities: known before training; None for a mixture.
         seeds: training seeds.
         at_home: success rate there, shape (seeds,).
         on_truth: the same on the truth.
@@ -37,11 +39,17 @@ class Point:
 
     ratio: float
     home: Home
-    quantities: Quantities
+    quantities: Quantities | None
     seeds: tuple[int, ...]
     at_home: Rates
     on_truth: Rates
     recovered: Rates
+
+    @property
+    def known(self) -> Quantities:
+        """The quantities of a single discretization."""
+        assert self.quantities is not None
+        return self.quantities
 
     @property
     def learned(self) -> bool:
@@ -87,7 +95,9 @@ def _points(atlas: Atlas, blocks: Sequence[tuple[Block, Summary]]) -> Iterator[P
         yield Point(
             block.ratio,
             home,
-            quantities(atlas.panel.env_id, block.panel.environment, home),
+            Quantities(atlas.panel.env_id, block.panel.environment, home)
+            if isinstance(home, Discretization)
+            else None,
             seeds,
             _rates(outcomes, home.name, seeds, of, "successes"),
             _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "successes"),

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import Any, Final
 
 import msgspec
 
-from integ_gym.envs import NATIVE, Discretization, testbed_of
+from integ_gym.envs import DISCRETIZATION, NATIVE, Discretization, testbed_of
 
-from ..panel import map_of
+from ..panel import SpecError, map_of
 from .law import Curve
-from .quantities import Quantities, quantities
+from .quantities import Quantities
 
 LAW: Final = "law.json"
 """Made of the atlas's summaries by ``integ-gym atlas --law``."""
@@ -103,7 +103,7 @@ def predict(
     """
     period = control_period or testbed_of(env_id, environment).home.control_period
     at = Discretization(integrator, dt, period, engine)
-    known, numbers = law(), quantities(env_id, environment, _native(at))
+    known, numbers = law(), Quantities(env_id, environment, _native(at))
     low, high = known.margins
     return Prediction(
         at,
@@ -116,9 +116,34 @@ def predict(
     )
 
 
+def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
+    """What speaks against training in a discretization, in a sentence; None if nothing is known.
+
+    Args:
+        env_id: of the environment.
+        arguments: constructor arguments, the discretization among them.
+    """
+    given = dict(arguments)
+    if "mixture" in given:
+        return None
+    try:
+        home = testbed_of(env_id, {}).home
+        own = {name: given.pop(name) for name in DISCRETIZATION if name in given}
+        at = replace(home, **own)
+        loss = law().curve(Quantities(env_id, given, _native(at)))
+    except (SpecError, AttributeError, ModuleNotFoundError):
+        return None
+    if loss <= SAFE:
+        return None
+    return (
+        f"a policy that learns on {at.name} is expected to lose {loss:.2f} of its success on the "
+        f"truth; `integ-gym predict` tells more"
+    )
+
+
 def _safe_dt(env_id: str, environment: Mapping[str, Any], at: Discretization) -> float | None:
     for one in _finer(at):
-        if law().curve(quantities(env_id, environment, _native(one))) <= SAFE:
+        if law().curve(Quantities(env_id, environment, _native(one))) <= SAFE:
             return one.dt
     return None
 

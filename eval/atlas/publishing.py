@@ -13,7 +13,7 @@ from integ_gym.support import NONE, fixed, make_folder, replace_file, write_figu
 from ..statistics import draws_for, rate_interval
 from .agreement import noted_in
 from .figures import draw_losses, draw_phases
-from .law import CANDIDATES, GUESSES, LEVEL, Trial, fit, trial
+from .law import CANDIDATES, GUESSES, LEVEL, Trial, fit, telling, trial
 from .points import Point, points
 from .predicting import LAW, Law
 from .running import finished
@@ -63,7 +63,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     chosen = min(curves[: len(CANDIDATES)], key=lambda curve: curve.seen_error)
     files += write_figure(draw_losses(atlas.name, found, atlas.held_out, chosen), out / "losses")
     ordered = [chosen, *(curve for curve in curves if curve is not chosen)]
-    held_out = [point for point in found if point.ratio in atlas.held_out and point.learned]
+    held_out = telling([point for point in found if point.ratio in atlas.held_out])
     trials = tuple(trial(curve, held_out) for curve in ordered) if held_out else ()
     margins = [point.ratio for point in seen]
     seals = tuple(summary.origin.seal for _, summary in done)

@@ -130,7 +130,6 @@ def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directo
     assert "unattributed" not in {row["failure_label"] for row in labels}
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_running_again_redoes_nothing(panel_directory):
     cost = _panel(panel_directory)["cost"]
     assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
@@ -146,7 +145,6 @@ def test_running_again_redoes_nothing(panel_directory):
     assert _panel(panel_directory)["cost"] == cost
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     spec = panel_directory.parent / "small.toml"
@@ -262,7 +260,6 @@ def test_two_runs_in_one_directory_are_refused(panel_directory, capsys):
     assert "another process" in message
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_report_is_written_again(panel_directory, capsys):
     page = panel_directory / "report.html"
     before = page.read_text(encoding="utf-8")
