@@ -12,7 +12,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
-.PHONY: panel train test test-slow lint docs notebooks bench published census isaaclab dm_control clean
+.PHONY: panel train test test-slow lint docs notebooks bench atlas-figures published census isaaclab dm_control clean
 
 panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -47,6 +47,13 @@ bench: $(READY)
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
 	$(BIN)/python benchmarks/bounds.py runs/bench
+
+atlas-figures: $(LIGHT)
+	@for spec in specs/atlas/*.toml; do \
+	  name=$$(basename $$spec .toml); \
+	  $(BIN)/integ-gym atlas $$spec --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
+	done
+	@cp docs/atlas/rod_pendulum/figures/law.json eval/atlas/law.json
 
 published: $(READY)
 	@$(INSTALL) --group census
