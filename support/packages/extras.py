@@ -15,6 +15,7 @@ EXTRAS = {
     "fleet": ("jax",),
     "render": ("pygame", "PIL", "imageio_ffmpeg"),
     "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
+    "storage": ("obstore", "fsspec"),
     "train": (
         "stable_baselines3",
         "torch",
