@@ -10,7 +10,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test test-slow lint docs notebooks bench published census isaaclab dm_control clean
+.PHONY: panel test test-slow lint docs notebooks bench published census isaaclab dm_control moto clean
 
 panel: $(READY)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -18,7 +18,7 @@ panel: $(READY)
 test: $(READY)
 	$(PYTEST) -m "not slow" $(PYTEST_OPTIONS)
 
-test-slow: $(READY)
+test-slow: $(READY) moto
 	$(PYTEST) -m slow $(PYTEST_OPTIONS)
 
 lint: $(READY)
@@ -52,6 +52,8 @@ isaaclab: .isaaclab/.ready
 
 dm_control: .dm_control/.ready
 
+moto: .moto/.ready
+
 .isaaclab/.ready: constraints-isaaclab.txt
 	@$(ISAACLAB_PYTHON) -c 'import sys; sys.exit("Isaac Lab needs Python 3.12, found " + sys.version.split()[0] + "; set ISAACLAB_PYTHON" if sys.version_info[:2] != (3, 12) else 0)'
 	@echo "Setting up .isaaclab with Isaac Lab: 4.6 GB, once."
@@ -66,6 +68,12 @@ dm_control: .dm_control/.ready
 	@.dm_control/bin/python -m pip install --quiet --requirement constraints-dm_control.txt
 	@touch $@
 
+.moto/.ready: constraints-moto.txt
+	@echo "Setting up .moto with an S3-compatible server for tests."
+	@$(PYTHON) -m venv .moto
+	@.moto/bin/python -m pip install --quiet --requirement constraints-moto.txt
+	@touch $@
+
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
 	@echo "Setting up $(VENV) with the pinned packages; this takes a few minutes once."
@@ -76,4 +84,4 @@ $(READY): pyproject.toml constraints.txt
 	@touch $(READY)
 
 clean:
-	rm -rf $(VENV) .isaaclab .dm_control build dist *.egg-info
+	rm -rf $(VENV) .isaaclab .dm_control .moto build dist *.egg-info

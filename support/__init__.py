@@ -132,8 +132,10 @@ if TYPE_CHECKING:
         Storage,
         StorageError,
         as_storage,
+        fetched,
         is_remote,
         named_place,
+        parquet_files,
         stored,
     )
     from .terminal import (

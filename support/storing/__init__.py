@@ -9,8 +9,8 @@ from ..doors import lazy_door
 
 if TYPE_CHECKING:
     from .bucket import BucketStorage
-    from .objects import StorageError, opened_store
-    from .places import Place, as_storage, is_remote, named_place, stored
+    from .objects import StorageError, opened_store, parquet_files
+    from .places import Place, as_storage, fetched, is_remote, named_place, stored
     from .storage import Busy, FolderStorage, Storage
 else:
     __getattr__, __dir__ = lazy_door(__name__)

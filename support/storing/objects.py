@@ -36,12 +36,32 @@ def opened_store(url: str) -> Any:
         ModuleNotFoundError: without the extra, with the command that installs it.
     """
     stores, faults = load("obstore.store", "storage"), load("obstore.exceptions", "storage")
-    plain = any(os.environ.get(name, "").startswith("http://") for name in _ENDPOINTS)
-    options = {"client_options": {"allow_http": True}} if plain else {}
     try:
-        return stores.from_url(url, **options)
+        return stores.from_url(url, **_options())
     except (faults.BaseError, ValueError) as error:
         raise ValueError(f"{url} names no place in an object store: {_told(error)}") from None
+
+
+def parquet_files(url: str, folder: str) -> tuple[Any, list[str]]:
+    """A file system of fsspec, and the names on it of a place's Parquet files in a folder, sorted.
+
+    Raises:
+        ValueError: for a URL that names no place.
+        StorageError: if the store does not answer.
+        ModuleNotFoundError: without the extra, with the command that installs it.
+    """
+    scheme, _, place = url.partition("://")
+    with asking(url):
+        listed = load("obstore", "storage").list(opened_store(url), folder).collect()
+    names = sorted(str(one["path"]) for one in listed)
+    files = load("obstore.fsspec", "storage").FsspecStore(scheme, **_options())
+    return files, [f"{place.rstrip('/')}/{n}" for n in names if n.endswith(".parquet")]
+
+
+def _options() -> dict[str, Any]:
+    """What the environment does not tell the client: whoever names a plain endpoint means it."""
+    plain = any(os.environ.get(name, "").startswith("http://") for name in _ENDPOINTS)
+    return {"client_options": {"allow_http": True}} if plain else {}
 
 
 @contextmanager

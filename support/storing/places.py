@@ -64,3 +64,18 @@ def stored(place: Place) -> Iterator[Storage]:
             from .bucket import BucketStorage
 
             yield stack.enter_context(BucketStorage(named))
+
+
+@contextmanager
+def fetched(place: Place) -> Iterator[Path]:
+    """A run as a folder of this machine: where it is, or a copy that goes with the block.
+
+    Raises:
+        ValueError: for a name of no place, or of one in which nothing is.
+        ModuleNotFoundError: without the extra, with the command that installs it.
+    """
+    with stored(place) as storage:
+        storage.fetch()
+        if storage.remote and not any(storage.path.iterdir()):
+            raise ValueError(f"{storage} holds no run; give the place that one was written to")
+        yield storage.path

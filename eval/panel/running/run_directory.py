@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from integ_gym.evidence import SEAL_FILE, broken_seals, lift_seal, lower_seal
 from integ_gym.support import (
     LEASE,
     Busy,
+    Gone,
     Kinds,
     Storage,
     as_storage,
@@ -93,6 +95,9 @@ class RunDirectory:
         self.desk = Desk(self.storage, DRIVEN)
         """Where units are claimed while it is open."""
 
+        self.is_ours: Callable[[], bool] = lambda: True
+        """Asked before anything is removed; False where another has taken over what this did."""
+
         self._specification = json.loads(json.dumps(specification))
         self._engines = dict(engines or {})
         self.was_sealed = False
@@ -132,6 +137,17 @@ class RunDirectory:
                 with suppress(Busy):  # it is there
                     if (self.path / SEAL_FILE).exists():
                         self.storage.publish(SEAL_FILE)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Hold a run in an object store as it is, for one process.
+
+        Raises:
+            RunDirectoryError: if another process runs in it.
+        """
+        with self._held(DRIVEN, LEASE) as own:
+            retire(self.storage, own=own)
+            yield
 
     @contextmanager
     def joined(self, lease: float = LEASE) -> Iterator[None]:
@@ -213,11 +229,15 @@ class RunDirectory:
             return False
         return bool(read_manifest(manifest)["specification"] == self._specification)
 
-    def lift_seal(self) -> None:
+    def lift_seal(self, into: Path | None = None) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
         units' records and policies are checked where they are built on.
+
+        Args:
+            into: folder that it is moved to, where several work: once that has vanished, because
+                all is done, nobody who comes late can take the new seal away.
 
         Raises:
             RunDirectoryError: if another file is not what was sealed.
@@ -233,7 +253,11 @@ class RunDirectory:
                     f"{self._told(path)} {finding.message}; restore it from a copy, or give "
                     "another directory with --out"
                 )
-        lift_seal(self.path)
+        if into is None:
+            lift_seal(self.path)
+        else:
+            with suppress(FileNotFoundError):
+                os.replace(self.path / SEAL_FILE, into / SEAL_FILE)
         self.storage.drop_missing()
 
     def looked(self, seeds: int) -> list[int]:
@@ -462,14 +486,19 @@ class RunDirectory:
 
     def discard_remains(self, unit: str) -> None:
         """Remove what is left of a unit that was not finished or has lost a file."""
-        self._marker(unit).unlink(missing_ok=True)
-        self._records(unit).unlink(missing_ok=True)
+        self._discard(self._marker(unit))
+        self._discard(self._records(unit))
 
     def discard_unmarked(self, prefix: str) -> None:
         """Remove the records of all units without a marker whose names begin with ``prefix``."""
         for path in self.evidence.glob(f"{prefix}*.parquet"):
             if not self._marker(path.stem).exists():
-                path.unlink()
+                self._discard(path)
+
+    def _discard(self, file: Path) -> None:
+        if file.exists() and not self.is_ours():
+            raise Gone(str(file))
+        file.unlink(missing_ok=True)
 
     def _marker(self, unit: str) -> Path:
         return self._units / f"{unit}.json"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .driving import complete_on, evaluate_on, processes, write_pages
+    from .driving import complete_on, evaluate_on, processes, rewriting, write_pages
     from .working import Share, work_on
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from integ_gym.support import (
     BucketStorage,
@@ -20,12 +20,13 @@ from integ_gym.support import (
     Cluster,
     FolderStorage,
     Gone,
+    Place,
     Storage,
     named_place,
+    stored,
 )
 from integ_gym.train import Workers, fleet_workers, preparation, training_bar, workers_of
 
-from ..model import Panel
 from ..running import (
     Desk,
     PanelError,
@@ -46,6 +47,8 @@ from ..running import (
 from ..specification import PanelSpec
 from . import planning
 from .shared_unit import SharedUnit, commit, do_and_commit
+
+Written = TypeVar("Written")
 
 PAGES = "pages"
 """Unit of all that is made of a run's records."""
@@ -196,7 +199,7 @@ def _storage(run: str) -> Storage:
     return FolderStorage(place) if isinstance(place, Path) else BucketStorage(place)
 
 
-def write_pages(write: Callable[[], Panel], directory: RunDirectory) -> Panel:
+def write_pages(write: Callable[[], Written], directory: RunDirectory) -> Written:
     """Write a panel's page and what it rests on, and have it in place by one decision.
 
     Args:
@@ -212,6 +215,26 @@ def write_pages(write: Callable[[], Panel], directory: RunDirectory) -> Panel:
             claims = directory.desk.claims_of(directory.desk.add_plan([{"name": PAGES}]))
             commit_pages(directory, Claims(claims, [PAGES]).seize(PAGES))
     return panel
+
+
+@contextmanager
+def rewriting(place: Place) -> Iterator[Path]:
+    """A run's folder, or a copy of it whose changed pages are put in place with the block's end.
+
+    Raises:
+        RunDirectoryError: if somebody works there.
+        ValueError: for a name of no place.
+    """
+    with stored(place) as storage:
+        if not storage.remote:
+            yield storage.path
+            return
+        directory = RunDirectory(storage, {})
+        with directory.kept():
+            storage.fetch()
+            yield storage.path
+            write_pages(lambda: None, directory)
+            directory.finish_work()
 
 
 def commit_pages(directory: RunDirectory, claim: Claim) -> bool:

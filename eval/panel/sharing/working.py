@@ -137,16 +137,10 @@ class _Worker:
     ) -> None:
         """Find out what is to be done, and do it, with all others."""
         for claim in self._taken(f"plan-{name}", [name]):
-            if name == "0":
-                self._directory.end_others()
-                self._directory.lift_seal()
-            self._directory.storage.fetch()
-            units, division = plan()
-            if self._desk.plan(name, [unit.plain() for unit in units], BLOCK, division):
-                note_division(self._directory, division)
-                self._directory.storage.drop_missing()
-            claim.commit()
-            claim.finish()
+            try:
+                self._find_out(name, plan, claim)
+            except Gone:  # another found it out, if not all is over
+                self._desk.check()
         planned = self._desk.planned(name)
         if planned is None:
             raise Gone(name)
@@ -156,6 +150,30 @@ class _Worker:
                 if self._do(claim, held_by_name[claim.unit]):
                     self.done += 1
                     bar.update(1)
+
+    def _find_out(
+        self,
+        name: str,
+        plan: Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]],
+        claim: Claim,
+    ) -> None:
+        """Find out what is to be done; what was found first counts.
+
+        Raises:
+            Gone: if another was faster, and this one was about to remove something.
+        """
+        directory = self._directory
+        directory.is_ours = claim.renew
+        if name == "0":
+            directory.end_others()
+            directory.lift_seal(self._desk.root)
+        directory.storage.fetch()
+        units, division = plan()
+        if self._desk.plan(name, [unit.plain() for unit in units], BLOCK, division):
+            note_division(directory, division)
+            directory.storage.drop_missing()
+        claim.commit()
+        claim.finish()
 
     def _do(self, claim: Claim, unit: SharedUnit) -> bool:
         """Do a unit; False if another worker took it over.
