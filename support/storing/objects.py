@@ -16,7 +16,7 @@ from typing import Any
 from ..packages import load
 from ..sharing import Gone
 
-_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
+ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
 _ASKED_EVERY = 300.0
 """Time after which the store is asked for its time again, s."""
 
@@ -37,7 +37,7 @@ def opened_store(url: str) -> Any:
     """
     stores, faults = load("obstore.store", "storage"), load("obstore.exceptions", "storage")
     try:
-        return stores.from_url(url, **_options())
+        return stores.from_url(url, **client_options())
     except (faults.BaseError, ValueError) as error:
         raise ValueError(f"{url} names no place in an object store: {_told(error)}") from None
 
@@ -54,13 +54,13 @@ def parquet_files(url: str, folder: str) -> tuple[Any, list[str]]:
     with asking(url):
         listed = load("obstore", "storage").list(opened_store(url), folder).collect()
     names = sorted(str(one["path"]) for one in listed)
-    files = load("obstore.fsspec", "storage").FsspecStore(scheme, **_options())
+    files = load("obstore.fsspec", "storage").FsspecStore(scheme, **client_options())
     return files, [f"{place.rstrip('/')}/{n}" for n in names if n.endswith(".parquet")]
 
 
-def _options() -> dict[str, Any]:
+def client_options() -> dict[str, Any]:
     """What the environment does not tell the client: whoever names a plain endpoint means it."""
-    plain = any(os.environ.get(name, "").startswith("http://") for name in _ENDPOINTS)
+    plain = any(os.environ.get(name, "").startswith("http://") for name in ENDPOINTS)
     return {"client_options": {"allow_http": True}} if plain else {}
 
 

@@ -95,7 +95,7 @@ class RunDirectory:
         self.desk = Desk(self.storage, DRIVEN)
         """Where units are claimed while it is open."""
 
-        self.is_ours: Callable[[], bool] = lambda: True
+        self.is_ours: Callable[[], bool] = _always
         """Asked before anything is removed; False where another has taken over what this did."""
 
         self._specification = json.loads(json.dumps(specification))
@@ -505,6 +505,10 @@ class RunDirectory:
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
+
+
+def _always() -> bool:
+    return True
 
 
 def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:
