@@ -156,8 +156,13 @@ class ObjectFiles:
 
     def age(self, name: str) -> float | None:
         """Time since a file was made or touched, both by the store's clock, s; to a second."""
+        made = self.time_of(name)
+        return None if made is None else self.now() - made
+
+    def time_of(self, name: str) -> float | None:
+        """Unix time when a file was made or touched, by the store's clock, s; to a second."""
         found = self._head(self._at(name))
-        return None if found is None else self._now() - float(found["last_modified"].timestamp())
+        return None if found is None else float(found["last_modified"].timestamp())
 
     def names(self, folder: str) -> list[str]:
         """Names in a folder; none if it is not there.
@@ -195,8 +200,8 @@ class ObjectFiles:
             except FileNotFoundError:
                 return None
 
-    def _now(self) -> float:
-        """The store's time, which is asked for again from time to time; see `FolderFiles`."""
+    def now(self) -> float:
+        """The store's Unix time, s; it is asked for again from time to time, see `FolderFiles`."""
         asked = time.monotonic()
         if self._ahead is None or asked - self._asked > _ASKED_EVERY:
             with asking(self._url):

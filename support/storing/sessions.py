@@ -71,23 +71,31 @@ class Sessions:
             self._files.close()
 
     def _begun(self, alone: bool) -> int:
-        youngest = None
+        before = None
         while True:
             names = self._files.names("")
             latest = max((int(name) for name in names if name.isdecimal()), default=0)
-            open_one = latest > 0 and over(str(latest)) not in names
-            if open_one and not alone and not self._kind(latest)["alone"]:
-                self._sign(latest)
-                return latest
-            silent = self._age(latest) if open_one else None
-            if silent is None or silent >= float(self._kind(latest)["lease"]):
+            if latest == 0 or over(str(latest)) in names:
                 if self._begins(latest + 1, alone):
                     return latest + 1
                 continue
-            if youngest is not None and silent < youngest:
+            kind = self._kind(latest)
+            if not alone and not kind["alone"]:
+                self._sign(latest)
+                return latest
+            heard = self._heard(latest)
+            if before not in (None, heard):
                 raise Busy
-            self._say_that_it_waits(youngest, silent, float(self._kind(latest)["lease"]))
-            youngest = silent
+            wait = float(kind["lease"]) - (self._files.now() - heard)
+            if wait <= 0.0 and self._begins(latest + 1, alone):
+                return latest + 1
+            if before is None and wait > 0.0:
+                print(
+                    f"{self._told}: another process was at work here, and may have been killed; "
+                    f"waiting for at most {wait:.0f} s to see whether it still is",
+                    file=sys.stderr,
+                )
+            before = heard
             time.sleep(_BETWEEN_LOOKS)
 
     def _begins(self, number: int, alone: bool) -> bool:
@@ -101,18 +109,10 @@ class Sessions:
     def _kind(self, number: int) -> dict[str, Any]:
         return dict(json.loads(self._files.read(str(number)) or "{}"))
 
-    def _age(self, number: int) -> float | None:
-        """Time since a session was heard of, s; None if that cannot be told."""
-        signs = (self._files.age(name) for name in (f"{number}.{_ALIVE}", str(number)))
-        return min((age for age in signs if age is not None), default=None)
-
-    def _say_that_it_waits(self, before: float | None, silent: float, lease: float) -> None:
-        if before is None:
-            print(
-                f"{self._told}: another process was at work here {max(silent, 0.0):.0f} s ago; "
-                f"waiting for at most {max(lease - silent, 0.0):.0f} s to see whether it still is",
-                file=sys.stderr,
-            )
+    def _heard(self, number: int) -> float:
+        """When a session was last heard of, by the store's clock, s."""
+        signs = (self._files.time_of(name) for name in (f"{number}.{_ALIVE}", str(number)))
+        return max((sign for sign in signs if sign is not None), default=0.0)
 
     def _beat(self, number: int, ended: threading.Event) -> None:
         while not ended.wait(self._lease / BEATS):
@@ -123,6 +123,5 @@ class Sessions:
 
     def _sign(self, number: int) -> None:
         """Have the session be heard of, unless it was a moment ago: a store limits writes."""
-        age = self._age(number)
-        if age is None or age > self._lease / (2 * BEATS):
+        if self._files.now() - self._heard(number) > self._lease / (2 * BEATS):
             self._files.write(f"{number}.{_ALIVE}", "")

@@ -165,7 +165,9 @@ def in_time(directory: RunDirectory) -> Iterator[None]:
     """
     try:
         yield
-    except Gone:
+    except (Gone, PanelError) as error:
+        if not isinstance(error, Gone) and not isinstance(error.__cause__, Gone):
+            raise
         raise PanelError(
             f"another process took the run in {directory.storage} over, because this one had been "
             "silent for too long; what was finished is kept"
