@@ -1,19 +1,24 @@
-# `make panel` and `make test` do all their own set-up in .venv from the pinned constraints.
+# Each target does its own set-up in .venv from the pinned constraints, and installs what it needs.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+LIGHT := $(VENV)/.panel
+TORCH := $(VENV)/.train
 READY := $(VENV)/.ready
+INSTALL := .ci/install $(BIN)/python
 # Python of environments that packages with pins of their own are set up in.
 ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
-PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: panel test test-slow lint docs notebooks bench published census isaaclab dm_control moto clean
+.PHONY: panel train test test-slow lint docs notebooks bench atlas-figures published census isaaclab dm_control moto clean
 
-panel: $(READY)
+panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
+
+train: $(TORCH)
+	@$(BIN)/python train/ppo.py --integrator explicit_euler --dt 0.05 $(TRAIN_OPTIONS)
 
 test: $(READY)
 	$(PYTEST) -m "not slow" $(PYTEST_OPTIONS)
@@ -27,23 +32,31 @@ lint: $(READY)
 	$(BIN)/mypy
 
 docs: $(READY)
-	@$(PIP) --group docs
+	@$(INSTALL) --group docs
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo "Open runs/docs/index.html"
 
 notebooks: $(READY)
-	@$(PIP) --group notebooks
+	@$(INSTALL) --group notebooks
 	$(BIN)/jupyter execute --inplace examples/notebooks/*.ipynb
 
 bench: $(READY)
-	@$(PIP) --group bench
+	@$(INSTALL) --group bench
 	@mkdir -p runs/bench
-	for name in env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence claims executor_overhead; do \
+	for name in startup env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence claims executor_overhead; do \
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
+	$(BIN)/python benchmarks/bounds.py runs/bench
+
+atlas-figures: $(LIGHT)
+	@for spec in specs/atlas/*.toml; do \
+	  name=$$(basename $$spec .toml); \
+	  $(BIN)/integ-gym atlas $$spec --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
+	done
+	@cp docs/atlas/rod_pendulum/figures/law.json eval/atlas/law.json
 
 published: $(READY)
-	@$(PIP) --group census
+	@$(INSTALL) --group census
 
 census: published
 	@$(BIN)/integ-gym census --out runs/census
@@ -74,14 +87,23 @@ moto: .moto/.ready
 	@.moto/bin/python -m pip install --quiet --requirement constraints-moto.txt
 	@touch $@
 
-$(READY): pyproject.toml constraints.txt
+# Each step of the set-up adds to the one before, in the same .venv.
+$(LIGHT): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
-	@echo "Setting up $(VENV) with the pinned packages; this takes a few minutes once."
+	@echo "Setting up $(VENV) for panels: 0.9 GB, once."
 	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) pip setuptools
-	@$(PIP) torch
-	@$(PIP) --editable ".[all]" --group dev
-	@touch $(READY)
+	@$(INSTALL) --editable ".[panel]"
+	@touch $@
+
+$(TORCH): $(LIGHT)
+	@echo "Adding stable-baselines3 and torch to $(VENV), once."
+	@$(INSTALL) --editable ".[panel,train]"
+	@touch $@
+
+$(READY): $(TORCH)
+	@echo "Adding the engines and what tests take to $(VENV): 4 GB, once."
+	@$(INSTALL) --editable ".[all]" --group dev
+	@touch $@
 
 clean:
 	rm -rf $(VENV) .isaaclab .dm_control .moto build dist *.egg-info

@@ -31,7 +31,7 @@ from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.specification.cells.cell import Cell as Place
 from integ_gym.eval.panel.specification.cells.cell import environments_of
 from integ_gym.evidence import EvidenceStore
-from integ_gym.train import POLICY_FILE, PolicyStack, read_trained
+from integ_gym.train import PolicyStack, read_trained, readable_file
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ DRAWS = 400
 def spectral_radii(panel: Panel, directory: Path, row: Row, cell: Cell) -> Array:
     """Of the closed loop of each policy of a row, shape (seeds,); NaN without a fixed point."""
     stack = PolicyStack(
-        [read_trained(directory / "policies" / p.id / POLICY_FILE)[0] for p in row.policies]
+        [read_trained(readable_file(directory / "policies" / p.id))[0] for p in row.policies]
     )
     home = Discretization(cell.integrator, cell.dt, cell.control_period, cell.engine)
     testbed = testbed_of(panel.spec["env_id"], panel.spec["environment"])

@@ -6,7 +6,7 @@ Peers: Gymnasium, and with `pip install --group bench` EnvPool and gymnax; witho
 say so. Random actions, drawn before the clock starts; resets, and in ours the whole `info`,
 included. Environments of one task and number of lanes take turns, and a rate is that of a fast
 turn. Ratios are to Gymnasium's environment of the same kind and number of lanes, and to EnvPool's
-with 1024 lanes and a thread per core; the last column is what one of them should be at least.
+with 1024 lanes and a thread per core; a second table has what is wanted of them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import gymnasium as gym
 from measuring import results
+from measuring.bounds import print_judged
 from measuring.rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
@@ -37,17 +38,6 @@ SCAN_LANES, SCAN_STEPS = 4096, 2000
 KINDS = ("single", "vector", "scan")
 PACKAGES = ("integ-gym", "gymnasium", "numpy", "jax", "jaxlib", "envpool", "gymnax")
 
-WANTED = {
-    ("single", "IntegPendulum-v0", "", 1): ("gymnasium", 1.3),
-    ("single", "IntegPendulum-v0", "with evidence", 1): ("gymnasium", 0.8),
-    ("single", "IntegCartPole-v0", "", 1): ("gymnasium", 1.3),
-    ("single", "IntegCartPole-v0", "with evidence", 1): ("gymnasium", 0.8),
-    ("vector", "IntegPendulum-v0", "symplectic_euler", MANY): ("envpool", 15.0),
-    ("vector", "IntegPendulum-v0", "rk4", MANY): ("envpool", 5.0),
-    ("scan", "IntegPendulum-v0", "symplectic_euler", SCAN_LANES): ("envpool", 60.0),
-}
-"""Which ratio should be at least how large, by kind, environment, detail and lanes."""
-
 
 @dataclass
 class Row:
@@ -62,7 +52,6 @@ class Row:
         steps_per_second: of all processes; None where the package is not installed.
         steps_per_core_second: of a scan, per second of processor time.
         ratios: to the peers' environments of the same task.
-        wanted: a peer, and what the ratio to it should be at least.
     """
 
     kind: str
@@ -73,7 +62,6 @@ class Row:
     steps_per_second: float | None
     steps_per_core_second: float | None = None
     ratios: dict[str, float] = field(default_factory=dict)
-    wanted: tuple[str, float] | None = None
 
 
 def single_rows(task: str, seconds: float) -> Iterator[Row]:
@@ -143,7 +131,7 @@ def measure(kinds: list[str], seconds: float) -> Iterator[Row]:
 
 
 def compared(rows: list[Row]) -> list[Row]:
-    """The rows with their ratios and what is wanted of them."""
+    """The rows with their ratios."""
     stock = {(r.kind, r.environment, r.lanes): r for r in rows if r.package == "gymnasium"}
     pools = {r.environment: r for r in rows if r.package == "envpool"}
     tasks = {ours: task for task, ours in TASKS.items()}
@@ -155,7 +143,6 @@ def compared(rows: list[Row]) -> list[Row]:
         for name, peer in peers.items():
             if row.steps_per_second and peer is not None and peer.steps_per_second:
                 row.ratios[name] = row.steps_per_second / peer.steps_per_second
-        row.wanted = WANTED.get((row.kind, row.environment, row.detail, row.lanes))
     return rows
 
 
@@ -163,10 +150,9 @@ def cells(row: Row) -> list[str]:
     """A row of the printed table."""
     rate = row.steps_per_second
     ratios = [f"{row.ratios[n]:.2f}" if n in row.ratios else "" for n in ("gymnasium", "envpool")]
-    wanted = "" if row.wanted is None else f"{row.wanted[0]} {row.wanted[1]:g}"
     return [
         row.kind, row.environment, row.package, row.detail, str(row.lanes),
-        "not installed" if rate is None else f"{rate:,.0f}", *ratios, wanted,
+        "not installed" if rate is None else f"{rate:,.0f}", *ratios,
     ]  # fmt: skip
 
 
@@ -180,10 +166,11 @@ def main() -> None:
     rows = compared(list(measure(arguments.only, arguments.seconds)))
     header = (
         "kind", "environment", "package", "", "lanes", "steps/s", "/ gymnasium", "/ envpool",
-        "at least",
     )  # fmt: skip
     results.print_table(header, map(cells, rows))
-    results.write(arguments.json, {"rows": [asdict(row) for row in rows]}, PACKAGES)
+    content = {"rows": [asdict(row) for row in rows]}
+    print_judged("env_throughput", content)
+    results.write(arguments.json, content, PACKAGES)
 
 
 if __name__ == "__main__":

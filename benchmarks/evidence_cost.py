@@ -30,6 +30,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from measuring import results
+from measuring.bounds import print_judged
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
@@ -231,6 +232,7 @@ def main() -> None:
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
             content |= pool.submit(store_cost, arguments.episodes).result()
         _print_store(content)
+    print_judged("evidence_cost", content)
     results.write(arguments.json, content, PACKAGES)
 
 

@@ -1,4 +1,4 @@
-"""Evaluation: panels, statistics, verdicts, reports, films; diagnosis; the census; play by hand.
+"""Evaluation: panels, atlas, statistics, verdicts, reports, films; diagnosis; census; play.
 
 The floor that judges. It knows testbeds, policies and evidence through their doors.
 """
@@ -8,6 +8,20 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .atlas import (
+        Atlas,
+        Block,
+        Prediction,
+        Published,
+        again,
+        doubt,
+        missing,
+        predict,
+        publish,
+        read_atlas,
+        read_summary,
+        run_blocks,
+    )
     from .census import PUBLISHED, render_census, row, take_census
     from .diagnosis import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
     from .film import Film, check_writable, show_film, side_by_side, watch

@@ -53,7 +53,7 @@ def independent_motion(
         ModuleNotFoundError: without SciPy, with the command that installs it.
         ValueError: where SciPy cannot follow the motion.
     """
-    solve = load("scipy.integrate", "train").solve_ivp
+    solve = load("scipy.integrate", "report").solve_ivp
     system, n = PlantSystem(plant), len(state) // 2
 
     def slopes(_: float, y: Array, control: float) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from integ_gym.envs import TRUTH, Discretization, environment_setup
 from integ_gym.support import require
-from integ_gym.train import POLICY_FILE, Policy, read_trained
+from integ_gym.train import Policy, read_trained, readable_file
 
 from ..panel.existing import read_existing
 from .choosing import Asked, arguments_on, check_filmed, chosen
@@ -83,7 +83,7 @@ def side_by_side(
 
 def policy_path(path: Path) -> Path:
     """The file of a policy that is given by it or by its folder."""
-    return path / POLICY_FILE if path.is_dir() else path
+    return readable_file(path) if path.is_dir() else path
 
 
 def told(

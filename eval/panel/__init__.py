@@ -15,6 +15,16 @@ if TYPE_CHECKING:
     from .power import family_power
     from .running import MANIFEST, fixed_cost, policy_costs, total_cost
     from .sharing import rewriting
-    from .specification import BUILT_IN, TRAINERS, PanelSpec, grown
+    from .specification import (
+        BUILT_IN,
+        TRAINERS,
+        Home,
+        PanelSpec,
+        SpecError,
+        grown,
+        map_of,
+        parse_spec,
+        read_toml,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

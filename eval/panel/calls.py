@@ -91,7 +91,7 @@ def run_panel(
         PanelError, TrainingError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     check_spawning()
     _check_lease(lease)
     given, taken = specified(spec), None if policies is None else Path(policies)
@@ -177,7 +177,7 @@ def work_on_panel(
         PanelError: if a unit of work fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     _check_lease(lease)
     share = Share(workers or cores(), gpus, lease, progress, command)
     with stored(out) as place:
@@ -243,7 +243,7 @@ def evaluate(
         PanelError: if an evaluation fails; what was finished stays.
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
-    require("train", "report", "evidence")
+    require("report", "evidence")
     given, statistics = environment or {}, None if obs_stats is None else Path(obs_stats)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
         if statistics is not None:

@@ -52,7 +52,7 @@ class Reservation:
     ) -> None:
         make_folder(store.directory)
         self._store = store
-        self._claims = [(context, _claim(store.directory, context)) for context in contexts]
+        self._claims = [(context, _Claim(store.directory, context)) for context in contexts]
         try:
             self.hold(episodes)
         except BaseException:
@@ -119,13 +119,28 @@ def _identity(*contexts: EpisodeContext) -> str:
     return hashlib.sha256(identity.encode()).hexdigest()[:16]
 
 
-def _claim(directory: Path, context: EpisodeContext) -> FileLock:
-    """A file of one's own, held, for what is going to be recorded of a context."""
-    name = f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
-    claim = FileLock(directory / name)
-    while not claim.acquire():  # who looks whether it is held holds it for a moment
-        pass
-    return claim
+class _Claim:
+    """A file that says what is going to be recorded of a context, and a lock beside it.
+
+    Attributes:
+        path: of the file, there and read by others as long as the lock is held.
+    """
+
+    def __init__(self, directory: Path, context: EpisodeContext) -> None:
+        self.path = directory / f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
+        self._lock = _lock_of(self.path)
+        self._lock.acquire()
+        self.path.touch()
+
+    def release(self) -> None:
+        """Take it back."""
+        self.path.unlink(missing_ok=True)
+        self._lock.release()
+
+
+def _lock_of(path: Path) -> FileLock:
+    """The lock beside a claim's file."""
+    return FileLock(path.with_name(f"{path.name}.lock"))
 
 
 def _say(path: Path, wanted: Episodes) -> None:
@@ -147,10 +162,11 @@ def _said(path: Path) -> list[Episodes]:
 def _check_free(own: Path, context: EpisodeContext, wanted: Episodes) -> None:
     """Refuse what another recorder is open for; what nobody holds any more is removed."""
     for path in own.parent.glob(f".{_identity(context)}-*{_ENDING}"):
-        left_behind = FileLock(path)
+        left_behind = _lock_of(path)
         if path == own:
             continue
         if left_behind.acquire():
+            path.unlink(missing_ok=True)
             left_behind.release()
             continue
         for other in _said(path):

@@ -83,7 +83,7 @@ def main(argv: Sequence[str]) -> int:
         if not given.example:
             made.error("the following arguments are required: --out")
         given.out = Path("runs") / given.example
-    require("train", "report", "evidence")
+    require("report", "evidence")
     if given.example:
         return _example(given)
     if given.workers is not None and given.workers < 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from integ_gym.eval import PanelSpec, fixed_cost, policy_costs, total_cost
+from integ_gym.eval import PanelSpec, doubt, fixed_cost, policy_costs, total_cost
 from integ_gym.support import cores, plural, print_aligned, say
 
 COUNTS = (10, 1_000, 100_000)
@@ -49,6 +49,11 @@ def print_plan(spec: PanelSpec, workers: int | None) -> None:
         sys.stdout,
         right=(False, True, True, True, True, True),
     )  # fmt: skip
+    for home in spec.train:
+        if len(home.shares) == 1:
+            found = doubt(spec.env_id, {**spec.environment, **next(iter(home.shares)).arguments()})
+            if found is not None:
+                say(f"Doubt: {found}", sys.stdout)
 
 
 def _hours(seconds: float) -> str:

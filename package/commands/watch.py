@@ -9,7 +9,7 @@ from pathlib import Path
 
 from integ_gym.eval import Film, check_writable, show_film, side_by_side, watch
 from integ_gym.support import CommandParser, say, whole_number
-from integ_gym.train import POLICY_FILE
+from integ_gym.train import policy_file
 
 EXAMPLES = """\
 examples:
@@ -78,7 +78,7 @@ def _film(given: argparse.Namespace) -> Film:
         if given.seed is not None:
             raise ValueError("--seed is for a trained policy; leave RECORD out")
         return watch(given.run, given.record, given.on, own_code=given.own_code, on_doubt=_warn)
-    if given.run.is_dir() and not (given.run / POLICY_FILE).exists():
+    if given.run.is_dir() and not policy_file(given.run).exists():
         raise ValueError(
             f"{given.run} is no trained policy; give the id of one of its records after it"
         )

@@ -11,10 +11,18 @@ from typing import Any
 from .apart import APART
 
 EXTRAS = {
-    "evidence": ("pyarrow", "duckdb"),
-    "fleet": ("jax",),
+    "evidence": ("pyarrow", "duckdb", "portalocker"),
+    "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "tqdm"),
     "render": ("pygame", "PIL", "imageio_ffmpeg"),
-    "report": ("jinja2", "matplotlib", "msgspec", "tqdm"),
+    "report": (
+        "jinja2",
+        "matplotlib",
+        "msgspec",
+        "safetensors",
+        "scipy",
+        "threadpoolctl",
+        "tqdm",
+    ),
     "storage": ("obstore", "fsspec"),
     "train": (
         "stable_baselines3",
@@ -88,6 +96,7 @@ def require(*extras: str) -> None:
     Raises:
         ModuleNotFoundError: in one line, with the command that installs what is missing.
     """
-    lacking = {name: m for name in extras for m in absent(EXTRAS[name])}
+    lacking = {name: found for name in extras if (found := absent(EXTRAS[name]))}
     if lacking:
-        raise missing(", ".join(sorted(set(lacking.values()))), *sorted(lacking))
+        first = sorted({found[0] for found in lacking.values()})
+        raise missing(", ".join(first), *sorted(lacking))

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 
+from ..packages import missing
+
 try:
-    import fcntl
-except ModuleNotFoundError:  # Windows: nothing is held there
-    fcntl = None  # type: ignore[assignment]
+    from portalocker import AlreadyLocked, LockException, LockFlags, lock, unlock
+except ModuleNotFoundError as error:
+    raise missing(str(error.name), "evidence") from error
 
 
 class FileLock:
     """A file that one holder has at a time; released with the process, however it ends.
+
+    It holds nothing that others read: on Windows they cannot while it is held.
 
     Args:
         path: the file, in a folder that exists; it is there while it is held.
@@ -27,37 +33,37 @@ class FileLock:
 
         Args:
             shared: whether others may hold it too who ask for no more than that.
+
+        Raises:
+            OSError: if it cannot be made, or its file system knows no locks.
         """
-        kind = None if fcntl is None else fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        kind = LockFlags.SHARED if shared else LockFlags.EXCLUSIVE
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                if kind is not None:
-                    fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+                if not _locked(descriptor, kind):
+                    return False
                 if self._is_the_file(descriptor):
                     self._descriptor, descriptor = descriptor, -1
                     return True
-            except BlockingIOError:
-                return False
             finally:
                 if descriptor >= 0:
                     os.close(descriptor)
 
     def release(self) -> None:
         """Give it back, and remove the file unless others hold it; nothing if it is not held."""
-        if self._descriptor is not None:
-            if self._is_mine_alone(self._descriptor):
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None:
+            return
+        if sys.platform == "win32":  # where a file that somebody has open is not removed
+            unlock(descriptor)
+            os.close(descriptor)
+            with suppress(PermissionError):
                 self.path.unlink(missing_ok=True)
-            os.close(self._descriptor)
-            self._descriptor = None
-
-    def _is_mine_alone(self, descriptor: int) -> bool:
-        try:
-            if fcntl is not None:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
+            return
+        if _locked(descriptor, LockFlags.EXCLUSIVE):
+            self.path.unlink(missing_ok=True)
+        os.close(descriptor)
 
     def _is_the_file(self, descriptor: int) -> bool:
         """Whether the file has not been removed by a holder that gave it back in between."""
@@ -65,3 +71,18 @@ class FileLock:
             return os.path.samestat(os.stat(self.path), os.fstat(descriptor))
         except FileNotFoundError:
             return False
+
+
+def _locked(descriptor: int, kind: LockFlags) -> bool:
+    """Whether an open file is held now.
+
+    Raises:
+        OSError: if it can be held by nobody.
+    """
+    try:
+        lock(descriptor, kind | LockFlags.NON_BLOCKING)
+    except AlreadyLocked:
+        return False
+    except LockException as error:
+        raise OSError(f"files cannot be locked here: {error}; give another directory") from error
+    return True

@@ -14,9 +14,9 @@ from small_panel import TOML, pictures_alone
 from integ_gym.cli import main
 
 
-@pytest.fixture
+@pytest.fixture(scope="session", autouse=True)
 def few_pictures() -> Iterator[None]:
-    """See `pictures_alone`, which fixtures of more than one test use themselves."""
+    """See `pictures_alone`; tests of figures ask for every format themselves."""
     with pictures_alone():
         yield
 
@@ -28,7 +28,8 @@ def panel_directory(made_once) -> Path:
     def make(folder: Path) -> None:
         spec, out = folder / "small.toml", folder / "out"
         spec.write_text(TOML, encoding="utf-8")
-        assert main(["panel", str(spec), "--out", str(out), "--no-progress"]) == 0
+        given = ["--out", str(out), "--workers", "1", "--no-progress"]
+        assert main(["panel", str(spec), *given]) == 0
 
     return made_once("panel", make) / "out"
 

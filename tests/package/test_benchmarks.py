@@ -18,17 +18,20 @@ SHORT = {
     "error_rates": ["--seeds", "8", "--repeats", "2"],
     "executor_overhead": ["--only", "local", "dask", "--seconds", "0.2", "--units", "2"],
     "evidence_cost": ["--seconds", "0.05", "--episodes", "2000"],
+    "multibody_a01": ["--only", "rk4", "--seconds", "2"],
     "panel_cost": ["--only", "single", "--steps", "4096", "--runs", "1"],
     "reference_cost": [],
+    "startup": ["--turns", "1", "--steps", "4096"],
     "trainer_equivalence": ["--only", "cart-pole", "--seeds", "2", "--steps", "4096"],
     "verification_cost": ["--records", "40"],
 }
 OF_A_RUN = {"closed_loops", "panel_tables"}
 """Tested beside what they read."""
+OF_FILES = {"bounds"}
 
 
 def test_every_benchmark_is_run():
-    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | OF_A_RUN
+    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | OF_A_RUN | OF_FILES
 
 
 @pytest.mark.slow
@@ -50,3 +53,56 @@ def test_help_says_what_is_measured():
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, ""), name
         assert "--json" in done.stdout
+
+
+def _judged(folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(FOLDER / "bounds.py"), str(folder)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_what_falls_below_its_bound_is_said_and_fails(tmp_path):
+    """A file of every benchmark, as `make bench` leaves them, with what each bound is about."""
+    rows = [
+        {"kind": kind, "environment": f"Integ{name}-v0", "detail": detail, "lanes": lanes,
+         "ratios": {"gymnasium": 2.0, "envpool": 100.0}}
+        for name in ("Pendulum", "CartPole")
+        for kind, detail, lanes in (
+            ("single", "", 1), ("single", "with evidence", 1), ("vector", "explicit_euler", 1024),
+            ("vector", "symplectic_euler", 1024), ("vector", "rk4", 1024),
+            ("scan", "symplectic_euler", 4096),
+        )
+    ]  # fmt: skip
+    engines = [
+        {"engine": engine, "count": count, "variant": "", "ratios": {"bare": [1.0, 1.1, 1.2]}}
+        for engine in ("mujoco", "drake")
+        for count in (1, 20)
+    ]
+    recorded = {"environment": "IntegPendulum-v0", "lanes": 1024, "trace": True, "in_all": 0.5}
+    figures = {"help": 1.0, "import": 1.0, "policy": 5.0, "policy over training": 1.5}
+    seconds = {"fleet": 1.0, "sb3": 90.0, "sb3 per core": 50.0}
+    contents = {
+        "env_throughput": {"rows": rows},
+        "evidence_cost": {"recording": [recorded]},
+        "panel_cost": {
+            "parts": {"panel": {"seconds_per_policy": seconds}, "single": {"seconds": seconds}}
+        },
+        "engines": {"rows": engines},
+        "reference_cost": {"rows": [{"inner_steps": 1, "rk4_steps": 15.0}]},
+        "startup": {"figures": figures},
+    }
+    for name, content in contents.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    done = _judged(tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert all(line.endswith("met") for line in done.stdout.splitlines()[1:])
+    recorded["in_all"], engines[1]["ratios"]["bare"][1] = 0.2, 9.0
+    del figures["help"]
+    for name in ("evidence_cost", "engines", "startup"):
+        (tmp_path / f"{name}.json").write_text(json.dumps(contents[name]))
+    done = _judged(tmp_path)
+    assert done.returncode == 1
+    assert "within the bound" in done.stdout
+    assert done.stderr == (
+        "\nMISSED: mujoco, 20 steps / bare loop (MISSED); "
+        "integ-gym --help / import gymnasium (not measured)\n"
+    )

@@ -43,7 +43,7 @@ def held(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
-    expm = load("scipy.linalg", "train").expm
+    expm = load("scipy.linalg", "report").expm
     n, m = b.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = a, b
@@ -71,7 +71,7 @@ def lqr(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> tuple
     Raises:
         ValueError: if no control stabilizes the system.
     """
-    linalg = load("scipy.linalg", "train")
+    linalg = load("scipy.linalg", "report")
     try:
         value = linalg.solve_discrete_are(a, b, state_cost, control_cost)
     except np.linalg.LinAlgError as error:

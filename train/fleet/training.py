@@ -24,7 +24,14 @@ from integ_gym.envs import FunctionalEnv, Mixture, functional, jax
 from integ_gym.evidence import Layout
 from integ_gym.support import Cluster, report_work, require
 
-from ..policy_files import LAST_EPISODES, TrainedPolicy, episode_summary, make_card, write_policy
+from ..policy_files import (
+    LAST_EPISODES,
+    TrainedPolicy,
+    actor_of,
+    episode_summary,
+    make_card,
+    write_actor,
+)
 from ..ppo import PPOConfig, model_arguments
 from ..running import (
     OnTrained,
@@ -36,7 +43,7 @@ from ..running import (
     unheard,
     used,
 )
-from ..sb3 import import_ahead, initial_stack, state_dict, zip_of_weights
+from ..sb3 import can_save, import_ahead, initial_stack, state_dict, zip_of_weights
 from .evidence import EpisodeAssembler
 from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram
@@ -78,6 +85,8 @@ def train_fleet(
 ) -> list[TrainedPolicy]:
     """Train policies and write each as `integ_gym.train.ppo.train_ppo` does.
 
+    `policy.zip` is written where stable-baselines3 is installed.
+
     Args:
         configs: the runs; they may differ in everything.
         out_dirs: a folder for each policy.
@@ -103,7 +112,7 @@ def train_fleet(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
         TrainingError: if a worker fails or is killed; finished policies stay.
     """
-    require("train", "fleet")
+    require("fleet")
     runs = checked_runs(configs, out_dirs, evidence, force)
     with used(executor, address, workers, memory_gib) as cluster:
         processes = fleet_workers(workers) if cluster is None else workers_of(cluster)
@@ -115,7 +124,7 @@ def train_fleet(
         for _, folder, _ in runs:
             folder.mkdir(parents=True, exist_ok=True)
         remote = cluster is not None
-        if not remote:
+        if not remote and can_save():
             import_ahead()
         return train_in_processes(
             _run_and_write if remote else _run,
@@ -298,16 +307,23 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
         ValueError: if its weights are not finite.
     """
     env = functional.make(config.env_id, **config.env_arguments)
-    zip_bytes = zip_of_weights(
+    space, hidden = env.action_space, len(config.net_arch)
+    actor = actor_of(outcome.weights, hidden, config.activation, space)
+    mixture = Mixture(env.setups, env.shares)
+    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
+    zip_bytes = _zip(config, env, outcome) if can_save() else None
+    return write_actor(folder, actor, card, space, zip_bytes)
+
+
+def _zip(config: PPOConfig, env: FunctionalEnv, outcome: Outcome) -> bytes:
+    """The policy as stable-baselines3 saves it."""
+    return zip_of_weights(
         model_arguments(config, env.setup.timing.control_period),
         config.n_envs,
         (env.observation_space, env.action_space),
         outcome.weights,
         config.rounded_steps,
     )
-    mixture = Mixture(env.setups, env.shares)
-    card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
-    return write_policy(folder, zip_bytes, card, env.action_space)
 
 
 _programs: dict[tuple[Hashable, Algorithm, bool], FleetProgram] = {}

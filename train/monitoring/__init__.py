@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .gap import discretization_gap
-    from .sb3_callback import DiscretizationCallback, RawModel
+    from .raw_model import RawModel
+    from .sb3_callback import DiscretizationCallback
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -10,10 +10,10 @@ from integ_gym.support import missing
 
 from ..policy_files import Stated
 from .gap import compared, discretization_gap
+from .raw_model import RawModel
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.vec_env import VecNormalize
 except ModuleNotFoundError as error:
     raise missing(str(error.name), "train") from error
 
@@ -112,28 +112,3 @@ class DiscretizationCallback(BaseCallback):
         if self.verbose:
             parts = ", ".join(f"{k.partition('/')[2]} {x:.3g}" for k, x in scores.items())
             print(f"{self.num_timesteps} steps: {parts}")
-
-
-class RawModel:
-    """A model as it is now, asked with raw observations.
-
-    Args:
-        model: of stable-baselines3, with the `VecNormalize` that it was trained with, if any.
-
-    Raises:
-        ValueError: for one that remembers earlier observations, which is asked one by one here.
-    """
-
-    def __init__(self, model: Any) -> None:
-        if hasattr(model.policy, "lstm_actor"):
-            raise ValueError(
-                f"{type(model).__name__} remembers earlier observations, and is not judged; train "
-                "a feed-forward policy, or give a function that keeps no memory"
-            )
-        self._model = model
-
-    def predict(self, observations: Any, deterministic: bool = True) -> Any:
-        """Actions of the model for a batch."""
-        normalize: VecNormalize | None = self._model.get_vec_normalize_env()
-        seen = observations if normalize is None else normalize.normalize_obs(observations)
-        return self._model.predict(seen, deterministic=deterministic)

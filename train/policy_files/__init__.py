@@ -19,9 +19,13 @@ if TYPE_CHECKING:
         SIDECAR_FILE,
         WEIGHTS_FILE,
         TrainedPolicy,
+        actor_of,
         check_folder,
         has_sidecar,
+        policy_file,
         read_trained,
+        readable_file,
+        write_actor,
         write_policy,
     )
     from .stated_home import HOW_TO_STATE, STOCK, Stated, stated_arguments

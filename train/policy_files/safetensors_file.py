@@ -28,7 +28,7 @@ try:
     from safetensors import SafetensorError, safe_open
     from safetensors.numpy import save
 except ModuleNotFoundError as error:
-    raise missing(str(error.name), "train") from error
+    raise missing(str(error.name), "report") from error
 
 FORMAT = "integ-gym MlpPolicy 1"
 FULL_FORMAT = "integ-gym MlpPolicy 2"

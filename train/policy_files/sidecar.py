@@ -1,4 +1,4 @@
-"""The files of a trained policy: SB3's zip, its actor as `safetensors`, and a JSON side-car.
+"""The files of a trained policy: its actor as `safetensors`, SB3's zip, and a JSON side-car.
 
 The side-car says how the policy came about. It is written last, so a policy without one is not
 finished; and it holds the policy's content hash and one of its own, so that files that do not
@@ -7,19 +7,23 @@ belong together and edits are found out.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from integ_gym.support import read_json, read_object, replace_file
 
-from ..policy import MlpPolicy
+from ..policy import BoxActions, DiscreteActions, MlpPolicy
 from .error import PolicyFileError
 from .onnx_file import OnnxPolicy
 from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed
@@ -30,6 +34,8 @@ from .sb3_zip import read_archive
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"
 SIDECAR_FILE = "policy.json"
+_ZIP_HASH = "zip_hash"
+_FILES = (POLICY_FILE, WEIGHTS_FILE, SIDECAR_FILE)
 
 _RESTORE = "keep the side-car beside the policy it was written with, or train it again"
 _REWRITE = "restore it from a copy, or say what is right with integ_gym.write_sidecar"
@@ -40,7 +46,7 @@ class TrainedPolicy:
     """A finished policy on disk.
 
     Attributes:
-        policy: path of the SB3 zip.
+        policy: path of the file that the side-car names: SB3's zip, or without one the weights.
         sidecar: path of the JSON beside it.
         card: content of the side-car.
     """
@@ -62,10 +68,10 @@ def check_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
         OSError: if it is a file; or, unless ``force``, if there is a policy in it.
     """
     folder = Path(out_dir)
-    held = [name for name in (POLICY_FILE, SIDECAR_FILE) if (folder / name).exists()]
+    held = [name for name in _FILES if (folder / name).exists()]
     if held and not force:
         raise FileExistsError(
-            f"{folder} already holds {' and '.join(held)}; give another folder, or --force "
+            f"{folder} already holds {', '.join(held)}; give another folder, or --force "
             "(force=True) to replace the policy"
         )
     if folder.exists() and not folder.is_dir():
@@ -76,45 +82,129 @@ def check_folder(out_dir: str | os.PathLike[str], force: bool) -> Path:
 def write_policy(
     out_dir: Path, zip_bytes: bytes, card: Mapping[str, Any], action_space: spaces.Space[Any]
 ) -> TrainedPolicy:
+    """Write a policy that SB3 saved: its zip, its actor and a side-car; see :func:`write_actor`.
+
+    Raises:
+        PolicyFileError: if the policy cannot be read back, for example because its weights are not
+            finite.
+        ValueError: if the card is not JSON.
+    """
+    bounds = _bounds(action_space)
+    with _usable():
+        policy = read_archive(io.BytesIO(zip_bytes), Path(POLICY_FILE).stem, None, bounds)
+    return write_actor(out_dir, policy, card, action_space, zip_bytes)
+
+
+def write_actor(
+    out_dir: Path,
+    policy: MlpPolicy,
+    card: Mapping[str, Any],
+    action_space: spaces.Space[Any],
+    zip_bytes: bytes | None = None,
+) -> TrainedPolicy:
     """Write a policy and its side-car, each file in one step, the side-car last.
 
-    A process killed in between leaves no file half-written and no side-car beside a zip that it
-    does not describe. ``format``, ``policy_file``, ``weights_file``, ``content_hash`` and
-    ``action_bounds`` are added to the card from the zip itself, and ``card_hash`` from all of it.
+    A process killed in between leaves no file half-written and no side-car beside a policy that it
+    does not describe. ``format``, ``policy_file``, ``weights_file``, ``content_hash``,
+    ``action_bounds`` and, of a zip, ``zip_hash`` are added to the card, and ``card_hash`` from all
+    of it.
 
     Args:
         out_dir: folder that exists; a policy in it is replaced.
-        zip_bytes: what SB3 saved.
+        policy: the actor.
         card: JSON-serialisable, without NaN or infinity.
+        action_space: that the policy was trained in.
+        zip_bytes: the same policy as SB3 saves it.
+
+    Raises:
+        ValueError: if the card is not JSON.
+    """
+    own = {
+        "format": FORMAT,
+        "policy_file": WEIGHTS_FILE if zip_bytes is None else POLICY_FILE,
+        "weights_file": WEIGHTS_FILE,
+        "content_hash": policy.content_hash,
+        "action_bounds": _bounds(action_space),
+    }
+    if zip_bytes is not None:
+        own[_ZIP_HASH] = _sha256(zip_bytes)
+    full = hashed({**own, **card})
+    text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    weights = safetensors_bytes(policy)
+    (out_dir / SIDECAR_FILE).unlink(missing_ok=True)
+    if zip_bytes is None:
+        (out_dir / POLICY_FILE).unlink(missing_ok=True)
+    else:
+        replace_file(out_dir / POLICY_FILE, zip_bytes)
+    replace_file(out_dir / WEIGHTS_FILE, weights)
+    replace_file(out_dir / SIDECAR_FILE, text.encode())
+    return TrainedPolicy(out_dir / str(full["policy_file"]), out_dir / SIDECAR_FILE, full)
+
+
+def actor_of(
+    weights: Mapping[str, NDArray[np.float32]],
+    hidden: int,
+    activation: str,
+    action_space: spaces.Space[Any],
+) -> MlpPolicy:
+    """The actor among an actor-critic's weights.
+
+    Args:
+        weights: by SB3's names.
+        hidden: number of the network's hidden layers.
+        activation: name of the torch class.
         action_space: that the policy was trained in.
 
     Raises:
-        ValueError: if the policy cannot be read back, for example because its weights are not
-            finite, or if the card is not JSON.
+        PolicyFileError: if it cannot be used, for example because its weights are not finite.
     """
-    zip_path, sidecar_path = out_dir / POLICY_FILE, out_dir / SIDECAR_FILE
-    bounds = _bounds(action_space)
+    names = [f"mlp_extractor.policy_net.{2 * layer}" for layer in range(hidden)] + ["action_net"]
+    layers = tuple((weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names)
+    with _usable():
+        actions = (
+            BoxActions(action_space.low, action_space.high)
+            if isinstance(action_space, spaces.Box)
+            else DiscreteActions(len(layers[-1][1]))
+        )
+        return MlpPolicy(layers, activation, actions, None, Path(WEIGHTS_FILE).stem)
+
+
+@contextmanager
+def _usable() -> Iterator[None]:
+    """What is wrong with a policy after its training, said as that."""
     try:
-        policy = read_archive(io.BytesIO(zip_bytes), zip_path.stem, None, bounds)
+        yield
     except ValueError as error:
         raise PolicyFileError(f"training left a policy that cannot be used: {error}") from error
-    full = hashed(
-        {
-            "format": FORMAT,
-            "policy_file": POLICY_FILE,
-            "weights_file": WEIGHTS_FILE,
-            "content_hash": policy.content_hash,
-            "action_bounds": bounds,
-            **card,
-        }
-    )
-    text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    weights = safetensors_bytes(policy)
-    sidecar_path.unlink(missing_ok=True)
-    replace_file(zip_path, zip_bytes)
-    replace_file(out_dir / WEIGHTS_FILE, weights)
-    replace_file(sidecar_path, text.encode())
-    return TrainedPolicy(zip_path, sidecar_path, full)
+
+
+def policy_file(folder: Path) -> Path:
+    """The file of the policy in a folder: what its side-car names, or else the zip."""
+    named = _told(folder).get("policy_file")
+    return folder / (named if named in (POLICY_FILE, WEIGHTS_FILE) else POLICY_FILE)
+
+
+def readable_file(folder: Path) -> Path:
+    """The file to read the policy in a folder from: one that does without torch, if there is one.
+
+    The weights stand for the zip where the side-car's hash says that it is the one written with
+    them.
+    """
+    file, weights, told = policy_file(folder), folder / WEIGHTS_FILE, _told(folder).get(_ZIP_HASH)
+    if file == weights or told is None or not (weights.exists() and file.exists()):
+        return file
+    return weights if _sha256(file.read_bytes()) == told else file
+
+
+def _told(folder: Path) -> dict[str, Any]:
+    """What the side-car in a folder says; nothing where there is none, or a damaged one."""
+    with suppress(ValueError, OSError):
+        return read_object(folder / SIDECAR_FILE, {}, _RESTORE)
+    return {}
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .initial_weights import Stack, initial_stack, state_dict
     from .model import (
         Tell,
+        can_save,
         import_ahead,
         last_episodes,
         logger,

@@ -15,7 +15,14 @@ import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
+from integ_gym.support import absent
+
 from ..policy_files import episode_summary, told
+
+
+def can_save() -> bool:
+    """Whether what :func:`zip_of_weights` needs is installed."""
+    return not absent(("stable_baselines3", "torch"))
 
 
 def import_ahead() -> None:

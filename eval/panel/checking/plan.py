@@ -9,7 +9,13 @@ from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.evidence import EvidenceStore, Finding
-from integ_gym.train import POLICY_FILE, WEIGHTS_FILE, read_trained, read_weights
+from integ_gym.train import (
+    WEIGHTS_FILE,
+    policy_file,
+    read_trained,
+    read_weights,
+    readable_file,
+)
 
 from ..existing import hashes_of
 from ..model import FILE_NAME
@@ -83,7 +89,7 @@ def _of_policies(
             yield Finding("units", None, f"policy {policy!r} is none of the plan's")
             continue
         folder, name = directory.policies / policy, f"policies/{policy}"
-        if policy in trained and not (folder / POLICY_FILE).exists():
+        if policy in trained and not policy_file(folder).exists():
             yield Finding(name, None, "is missing")
             continue
         try:
@@ -103,7 +109,7 @@ def _of_policies(
 
 def _of_card(folder: Path, spec: PanelSpec, policy: PlannedPolicy) -> Iterator[Finding]:
     """What a policy's side-car says of its training, and the plan does not."""
-    _, card = read_trained(folder / POLICY_FILE)
+    _, card = read_trained(readable_file(folder))
     assert policy.home is not None
     given = training_arguments(policy.home, spec.environment)
     expected: dict[str, Any] = {
@@ -127,7 +133,7 @@ def _of_card(folder: Path, spec: PanelSpec, policy: PlannedPolicy) -> Iterator[F
 
 def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
     """Whether policy, side-car and copy of the weights are what a training unit ended with."""
-    _, card = read_trained(folder / POLICY_FILE)
+    _, card = read_trained(readable_file(folder))
     copy = folder / WEIGHTS_FILE
     same = not copy.exists() or read_weights(copy).content_hash == card["content_hash"]
     return same and is_card_of(card, marker)

@@ -23,6 +23,7 @@ from integ_gym.train import (
     onnx_data,
     read_trained,
     read_weights,
+    readable_file,
 )
 
 from ..specification import Home
@@ -121,7 +122,7 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
 
 def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
     """File and observation statistics of a policy in its folder of a run; None without a file."""
-    found = (folder / f"policy{ending}" for ending in POLICY_ENDINGS)
+    found = (readable_file(folder), *(folder / f"policy{ending}" for ending in POLICY_ENDINGS))
     file = next((path for path in found if path.exists()), None)
     return None if file is None else (file, next(folder.glob("obs_stats.*"), None))
 

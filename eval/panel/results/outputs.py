@@ -7,7 +7,7 @@ from typing import Any
 
 from integ_gym.evidence import EvidenceStore, seal
 from integ_gym.support import told_path
-from integ_gym.train import POLICY_FILE
+from integ_gym.train import policy_file
 
 from ...report.figures import write_figures
 from ...report.page import write_report
@@ -75,10 +75,15 @@ def policies_of(spec: PanelSpec, directory: RunDirectory) -> list[Policy]:
             id=unit.policy,
             seed=unit.seed,
             hash=held[unit.policy].policy_hash,
-            file=f"policies/{unit.policy}/{POLICY_FILE}" if unit.home else None,
+            file=_file(directory, unit.policy) if unit.home else None,
         )
         for unit in units_of(spec)
     ]
+
+
+def _file(directory: RunDirectory, policy: str) -> str:
+    """Path of a policy's file in a run."""
+    return policy_file(directory.policies / policy).relative_to(directory.path).as_posix()
 
 
 def trained(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.support import LEASE, Storage, cores
-from integ_gym.train import POLICY_FILE, Workers, fleet_workers, read_trained
+from integ_gym.train import Workers, fleet_workers, read_trained, readable_file
 
 from ..specification import PanelSpec, SpecError
 from .costs import check_cost
@@ -110,7 +110,7 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     cells = spec.cells_of(unit.home)
     if unit.home is None:
         return Subject(baseline_of(spec, unit.row), cells, starts=spec.start_sets[0])
-    policy, card = read_trained(directory.policies / unit.policy / POLICY_FILE)
+    policy, card = read_trained(readable_file(directory.policies / unit.policy))
     marker = directory.marker(unit.training)
     if marker is None or not is_card_of(card, marker):
         raise PanelError(

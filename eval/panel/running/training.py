@@ -43,6 +43,7 @@ def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None =
     configs: list[Any] = [training_config(spec, unit) for unit in trained_units(spec)]
     spec.algorithm.config.check_actions(spec.nominal.action_space)
     if not spec.fleet:
+        require(*(("train",) if configs else ()))
         return
     try:
         require("fleet")

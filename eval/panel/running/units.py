@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from integ_gym.train import POLICY_FILE, Policy, TrainingConfig, card_hash, make_baseline
+from integ_gym.train import Policy, TrainingConfig, card_hash, make_baseline, policy_file
 
 from ..specification import (
     ALGORITHM,
@@ -95,7 +95,7 @@ def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
     Raises:
         RunDirectoryError: if they are of another configuration or version.
     """
-    policy = directory.policies / unit.policy / POLICY_FILE
+    policy = policy_file(directory.policies / unit.policy)
     return directory.finished(unit.training, key, policy) is not None
 
 

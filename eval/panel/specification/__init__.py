@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .growth import grown, inputs, stages
     from .panel_spec import ALGORITHM, PanelSpec
     from .planned import names_code, planned_home, planned_spec, texts_of
-    from .reading import BUILT_IN, built_in_spec, read_spec
+    from .reading import BUILT_IN, built_in_spec, parse_spec, read_spec, read_toml
     from .values import SpecError
 else:
     __getattr__, __dir__ = lazy_door(__name__)

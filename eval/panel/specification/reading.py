@@ -74,8 +74,17 @@ def read_spec(path: Path) -> PanelSpec:
     Raises:
         SpecError: if the file cannot be read, or is no valid specification.
     """
+    return parse_spec(read_toml(path), source=str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The plain data of a specification.
+
+    Raises:
+        SpecError: if the file cannot be read, or is no TOML.
+    """
     try:
-        data = tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
+        return tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
     except UnicodeDecodeError as error:
         raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
@@ -96,7 +105,6 @@ def read_spec(path: Path) -> PanelSpec:
         raise SpecError(
             f"{path} cannot be a specification: {error}; docs/reference/panel.md has the format"
         ) from None
-    return parse_spec(data, source=str(path))
 
 
 def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:

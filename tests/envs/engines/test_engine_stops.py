@@ -36,7 +36,7 @@ COAST = 0.12
 """Time of a motion into a stop and back, s."""
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_our_stops_act_in_every_engine(engine, integrator):
     """A cart that runs into the stop is pushed back, with the depth, force and loss on record."""
     needs(engine)
@@ -191,7 +191,7 @@ def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
         assert error.max() <= TOLERANCE[setup.engine.width]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_where_nothing_resists_there_is_nothing_to_say(engine, integrator):
     assert setup_of(engine, integrator, "IntegPendulum-v0").engine.describe()["resistance"] is None
 

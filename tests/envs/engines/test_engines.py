@@ -13,6 +13,7 @@ from engine_cases import (
     FOREIGN,
     IDS,
     TOLERANCE,
+    lighter,
     mapped,
     native_name,
     needs,
@@ -79,7 +80,7 @@ _EQUAL_ON_THE_PENDULUM = {
 """Damping is the pendulum's only force that depends on the velocity."""
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_an_episode_is_that_of_the_map_on_the_native_engine(engine, integrator):
     """Latency, sampling, noise and damping included; returns, ledgers and observations agree."""
     needs(engine)
@@ -105,7 +106,7 @@ def test_an_episode_is_that_of_the_map_on_the_native_engine(engine, integrator):
         assert info["solver_status"] == ("ok" if own.reports else "not_reported")
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_a_step_depends_on_nothing_that_went_before(engine, integrator):
     setup = setup_of(engine, integrator, "IntegCartPole-v0")
     (first, *others) = states(setup, 4)
@@ -115,7 +116,7 @@ def test_a_step_depends_on_nothing_that_went_before(engine, integrator):
     assert (one_step(setup, *first) == alone).all()
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_several_steps_at_once_are_single_steps(engine, integrator):
     setup = setup_of(engine, integrator, "IntegCartPole-v0")
     q, v, control = states(setup, 1)[0]
@@ -149,7 +150,7 @@ def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_i
 
 
 @DAMPED
-@pytest.mark.parametrize(("engine", "integrator"), [*FIRST, ("mujoco", "implicit")])
+@pytest.mark.parametrize(("engine", "integrator"), lighter([*FIRST, ("mujoco", "implicit")]))
 def test_a_divergence_within_a_control_period_is_seen_by_one_call_too(engine, integrator, damped):
     """Fast starts, some of which go beyond the speed of divergence and come back."""
     damping = {"damping": 1e-4, "cart_damping": 0.01} if damped else {}
@@ -167,7 +168,7 @@ def test_a_divergence_within_a_control_period_is_seen_by_one_call_too(engine, in
         assert seen[0] == seen[1], (q, v)
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_the_vector_environment_equals_the_single_one(engine, integrator):
     needs(engine)
     arguments = {"engine": engine, "integrator": integrator, "dt": 0.02}
@@ -186,7 +187,7 @@ def test_the_vector_environment_equals_the_single_one(engine, integrator):
         assert info["solver_status"].tolist() == [t[4]["solver_status"] for t in told]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_steps_are_traced_to_the_same_bits(engine, integrator):
     setup = setup_of(engine, integrator, "IntegPendulum-v0", control_period=0.06, damping=0.2)
     plain, traced = plain_step(setup), traced_step(setup)
@@ -248,7 +249,7 @@ def test_stops_of_an_engine_that_has_none_are_refused(engine):
     assert listed.split(", ") == [name for name in FOREIGN if ENGINES.load(name).own_stops]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_a_divergence_ends_the_episode(engine, integrator, tmp_path, monkeypatch):
     """Without a word on the terminal, and without a file left behind."""
     needs(engine)
@@ -266,7 +267,7 @@ def test_a_divergence_ends_the_episode(engine, integrator, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_a_model_that_is_not_the_plant_is_refused(engine, integrator, monkeypatch):
     needs(engine)
     if not hasattr(ENGINES.load(engine), "at_rest"):

@@ -102,8 +102,18 @@ def _assert_same(state, expected, info):
         np.testing.assert_allclose(values, info[name], rtol=1e-12, atol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+WITH_STOPS = "IntegCartPoleSwingUp-v0"
+
+
+@pytest.mark.parametrize(
+    "env_id",
+    [
+        WITH_STOPS,
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ENVIRONMENTS if x != WITH_STOPS),
+    ],
+)
 def test_every_integrator_and_step_equals_the_vector_environment(env_id):
+    """With stops; the other plants, whose programs take as long to compile, in `make test-slow`."""
     with jax.enable_x64(True):
         _compare(env_id, EVERYTHING, 3 * len(ALL), steps=5)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import STOPPED, needs
+from engine_cases import STOPPED, lighter, needs
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.catalogue.registration import environment_setup
@@ -41,12 +41,14 @@ PATHS = {
 
 @pytest.mark.parametrize(
     ("engine", "integrator", "path"),
-    [
-        (engine, integrator, path)
-        for engine, integrator in ONE_OF_EACH
-        for path in PATHS
-        if path != "traced_setup" or ENGINES.load(engine).batched
-    ],
+    lighter(
+        [
+            (engine, integrator, path)
+            for engine, integrator in ONE_OF_EACH
+            for path in PATHS
+            if path != "traced_setup" or ENGINES.load(engine).batched
+        ]
+    ),
 )
 def test_stops_of_the_engines_own_are_kept(engine, integrator, path):
     needs(engine)

@@ -138,7 +138,7 @@ def test_the_energy_of_gymnasium_drifts_as_its_maps_do(gymnasium: dict[str, Line
 def test_every_integrator_of_an_engine_is_what_it_is_said_to_be(
     engine: str, integrator: str
 ) -> None:
-    """Of engines that compile, one integrator; every one in `make test-slow`."""
+    """Of engines that compile, in `make test-slow`."""
     needs(engine)
     maps = getattr(ENGINES.load(engine), "maps", {})
     for subject in engine_subjects(engine, (integrator,)):

@@ -101,6 +101,9 @@ ATTACKS = {
     "edited home, hash removed": (lambda run: _edited(run, _unhashed), "is not the policy that"),
     "flipped byte": (_byte, ""),
 }  # fmt: skip
+FIRST, *OTHERS = ATTACKS
+SOME = [FIRST, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
+"""All are found in one way by `make test`; that they are in the other ways, by `make test-slow`."""
 
 
 def test_a_finished_run_is_whole_sealed_and_replayed(run, capsys):
@@ -153,7 +156,7 @@ def test_what_was_touched_is_named(run, attack, capsys):
     assert message in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("attack", SOME)
 def test_a_new_seal_hides_nothing_that_whole_checks(run, attack, capsys):
     change, message = ATTACKS[attack]
     change(run)
@@ -162,7 +165,7 @@ def test_a_new_seal_hides_nothing_that_whole_checks(run, attack, capsys):
     assert message in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("attack", SOME)
 def test_no_page_is_made_of_what_was_touched(run, attack, capsys):
     ATTACKS[attack][0](run)
     assert main(["report", str(run)]) == 2
@@ -284,7 +287,7 @@ def test_a_panel_builds_on_nothing_that_was_touched(run, panel_directory, attack
     assert "restore it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("cut", [True, False])
+@pytest.mark.parametrize("cut", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_unit_that_lost_its_records_is_done_again_and_named(run, panel_directory, cut, capsys):
     file = _evaluation(run)
     before = pq.read_table(file).sort_by("record_id").column("content_hash").to_pylist()

@@ -40,7 +40,7 @@ def _record(folder, engine, integrator, state=INTO_THE_STOP, **arguments):
     return {**record.summary(), **record.trace, "json": record.to_json(), "reports": reports}
 
 
-@pytest.mark.parametrize(("engine", "integrator"), EVERY)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(EVERY))
 def test_a_record_says_what_the_engine_really_is(engine, integrator, tmp_path):
     record = _record(tmp_path, engine, integrator)
     own = ENGINES.load(engine)
@@ -54,7 +54,7 @@ def test_a_record_says_what_the_engine_really_is(engine, integrator, tmp_path):
     assert np.isfinite(record["energy_residual"]).all()
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_a_free_motion_is_logged(engine, integrator, tmp_path):
     """Energy that hardly changes, no penetration, and why there is no constraint violation."""
     record = _record(tmp_path, engine, integrator, FREELY, dt=0.002, control_period=0.01)
@@ -66,7 +66,7 @@ def test_a_free_motion_is_logged(engine, integrator, tmp_path):
     _has_no_constraint(record)
 
 
-@pytest.mark.parametrize(("engine", "integrator"), FIRST)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_a_contact_is_logged(engine, integrator, tmp_path):
     """Depth of the stop, the energy that it holds and takes, and no constraint violation."""
     record = _record(tmp_path, engine, integrator, dt=0.002, control_period=0.01)

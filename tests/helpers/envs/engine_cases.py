@@ -58,14 +58,20 @@ STOPPED = [
 """Every integrator that heeds its engine's own stops."""
 
 
-def lighter(cases: Sequence[tuple[str, str]]) -> list[Any]:
-    """Engines and integrators; of engines that compile, all but the first are marked slow."""
+def lighter(cases: Sequence[tuple[str, ...]]) -> list[Any]:
+    """Engines, integrators and what follows; engines that compile are marked slow."""
+    return [
+        pytest.param(*case, marks=pytest.mark.slow) if case[0] in COMPILING else case
+        for case in cases
+    ]
+
+
+def one_of_each(cases: Sequence[tuple[str, str]]) -> list[Any]:
+    """Engines and integrators; all but the first integrator of each engine are marked slow."""
     first = dict(reversed(cases))
     return [
-        pytest.param(engine, integrator, marks=pytest.mark.slow)
-        if engine in COMPILING and integrator != first[engine]
-        else (engine, integrator)
-        for engine, integrator in cases
+        case if case[1] == first[case[0]] else pytest.param(*case, marks=pytest.mark.slow)
+        for case in cases
     ]
 
 

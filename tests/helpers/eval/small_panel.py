@@ -54,6 +54,9 @@ def small_data(**changes: Any) -> dict[str, Any]:
     return {**tomllib.loads(TOML), **changes}
 
 
+FORMATS = dict(style.FORMATS)
+
+
 @contextmanager
 def pictures_alone() -> Iterator[None]:
     """Figures are written as PNG alone, where they are not what is looked at.
@@ -61,5 +64,13 @@ def pictures_alone() -> Iterator[None]:
     Half of what figures take is their PDF files, and a fourth their SVG files.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "FORMATS", {".png": style.FORMATS[".png"]})
+        patch.setattr(style, "FORMATS", {".png": FORMATS[".png"]})
+        yield
+
+
+@contextmanager
+def every_format() -> Iterator[None]:
+    """Figures are written in every format, within `pictures_alone` too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "FORMATS", FORMATS)
         yield

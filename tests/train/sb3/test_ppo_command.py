@@ -101,7 +101,10 @@ def test_a_policy_in_the_way_is_one_line_and_exit_code_2(
     small: TrainedPolicy, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*FLAGS, "--out", str(small.policy.parent)]) == 2
-    assert "already holds policy.zip and policy.json; give another" in capsys.readouterr().err
+    assert (
+        "already holds policy.zip, policy.safetensors, policy.json; give another"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3", "tqdm", "tensorboard"])

@@ -130,6 +130,7 @@ assert jax.numpy.zeros(1).dtype == "float32"
 """
 
 
+@pytest.mark.slow
 def test_the_process_is_left_as_it_was(program, tmp_path):
     """Nothing printed, nothing written, JAX configured as before."""
     done = subprocess.run(

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_step, setup_of, states
+from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_of_each, one_step, setup_of, states
 from engine_checks import defect, new_setup, told_by_an_episode
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
@@ -23,10 +23,11 @@ CASES = [
 OF_MUJOCO = [
     case for case in CASES if case[1].lower().removeprefix("mujoco_") in ("euler", "implicitfast")
 ]
+SOLVING = [case for case in CASES if case[1] != FEATHERSTONE]
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
 SINGLE = TOLERANCE[32]
 
-each = pytest.mark.parametrize(("engine", "integrator"), CASES)
+each = pytest.mark.parametrize(("engine", "integrator"), one_of_each(CASES))
 
 
 @each
@@ -79,7 +80,7 @@ def _stopped_at_one(engine, monkeypatch):
         monkeypatch.setattr(newton.solvers, "SolverMuJoCo", partial(theirs, iterations=1))
 
 
-@pytest.mark.parametrize(("engine", "integrator"), [c for c in CASES if c[1] != FEATHERSTONE])
+@pytest.mark.parametrize(("engine", "integrator"), one_of_each(SOLVING))
 def test_a_solver_that_is_stopped_at_its_cap_has_not_converged(
     engine, integrator, monkeypatch, capfd
 ):
@@ -114,7 +115,7 @@ def test_several_steps_against_the_stop_are_single_steps(engine, integrator):
     assert at_once == (*state, *([max(r[0] for r in reports), 0.0, True] if reports[0] else ()))
 
 
-@pytest.mark.parametrize(("engine", "integrator"), OF_MUJOCO)
+@pytest.mark.parametrize(("engine", "integrator"), one_of_each(OF_MUJOCO))
 def test_without_room_for_constraints_forces_would_be_left_out(engine, integrator, monkeypatch):
     needs(engine)
     monkeypatch.setattr(f"integ_gym.envs.engines.{engine}.ROWS", 0)
@@ -131,7 +132,7 @@ def test_newtons_own_damping_is_off():
         assert type(solver)(solver.model).angular_damping == 0.05
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+@pytest.mark.parametrize("integrator", ["Euler", pytest.param("RK4", marks=pytest.mark.slow)])
 def test_newtons_mujoco_is_mujoco_warp(integrator):
     theirs = setup_of("mujoco_warp", integrator, "IntegCartPole-v0", **DAMPING[IDS[1]])
     ours = setup_of("newton", f"mujoco_{integrator.lower()}", IDS[1], **DAMPING[IDS[1]])
@@ -139,6 +140,7 @@ def test_newtons_mujoco_is_mujoco_warp(integrator):
         np.testing.assert_allclose(one_step(ours, *case), one_step(theirs, *case), atol=2e-6)
 
 
+@pytest.mark.slow
 def test_what_the_process_has_configured_stays():
     needs("newton")
     import warp
@@ -157,6 +159,7 @@ def test_what_the_process_has_configured_stays():
     assert all(options["enable_backward"] for options in before[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "integrator"),
     [("mujoco_warp", "Euler"), ("newton", FEATHERSTONE), ("newton", "mujoco_euler")],

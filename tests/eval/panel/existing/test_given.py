@@ -157,7 +157,7 @@ integ_gym.evaluate(still, "IntegPendulum-v0", "out", workers=2, progress=False)
 """
 
 
-@pytest.mark.parametrize("how", ["file", "standard input"])
+@pytest.mark.parametrize("how", ["file", pytest.param("standard input", marks=pytest.mark.slow)])
 def test_a_script_without_a_guard_is_told_so_before_anything_is_created(how, tmp_path):
     (tmp_path / "stub.py").write_text("def still(observation):\n    return [0.0]\n")
     (tmp_path / "script.py").write_text(UNGUARDED)

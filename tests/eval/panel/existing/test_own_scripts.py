@@ -69,7 +69,7 @@ def _own(store: EvidenceStore) -> list:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["SAC", "TD3"])
-def test_one_policy_in_three_files_gives_equal_records(algorithm, tmp_path, few_pictures):
+def test_one_policy_in_three_files_gives_equal_records(algorithm, tmp_path):
     """But for its hash; the graph of ONNX is read into the same network, to the last bit."""
     for ending in ("zip", "safetensors", "onnx"):
         (tmp_path / ending).mkdir()
@@ -104,7 +104,7 @@ CELLS = ("--integrator", "explicit_euler", "--integrator", "rk4", "--dt", "0.05"
 
 
 @pytest.mark.slow
-def test_a_stated_home_stands_in_the_records(own_ppo, tmp_path, capsys, few_pictures):
+def test_a_stated_home_stands_in_the_records(own_ppo, tmp_path, capsys):
     records = _own(_evaluate(own_ppo, tmp_path / "out", *CELLS, *HOME))
     stated = {
         "engine": "native",
@@ -121,7 +121,7 @@ def test_a_stated_home_stands_in_the_records(own_ppo, tmp_path, capsys, few_pict
 
 
 @pytest.mark.slow
-def test_a_home_that_nobody_states_is_unknown_everywhere(own_ppo, tmp_path, capsys, few_pictures):
+def test_a_home_that_nobody_states_is_unknown_everywhere(own_ppo, tmp_path, capsys):
     records = _own(_evaluate(own_ppo, tmp_path / "out", *CELLS))
     assert {record["training_discretization"] for record in records} == {None}
     labels = {record["failure_label"] for record in records}
@@ -141,7 +141,7 @@ def _panel(out: Path) -> dict:
 
 
 @pytest.mark.slow
-def test_statistics_of_vecnormalize_are_what_the_policy_acts_by(tmp_path, few_pictures):
+def test_statistics_of_vecnormalize_are_what_the_policy_acts_by(tmp_path):
     """At home its returns are those that stable-baselines3 gets in Gymnasium's own environment."""
     env = VecNormalize(make_vec_env("Pendulum-v1", 1, seed=0))
     model = A2C("MlpPolicy", env, n_steps=64, seed=0, device="cpu")

@@ -123,7 +123,7 @@ def test_a_documented_command_reads_its_policy_and_plans(words, folder):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter
 @pytest.mark.parametrize("words", COMMANDS, ids=_name)
-def test_a_documented_command_runs(words, folder, capsys, few_pictures):
+def test_a_documented_command_runs(words, folder, capsys):
     """With few cells and starts, and episodes that end soon."""
     assert main(["evaluate", *words, *SMALL]) == 0
     out = folder / words[words.index("--out") + 1]

@@ -65,7 +65,6 @@ def test_the_fleet_refuses_an_engine_that_is_not_made_of_jax():
         check_spec(parse_spec(_trained_on_mujoco(trainer="fleet"), "panel.toml"))
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_policies_are_trained_on_an_engine_and_its_version_is_held(tmp_path, capsys):
     """With stable-baselines3; results of another version of the engine are refused."""
     needs("mujoco")

@@ -161,9 +161,13 @@ def test_the_fleet_refuses_shares_that_are_no_whole_environments():
     check_spec(parse_spec({**data, "trainer": "sb3"}, "panel.toml"))
 
 
-@pytest.fixture(scope="module", params=["sb3", "fleet"])
+@pytest.fixture(scope="module", params=["sb3", pytest.param("fleet", marks=pytest.mark.slow)])
 def finished(request, made_once):
-    """Directory of a finished run with each trainer, and the command that made it."""
+    """Directory of a finished run with each trainer, and the command that made it.
+
+    What trainers differ in ends with the policies, which are asked of the fleet in its own tests;
+    what panels make of its mixtures is asked in `make test-slow`.
+    """
 
     def command(folder: Path) -> list[str]:
         given = [str(folder / "mixed.toml"), "--trainer", request.param]
@@ -245,9 +249,6 @@ def test_the_page_and_the_figures_show_the_remedy(finished):
     assert "mixture of 3" in text
 
 
-@pytest.mark.parametrize(
-    "finished", ["sb3", pytest.param("fleet", marks=pytest.mark.slow)], indirect=True
-)
 def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     out, command = finished
     units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import portalocker
 import pytest
 from small_panel import TOML
 
@@ -129,7 +130,6 @@ def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directo
     assert "unattributed" not in {row["failure_label"] for row in labels}
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_running_again_redoes_nothing(panel_directory):
     cost = _panel(panel_directory)["cost"]
     assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
@@ -145,7 +145,6 @@ def test_running_again_redoes_nothing(panel_directory):
     assert _panel(panel_directory)["cost"] == cost
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     spec = panel_directory.parent / "small.toml"
@@ -254,16 +253,13 @@ def test_bad_specifications_leave_nothing_behind(tmp_path, capsys, old, new, fra
 
 
 def test_two_runs_in_one_directory_are_refused(panel_directory, capsys):
-    import fcntl
-
     spec = panel_directory.parent / "small.toml"
     with (panel_directory / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        portalocker.lock(lock, portalocker.LockFlags.EXCLUSIVE)
         message = _fails(capsys, "panel", str(spec), "--out", str(panel_directory))
     assert "another process" in message
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_report_is_written_again(panel_directory, capsys):
     page = panel_directory / "report.html"
     before = page.read_text(encoding="utf-8")

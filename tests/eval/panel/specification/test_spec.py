@@ -62,7 +62,8 @@ def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
     message = str(caught.value)
     assert 'jax is not installed; run: pip install "integ-gym[fleet]"; or train with' in message
     assert '--trainer sb3, or `trainer = "sb3"` in the specification' in message
-    check_spec(replace(spec, trainer="sb3"))
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[train\]"$'):
+        check_spec(replace(spec, trainer="sb3"))
 
 
 class OwnEngine(NativeEngine):

@@ -28,7 +28,6 @@ from integ_gym.support.packages import extras
 
 def test_the_built_in_panel_asks_the_quick_panels_policies():
     quick, engines = built_in_spec("quick"), built_in_spec("engines")
-    check_spec(engines)
     assert (engines.training, engines.environment) == (quick.training, quick.environment)
     assert (engines.train, engines.trainer) == (quick.train, quick.trainer)
     known = {
@@ -41,6 +40,12 @@ def test_the_built_in_panel_asks_the_quick_panels_policies():
         assert maps
         assert {dt for _, dt in maps} == {0.05, 0.0125}
     assert {"native", *installed_engines()} == {d.engine for d in engines.grid}
+
+
+@pytest.mark.slow
+def test_every_engine_takes_what_the_built_in_panel_asks():
+    """Each is made, which those that compile take seconds for."""
+    check_spec(built_in_spec("engines"))
 
 
 def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):

@@ -1,0 +1,170 @@
+"""What every benchmark wants, and the bound that each ratio of a run must keep.
+
+A ratio's parts are measured in one run. `wanted` is what we are after; beyond `bound` something has
+become slower, and `make bench` fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from . import results
+
+Content = Mapping[str, Any]
+MANY, SCANNED = 1024, 4096
+"""Lanes of arrays, and of compiled rollouts."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A figure of a benchmark.
+
+    Attributes:
+        benchmark: its file's name.
+        what: the figure, in words.
+        measured: taken from what the benchmark writes; None where a peer is not installed, or the
+            part was not run.
+        wanted: what we are after.
+        bound: what must hold.
+        most: whether these are upper limits.
+    """
+
+    benchmark: str
+    what: str
+    measured: Callable[[Content], float | None]
+    wanted: float
+    bound: float
+    most: bool = False
+
+    def verdict(self, value: float | None) -> str:
+        """What a value is, in a word or two."""
+        if value is None:
+            return "not measured"
+        if self._holds(value, self.wanted):
+            return "met"
+        return "within the bound" if self._holds(value, self.bound) else "MISSED"
+
+    def _holds(self, value: float, limit: float) -> bool:
+        return value <= limit if self.most else value >= limit
+
+    def row(self, value: float | None) -> list[str]:
+        """Of the printed table."""
+        sign = "≤" if self.most else "≥"
+        told = "" if value is None else f"{value:.3g}"
+        limits = (f"{sign} {limit:g}" for limit in (self.wanted, self.bound))
+        return [self.benchmark, self.what, *limits, told, self.verdict(value)]
+
+
+HEADER = ("benchmark", "figure", "wanted", "bound", "measured", "")
+
+
+def throughput(
+    kind: str, environment: str, detail: str, lanes: int, peer: str, wanted: float, bound: float
+) -> Bound:
+    """Steps per second of an environment, over a peer's."""
+
+    def measured(content: Content) -> float | None:
+        for row in content["rows"]:
+            if (row["kind"], row["environment"], row["detail"], row["lanes"]) == key:
+                ratio: float | None = row["ratios"].get(peer)
+                return ratio
+        return None
+
+    key = (kind, environment, detail, lanes)
+    what = " ".join(filter(None, (environment, detail, f"{lanes} lanes" if lanes > 1 else "")))
+    return Bound("env_throughput", f"{what} / {peer}", measured, wanted, bound)
+
+
+def recording(environment: str, lanes: int, wanted: float, bound: float) -> Bound:
+    """Share of the speed that is left while recording with traces, with the writing."""
+
+    def measured(content: Content) -> float | None:
+        for row in content.get("recording", ()):
+            if (row["environment"], row["lanes"], row["trace"]) == (environment, lanes, True):
+                share: float = row["in_all"]
+                return share
+        return None
+
+    what = f"{environment} {lanes} lanes, recorded with traces / without"
+    return Bound("evidence_cost", what, measured, wanted, bound)
+
+
+def fleet(what: str, part: str, peer: str, wanted: float, bound: float) -> Bound:
+    """Seconds per policy of stable-baselines3, over the fleet's."""
+
+    def measured(content: Content) -> float | None:
+        seconds = content["parts"].get(part)
+        if seconds is None:
+            return None
+        told = seconds["seconds_per_policy" if part == "panel" else "seconds"]
+        return float(told[peer] / told["fleet"])
+
+    return Bound("panel_cost", what, measured, wanted, bound)
+
+
+def engine(name: str, steps: int, bound: float) -> Bound:
+    """Time of a control period of an environment, over a bare loop's: the slowest row's."""
+
+    def measured(content: Content) -> float | None:
+        ratios = [
+            row["ratios"]["bare"][1]
+            for row in content["rows"]
+            if (row["engine"], row["count"]) == (name, steps) and row["variant"] in ("", "damped")
+        ]
+        return max(ratios, default=None)
+
+    return Bound("engines", f"{name}, {steps} steps / bare loop", measured, bound, bound, most=True)
+
+
+def reference(content: Content) -> float | None:
+    """RK4 steps that a step of the reference costs where one inner step is enough."""
+    return max((r["rk4_steps"] for r in content["rows"] if r["inner_steps"] == 1), default=None)
+
+
+def startup(what: str, name: str, wanted: float, bound: float) -> Bound:
+    """Of a whole process."""
+    return Bound("startup", what, lambda c: c["figures"].get(name), wanted, bound, most=True)
+
+
+PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
+
+BOUNDS = (
+    throughput("single", PENDULUM, "", 1, "gymnasium", 1.3, 1.3),
+    throughput("single", PENDULUM, "with evidence", 1, "gymnasium", 0.8, 0.8),
+    throughput("single", CART_POLE, "", 1, "gymnasium", 1.3, 1.3),
+    throughput("single", CART_POLE, "with evidence", 1, "gymnasium", 0.8, 0.8),
+    throughput("vector", CART_POLE, "explicit_euler", MANY, "gymnasium", 0.8, 0.25),
+    throughput("vector", PENDULUM, "symplectic_euler", MANY, "envpool", 16.0, 12.0),
+    throughput("vector", PENDULUM, "rk4", MANY, "envpool", 5.0, 5.0),
+    throughput("scan", PENDULUM, "symplectic_euler", SCANNED, "envpool", 60.0, 60.0),
+    recording(PENDULUM, MANY, 0.4, 0.08),
+    fleet("policies / one process of stable-baselines3's", "panel", "sb3", 60.0, 40.0),
+    fleet("policies / one process per core's", "panel", "sb3 per core", 10.0, 10.0),
+    fleet("one policy on one core / stable-baselines3's", "single", "sb3", 15.0, 15.0),
+    engine("mujoco", 1, 3.0),
+    engine("mujoco", 20, 1.3),
+    engine("drake", 1, 1.5),
+    engine("drake", 20, 1.5),
+    Bound("reference_cost", "reference / RK4 step", reference, 20.0, 20.0, most=True),
+    startup("integ-gym --help / import gymnasium", "help", 1.3, 1.5),
+    startup("import integ_gym / import gymnasium", "import", 1.3, 1.5),
+    startup("one fleet policy, whole process, s", "policy", 6.0, 14.0),
+    startup("the same / its training alone", "policy over training", 2.0, 4.0),
+)
+
+
+def print_judged(benchmark: str, content: Content) -> None:
+    """The table of a benchmark's own figures, as far as they were measured."""
+    rows = [bound.row(value) for bound, value in judged(benchmark, content) if value is not None]
+    if rows:
+        print()
+        results.print_table(HEADER, rows)
+
+
+def judged(benchmark: str, content: Content) -> Iterator[tuple[Bound, float | None]]:
+    """The figures of a benchmark, and what they were found to be."""
+    for bound in BOUNDS:
+        if bound.benchmark == benchmark:
+            yield bound, bound.measured(content)

@@ -1,0 +1,18 @@
+"""The atlas: one panel over many limits of the control, and what decides its outcomes.
+
+Knows panels as they are specified and run; reads summaries, never their evidence.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .agreement import check_agree
+    from .predicting import Prediction, doubt, predict
+    from .publishing import Published, publish
+    from .running import again, missing, run_blocks
+    from .specification import Atlas, Block, critical_limit, read_atlas
+    from .summary import Summary, read_summary
+else:
+    __getattr__, __dir__ = lazy_door(__name__)

@@ -1,0 +1,113 @@
+"""Dimensionless numbers of a discretization and a task, known before anything is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs import Discretization, numerics
+
+from ..panel import SpecError
+from .limits import control_argument, critical_limit, middle_start, setup_of
+
+UNREACHED = 1e3
+"""Critical ratio of a discretization in which no limit suffices that was tried."""
+
+
+class Quantities:
+    """What a policy's training ground does, beside what the truth does; each found when asked for.
+
+    All but the last three hold for one task and one limit of its control. The motion that numerics
+    are held against is the greedy swing-up on the truth, see :func:`numerics.reach`.
+
+    Args:
+        env_id: one of integ-gym's environments with a goal at rest.
+        environment: constructor arguments without the discretization.
+        home: discretization.
+
+    Raises:
+        SpecError: where the task names no goal at rest, or no single argument limits the control.
+        TypeError, ValueError: for arguments that are not possible.
+    """
+
+    def __init__(self, env_id: str, environment: Mapping[str, Any], home: Discretization) -> None:
+        self.home = home
+        self._env_id, self._environment = env_id, dict(environment)
+        self._truth_at = Discretization("reference", home.control_period, home.control_period)
+        self._truth = setup_of(env_id, environment, self._truth_at)
+        self._there = setup_of(env_id, environment, home)
+        self._argument, self._limit = control_argument(self._truth)
+        required = numerics.goal_energy(self._truth)
+        if required is None:
+            raise SpecError(f"{env_id} names no goal at rest, so nothing is known of it")
+        self._required = required
+
+    @cached_property
+    def margin(self) -> float:
+        """Limit of the control over the critical one of the truth.
+
+        Raises:
+            SpecError: where the truth cannot reach the goal with any limit that was tried.
+        """
+        return self._limit / self._critical(self._truth_at)
+
+    @cached_property
+    def critical_ratio(self) -> float:
+        """Critical limit there over that of the truth."""
+        exact = self._critical(self._truth_at)
+        try:
+            return self._critical(self.home) / exact
+        except SpecError:
+            return UNREACHED
+
+    @cached_property
+    def energy_share(self) -> float:
+        """Numerics' share of the energy that a greedy swing-up gains there; negative: drained."""
+        start = middle_start(self._truth)[None]
+        horizon = self._truth.settings.duration
+        found = numerics.reach(self._there, start, horizon, self._required)
+        gained = self._required - numerics.energy_at(self._truth, start)[0]
+        return float(np.clip(found.residual[0] / gained, -1.0, 1.0))
+
+    @property
+    def force(self) -> float:
+        """Of the numerics over the motor's full force, see :class:`numerics.Disturbance`."""
+        return self._disturbance.force
+
+    @property
+    def power(self) -> float:
+        """Of the numerics over the motor's full power; negative where they drain."""
+        return self._disturbance.power
+
+    @property
+    def step(self) -> float:
+        """Integration step over the control period."""
+        return self.home.dt / self.home.control_period
+
+    @cached_property
+    def h_omega(self) -> float:
+        """Integration step times the plant's fastest rate."""
+        return self.home.dt * numerics.fastest_rate(self._truth.plant)
+
+    @property
+    def inverse_order(self) -> float:
+        """One over the order of the method."""
+        return 1.0 / (numerics.declared(self.home.integrator).order or np.inf)
+
+    @property
+    def growth(self) -> float:
+        """Spectral radius of its map of the oscillator at `h_omega`, less 1."""
+        return numerics.linear_map(self.home.integrator, self.h_omega).spectral_radius - 1.0
+
+    @cached_property
+    def _disturbance(self) -> numerics.Disturbance:
+        start, horizon = middle_start(self._truth)[None], self._truth.settings.duration
+        path = numerics.reach(self._truth, start, horizon, self._required)
+        states, controls = path.states[:-1, 0], path.controls[:, 0]
+        return numerics.disturbance(self._truth, self._there, states, controls)
+
+    def _critical(self, at: Discretization) -> float:
+        return critical_limit(self._env_id, self._environment, self._argument, at)

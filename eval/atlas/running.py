@@ -1,0 +1,113 @@
+"""An atlas's blocks, run one after the other; what has a summary is not run again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from ..panel import run_panel
+from .agreement import Agreement, compare, note
+from .specification import Atlas, Block
+from .summary import Summary, read_summary, summarize, write_summary
+
+
+def summary_path(folder: Path, block: Block) -> Path:
+    """Where the summary of a block lies."""
+    return folder / f"{block.name}.parquet"
+
+
+def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
+    """Blocks that have a summary, with it.
+
+    Args:
+        atlas: what is run.
+        folder: of the summaries.
+
+    Raises:
+        ValueError: if a summary is of another specification.
+    """
+    found = []
+    for block in atlas.blocks():
+        path = summary_path(folder, block)
+        if not path.exists():
+            continue
+        summary = read_summary(path)
+        if not is_of(summary, block):
+            raise ValueError(
+                f"{path} is of another specification than block {block.name}; give another folder "
+                "with --summaries, or remove it to run the block again"
+            )
+        found.append((block, summary))
+    return found
+
+
+def missing(atlas: Atlas, folder: Path) -> list[Block]:
+    """Blocks that have no summary; see :func:`finished`."""
+    there = {block.name for block, _ in finished(atlas, folder)}
+    return [block for block in atlas.blocks() if block.name not in there]
+
+
+def is_of(summary: Summary, block: Block) -> bool:
+    """Whether a summary is one of a block."""
+    told = msgspec.json.decode(msgspec.json.encode(block.panel.to_json()))
+    return bool(summary.origin.specification == told)
+
+
+def run_blocks(
+    atlas: Atlas,
+    blocks: Sequence[Block],
+    out: Path,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Iterator[tuple[Block, Summary]]:
+    """Run blocks, each to its page and its summary, as they are asked for.
+
+    Args:
+        atlas: what is run.
+        blocks: some of its blocks.
+        out: directory of the runs, one for each block; what was begun is finished.
+        folder: of the summaries.
+        workers: processes; by default one per core.
+        progress: show bars on stderr.
+
+    Raises:
+        SpecError, RunDirectoryError, PanelError, TrainingError: see :func:`run_panel`.
+    """
+    for block in blocks:
+        run = out / block.name
+        run_panel(block.panel, run, workers=workers, progress=progress, command="integ-gym atlas")
+        summary = summarize(run, atlas.name, block)
+        write_summary(summary, summary_path(folder, block))
+        yield block, summary
+
+
+def again(
+    atlas: Atlas, block: Block, out: Path, folder: Path, *, workers: int | None = None
+) -> Agreement:
+    """Run the first seed of a finished block anew, and note that its outcomes are the same.
+
+    Args:
+        atlas: what is run.
+        block: one of its blocks.
+        out: directory for the run; what an earlier version left there is refused.
+        folder: of the summaries.
+        workers: processes; by default one per core.
+
+    Raises:
+        ValueError: if the block has no summary, or an outcome differs.
+        SpecError, RunDirectoryError, PanelError, TrainingError: see :func:`run_panel`.
+    """
+    path = summary_path(folder, block)
+    if not path.exists():
+        raise ValueError(f"block {block.name} has no summary in {folder}; run it first")
+    one = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:1]))
+    run = out / f"{block.name}-again"
+    run_panel(one.panel, run, workers=workers, command="integ-gym atlas --again")
+    found = compare(block.name, read_summary(path), summarize(run, atlas.name, one))
+    note(found, folder)
+    return found

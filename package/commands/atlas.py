@@ -1,0 +1,136 @@
+"""``integ-gym atlas``: one panel over many limits of the control, block by block."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from integ_gym.eval import (
+    Atlas,
+    Block,
+    Published,
+    again,
+    missing,
+    policy_costs,
+    publish,
+    read_atlas,
+    run_blocks,
+    total_cost,
+)
+from integ_gym.support import CommandParser, plural, print_aligned, say, seconds, whole_number
+
+EXAMPLES = """\
+examples:
+  integ-gym atlas specs/atlas/rod_pendulum.toml --plan
+                                  its blocks, which of them are there, and what the others cost
+  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas
+                                  run what is missing; again: finish what was interrupted
+  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas --only 1.7-seed2000
+  integ-gym atlas specs/atlas/rod_pendulum.toml --summaries docs/atlas/rod_pendulum \\
+                  --publish runs/rod_pendulum
+                                  figures, tables and law, from the summaries alone
+  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again --again 1.7-seed2000
+                                  train its first seed once more, and compare every outcome
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym atlas",
+        description="Run one panel at several limits of the control, in blocks of a few training "
+        "seeds each. A finished block leaves a summary of one row per policy and cell, and is not "
+        "run again.",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add("spec", type=Path, help="TOML file, see docs/reference/atlas.md")
+    add("--out", type=Path, metavar="DIR", help="where the runs of the blocks go")
+    add(
+        "--summaries", type=Path, metavar="DIR",
+        help="folder of the summaries; default: `summaries` in --out",
+    )  # fmt: skip
+    add("--plan", action="store_true", help="run nothing: say what is there and what is missing")
+    add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
+    add(
+        "--again", metavar="BLOCK",
+        help="run the first seed of a finished block anew, and note in the summaries' folder that "
+        "its outcomes are the same",
+    )  # fmt: skip
+    add(
+        "--publish", type=Path, metavar="DIR",
+        help="run nothing: write phase diagram, losses, tables and law from the summaries",
+    )  # fmt: skip
+    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    return made
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    atlas = read_atlas(given.spec)
+    reads = given.plan or given.publish
+    if given.out is None and not (reads and given.summaries):
+        raise ValueError("an atlas needs a directory: --out DIR")
+    folder = given.summaries or given.out / "summaries"
+    waiting = missing(atlas, folder)
+    if given.publish:
+        _print_published(publish(atlas, folder, given.publish))
+        return 0
+    if given.plan:
+        _print_plan(atlas, waiting)
+        return 0
+    if given.again:
+        block = _named(atlas.blocks(), given.again)
+        agreement = again(atlas, block, given.out, folder, workers=given.workers)
+        told = f"{plural(agreement.policies, 'policy', 'policies')} trained again in {block.name}"
+        say(f"{told}: all {agreement.rows} outcomes are the same.", sys.stdout)
+        return 0
+    chosen = [_named(atlas.blocks(), name) for name in given.only or ()]
+    blocks = [one for one in waiting if not chosen or one in chosen]
+    progress = not given.no_progress
+    for block, summary in run_blocks(
+        atlas, blocks, given.out, folder, workers=given.workers, progress=progress
+    ):
+        print(f"{block.name}: {summary.rows.num_rows} rows, seal {summary.origin.seal}", flush=True)
+    left = len(missing(atlas, folder))
+    print(f"{len(atlas.blocks()) - left} of {len(atlas.blocks())} blocks are in {folder}")
+    return 0
+
+
+def _print_published(found: Published) -> None:
+    for one in found.trials:
+        told = f"{one.error:.3f} (95% interval {one.low:.3f} to {one.high:.3f})"
+        print(f"Mean error on {one.points} held-out losses by the {one.number}: {told}")
+    print("Written: " + ", ".join(str(file) for file in found.files))
+
+
+def _named(blocks: Sequence[Block], name: str) -> Block:
+    for block in blocks:
+        if block.name == name:
+            return block
+    raise ValueError(f"there is no block {name!r}; --plan lists them")
+
+
+def _print_plan(atlas: Atlas, waiting: Sequence[Block]) -> None:
+    """Every block, and what those that are missing cost."""
+    costs = {one.name: total_cost(policy_costs(one.panel)) for one in waiting}
+    rows = [
+        (
+            block.name,
+            f"{block.limit:g}",
+            str(len(block.panel.train) * len(block.panel.seeds)),
+            seconds(costs[block.name].seconds) if block.name in costs else "there",
+        )
+        for block in atlas.blocks()
+    ]
+    say(
+        f"Atlas {atlas.name}: {atlas.argument} over its critical value {atlas.critical:.4g}.",
+        sys.stdout,
+    )
+    print_aligned(("block", atlas.argument, "policies", "core time"), rows, sys.stdout)
+    total = total_cost(list(costs.values()))
+    print(f"{plural(len(waiting), 'block')} missing: {seconds(total.seconds)} of one core.")
