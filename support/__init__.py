@@ -104,6 +104,7 @@ if TYPE_CHECKING:
         work_bar,
     )
     from .sharing import (
+        BLOCK,
         EXECUTORS,
         LEASE,
         Claim,
@@ -114,11 +115,28 @@ if TYPE_CHECKING:
         FolderFiles,
         Gone,
         Resources,
+        SharedFiles,
         check_sharing,
+        close_units,
         cluster_of,
         held,
+        is_fence,
         pauses,
         was_committed,
+    )
+    from .storing import (
+        BucketStorage,
+        Busy,
+        FolderStorage,
+        Place,
+        Storage,
+        StorageError,
+        as_storage,
+        fetched,
+        is_remote,
+        named_place,
+        parquet_files,
+        stored,
     )
     from .terminal import (
         DIM,
@@ -138,6 +156,7 @@ if TYPE_CHECKING:
         print_aligned,
         print_groups,
         report_errors,
+        run_place,
         say,
         seconds,
         step,

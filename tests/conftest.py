@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import hypothesis
 import portalocker
 import pytest
+from object_store import BUCKET, served_bucket
 
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval.census.subjects.published import PUBLISHED, installed
@@ -82,6 +84,21 @@ def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         return own
 
     return made
+
+
+@pytest.fixture(scope="session")
+def object_server() -> Iterator[dict[str, str]]:
+    """What the environment tells of an S3-compatible server on loopback, with an empty bucket."""
+    with served_bucket() as told:
+        yield told
+
+
+@pytest.fixture
+def bucket(object_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """A place of a test's own in an object store."""
+    for name, value in object_server.items():
+        monkeypatch.setenv(name, value)
+    return f"{BUCKET}/{uuid.uuid4().hex}"
 
 
 def pytest_report_header() -> str:

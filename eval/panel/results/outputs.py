@@ -157,7 +157,7 @@ def write_outputs(
         "question": spec.question,
         "spec": spec.to_json(),
         "protocol_gaps": tuple(spec.gaps()),
-        "directory": told_path(directory.path),
+        "directory": told_path(str(directory.storage)),
         "versions": directory.versions(),
     }
     made = artefact_of(directory, layout, matrix, policies, **{**own, **told})
