@@ -24,18 +24,10 @@ from integ_gym.support import (
     write_json,
 )
 
+from ..specification import GROWING, additions, contradictions
 from .staging import DRIVEN, SHARED, retire
 
 MANIFEST = "run.json"
-GROWING = "seeds"
-"""List in a specification to which more may be added at the end."""
-
-ADDED = ("train", "grid", "perturbations", "sweeps", "baselines")
-"""Lists in a specification to which more may be added anywhere."""
-
-WORDS = ("question", "sources")
-"""What may be another: words for people, and what follows from the lists."""
-
 PANEL_FILE = "panel.json"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
@@ -180,8 +172,12 @@ class RunDirectory:
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
         held = read_manifest(manifest) if manifest.exists() else {"versions": self.versions()}
-        if held.get("specification") != self._specification:
+        before = held.get("specification")
+        if before != self._specification:
             write_json(manifest, {**held, "specification": self._specification})
+        new = list(additions(before, self._specification)) if before else []
+        if new:
+            print(f"New in {self.path}: {'; '.join(new)}. All else is kept.", file=sys.stderr)
 
     def _check(self) -> None:
         manifest = self.path / MANIFEST
@@ -205,13 +201,11 @@ class RunDirectory:
         held = read_manifest(manifest)
         before = held.get("specification", {})
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
-        may_differ = (GROWING, *WORDS, *(n for n in ADDED if self._has_grown(before, n)))
-        same = {name: self._specification.get(name) for name in may_differ}
-        other = list(_differences({**before, **same}, {**self._specification, **same}))
+        other = list(contradictions(before, self._specification))
         if other:
             raise RunDirectoryError(
                 f"{self.path} holds another panel: {', '.join(other)}; give another directory "
-                "with --out, or the specification that it was started with"
+                f"with --out{self._kept(before)}, or the specification that it was started with"
             )
         versions = self.versions()
         changed = [
@@ -226,13 +220,12 @@ class RunDirectory:
                 "with --out"
             )
 
-    def _has_grown(self, before: Mapping[str, Any], name: str) -> bool:
-        """Whether all that a list held is still in it."""
-        now = _by_entry(self._specification.get(name) or [])
-        return all(
-            entry in now and set(values) <= set(now[entry])
-            for entry, values in _by_entry(before.get(name) or []).items()
-        )
+    def _kept(self, before: Mapping[str, Any]) -> str:
+        """How policies that are here are judged on another number of starts."""
+        same = before.get("episodes") == self._specification.get("episodes")
+        if same or not before.get(GROWING):
+            return ""
+        return f" (--policies {self.path} takes the policies from here)"
 
     def _check_growth(self, before: Any, now: Any) -> None:
         """Check that the seeds that were there are the first that are wanted."""
@@ -406,16 +399,6 @@ def _held_soon(lock: FileLock) -> bool:
     return False
 
 
-def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:
-    """Entries of a list; of a sweep, which may have more values, these apart."""
-    found = {}
-    for value in values:
-        swept = value.get("values", ()) if isinstance(value, dict) else ()
-        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
-        found[json.dumps(entry, sort_keys=True)] = tuple(swept)
-    return found
-
-
 def _few(values: Sequence[Any]) -> str:
     return f"{values[0]} to {values[-1]}" if values else "none"
 
@@ -455,17 +438,3 @@ def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
         return read_object(path, kinds, remedy)
     except ValueError as error:
         raise RunDirectoryError(str(error)) from None
-
-
-def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
-    """What differs between two specifications: numbers and texts as they were and are."""
-    for key in {**held, **now}:
-        one, other, name = held.get(key), now.get(key), f"{of}{key}"
-        if one == other:
-            continue
-        if isinstance(one, dict) and isinstance(other, dict):
-            yield from _differences(one, other, f"{name}.")
-        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
-            yield f"another `{name}`"
-        else:
-            yield f"`{name}` {one} (now {other})"

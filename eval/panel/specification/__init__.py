@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .additions import GROWING, additions, contradictions
     from .cells import (
         UNNAMED,
         Cell,
