@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from small_panel import small_data
 
-from integ_gym.eval.panel.specification.additions import additions, contradictions
+from integ_gym.eval.panel.specification.difference import additions, contradictions
 from integ_gym.eval.panel.specification.reading import parse_spec
 
 SWEEP = {"argument": "action_latency", "values": [0.0, 0.05, 0.1]}
