@@ -171,10 +171,12 @@ class RunDirectory:
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
-        held = read_manifest(manifest) if manifest.exists() else {"versions": self.versions()}
+        held = read_manifest(manifest) if manifest.exists() else {}
         before = held.get("specification")
-        if before != self._specification:
-            write_json(manifest, {**held, "specification": self._specification})
+        versions = {**self.versions(), **held.get("versions", {})}
+        told = {**held, "versions": versions, "specification": self._specification}
+        if told != held:
+            write_json(manifest, told)
         new = list(additions(before, self._specification)) if before else []
         if new:
             print(f"New in {self.path}: {'; '.join(new)}. All else is kept.", file=sys.stderr)

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from engine_cases import needs
 from small_panel import TOML, small_data
 
 from integ_gym.cli import main
@@ -82,6 +83,25 @@ def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(
     assert _matrix(panel) == _matrix(whole)
     assert panel["question"] == "And a late command?"
     assert main(["evidence", "verify", str(out)]) == 0
+
+
+@pytest.mark.slow
+def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, panel_directory, capsys):
+    """What is there does not depend on that engine's version, which is noted."""
+    needs("mujoco")
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    files = {p: p.read_bytes() for p in copy.glob("[uep]*/**/*") if p.is_file()}
+    engine = 'engine = "mujoco"\nintegrator = "RK4"\ndt = 0.05\n'
+    spec.write_text(f"{TOML}\n[[evaluate]]\n{engine}", encoding="utf-8")
+    assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
+    assert "cell 'mujoco RK4 dt=0.05'. All else is kept." in capsys.readouterr().err
+    assert files == {path: path.read_bytes() for path in files}
+    assert {record["record_id"] for record in _hashes(panel_directory)} < {
+        record["record_id"] for record in _hashes(copy)
+    }
+    assert "mujoco" in json.loads((copy / "run.json").read_text())["versions"]
+    assert main(["evidence", "verify", str(copy)]) == 0
 
 
 @pytest.mark.parametrize(
