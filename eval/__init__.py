@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .atlas import Atlas, Block, again, missing, read_atlas, run_blocks
+    from .atlas import (
+        Atlas,
+        Block,
+        Prediction,
+        Published,
+        again,
+        missing,
+        predict,
+        publish,
+        read_atlas,
+        read_summary,
+        run_blocks,
+    )
     from .census import PUBLISHED, render_census, row, take_census
     from .diagnosis import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
     from .film import Film, check_writable, show_film, side_by_side, watch

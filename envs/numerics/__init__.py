@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .disturbance import Disturbance, disturbance
     from .energy import BOUNDED, energies, energy_growth, ledger
-    from .energy_reach import METHOD, Reach, critical_limit, goal_energy, reach
+    from .energy_reach import METHOD, Reach, critical_limit, energy_at, goal_energy, reach
     from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
     from .identity import (
         ORDER_TOLERANCE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,9 @@ from .stepping import Array
 
 CONTROLS = np.linspace(-1.0, 1.0, 5)
 """What is tried at every decision, in shares of the control's limit."""
+
+HALVINGS = 5
+"""Of a bisection, which are tried at once."""
 
 METHOD = (
     "At every decision the torque or force among -1, -1/2, 0, 1/2 and 1 times its limit is taken "
@@ -31,11 +33,15 @@ class Reach:
             (starts,); inf where it is not.
         residual: energy that numerical error put in up to then, or up to the end, J, shape
             (starts,).
+        states: at every decision, in state order, shape (decisions + 1, starts, n).
+        controls: N m or N, shape (decisions, starts).
     """
 
     energy: Array
     time: Array
     residual: Array
+    states: Array
+    controls: Array
 
 
 def goal_energy(setup: Setup) -> float | None:
@@ -49,7 +55,9 @@ def goal_energy(setup: Setup) -> float | None:
     return float(setup.system.energy(ARRAY, edge, (0.0,) * len(edge)))
 
 
-def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach:
+def reach(
+    setup: Setup, starts: Array, horizon: float, required: float, limits: Array | None = None
+) -> Reach:
     """Search greedily for the most energy.
 
     Energy is pumped fastest by the control that does the most work in each moment; taking at
@@ -63,23 +71,28 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         starts: true states, shape (starts, n), in state order.
         horizon: time that there is, s.
         required: energy asked for, J.
+        limits: of the control, N m or N, shape (starts,); by default the task's.
     """
     timing, engine = setup.timing, setup.engine
-    controls = CONTROLS * float(setup.task.control_limit)
+    limit = setup.task.control_limit if limits is None else limits
+    controls = CONTROLS * np.broadcast_to(np.asarray(limit, dtype=np.float64), len(starts))[:, None]
     states = np.asarray(starts, dtype=np.float64)
-    energy = first = _energy(setup, states)
+    energy = first = energy_at(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
     given = residual = np.zeros(len(states))
-    tried = np.tile(controls, len(states))
+    path, taken = [states], []
+    tried = controls.ravel()
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
-        q, v = split_state(tuple(np.repeat(states, len(controls), axis=0).T))
+        q, v = split_state(tuple(np.repeat(states, len(CONTROLS), axis=0).T))
         with np.errstate(all="ignore"):
             motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
         ends = np.stack(join_state(motion.q, motion.v), axis=-1)
-        energies = np.nan_to_num(_energy(setup, ends), nan=-np.inf).reshape(len(states), -1)
+        energies = np.nan_to_num(energy_at(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)
-        states = ends.reshape(len(states), len(controls), -1)[places, best]
+        states = ends.reshape(len(states), len(CONTROLS), -1)[places, best]
+        path.append(states)
+        taken.append(controls[places, best])
         highest = np.maximum(highest, energies[places, best])
         given = given + (motion.work - sum(motion.losses)).reshape(energies.shape)[places, best]
         residual = np.where(time == np.inf, energies[places, best] - first - given, residual)
@@ -87,11 +100,11 @@ def reach(setup: Setup, starts: Array, horizon: float, required: float) -> Reach
         time = np.where((time == np.inf) & (highest >= required), now, time)
         if np.isfinite(time).all():
             break
-    return Reach(highest, time, residual)
+    return Reach(highest, time, residual, np.array(path), np.array(taken))
 
 
 def critical_limit(
-    setup_of: Callable[[float], Setup],
+    setup: Setup,
     start: Array,
     deadline: float,
     low: float,
@@ -100,34 +113,49 @@ def critical_limit(
 ) -> float:
     """Smallest limit of the control with which the search reaches the goal's energy in time.
 
+    Found by bisection, several halvings at once; what the task's own limit is does not matter.
+
     Args:
-        setup_of: makes the setup with a limit of the control, N m or N.
+        setup: plant and discretization.
         start: true state, shape (n,).
         deadline: time that there is, s.
-        low: a limit below it.
+        low: a limit below it, N m or N.
         high: a limit above it.
         tolerance: largest error of the bisection.
 
     Raises:
         ValueError: if the energy is not reached with ``high``, or the task names no goal.
     """
+    required = goal_energy(setup)
+    if required is None:
+        raise ValueError(f"{type(setup.task).__name__} names no goal at rest: no `goal_edge`")
 
-    def enough(limit: float) -> bool:
-        setup = setup_of(limit)
-        required = goal_energy(setup)
-        if required is None:
-            raise ValueError(f"{type(setup.task).__name__} names no goal at rest: no `goal_edge`")
-        return bool(np.isfinite(reach(setup, start[None], deadline, required).time[0]))
+    def enough(limits: list[float]) -> dict[float, bool]:
+        starts = np.tile(start, (len(limits), 1))
+        times = reach(setup, starts, deadline, required, np.array(limits)).time
+        return dict(zip(limits, np.isfinite(times).tolist(), strict=True))
 
-    if not enough(high):
+    if not enough([high])[high]:
         raise ValueError(f"the goal's energy is not reached within {deadline:g} s with {high:g}")
     while high - low > tolerance:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if enough(middle) else (middle, high)
+        found = enough(_midpoints(low, high, HALVINGS))
+        for _ in range(HALVINGS):
+            if high - low > tolerance:
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if found[middle] else (middle, high)
     return high
 
 
-def _energy(setup: Setup, states: Array) -> Array:
+def _midpoints(low: float, high: float, halvings: int) -> list[float]:
+    """All that a bisection may ask for in its next halvings."""
+    if not halvings:
+        return []
+    middle = 0.5 * (low + high)
+    below, above = _midpoints(low, middle, halvings - 1), _midpoints(middle, high, halvings - 1)
+    return [*below, middle, *above]
+
+
+def energy_at(setup: Setup, states: Array) -> Array:
     """Energy of states (lanes, n), J, shape (lanes,)."""
     q, v = split_state(tuple(states.T))
     with np.errstate(all="ignore"):

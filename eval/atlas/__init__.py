@@ -9,6 +9,8 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .agreement import check_agree
+    from .predicting import Prediction, predict
+    from .publishing import Published, publish
     from .running import again, missing, run_blocks
     from .specification import Atlas, Block, critical_limit, read_atlas
     from .summary import Summary, read_summary

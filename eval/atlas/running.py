@@ -19,8 +19,8 @@ def summary_path(folder: Path, block: Block) -> Path:
     return folder / f"{block.name}.parquet"
 
 
-def missing(atlas: Atlas, folder: Path) -> list[Block]:
-    """Blocks that have no summary.
+def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
+    """Blocks that have a summary, with it.
 
     Args:
         atlas: what is run.
@@ -33,13 +33,21 @@ def missing(atlas: Atlas, folder: Path) -> list[Block]:
     for block in atlas.blocks():
         path = summary_path(folder, block)
         if not path.exists():
-            found.append(block)
-        elif not is_of(read_summary(path), block):
+            continue
+        summary = read_summary(path)
+        if not is_of(summary, block):
             raise ValueError(
                 f"{path} is of another specification than block {block.name}; give another folder "
                 "with --summaries, or remove it to run the block again"
             )
+        found.append((block, summary))
     return found
+
+
+def missing(atlas: Atlas, folder: Path) -> list[Block]:
+    """Blocks that have no summary; see :func:`finished`."""
+    there = {block.name for block, _ in finished(atlas, folder)}
+    return [block for block in atlas.blocks() if block.name not in there]
 
 
 def is_of(summary: Summary, block: Block) -> bool:

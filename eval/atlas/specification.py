@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import numpy as np
-
-from integ_gym.envs import Discretization, environment_setup, numerics
 
 from ..panel import PanelSpec, SpecError, parse_spec, read_toml
-
-WIDEST = 1e4
-"""Largest limit of the control that is tried, as a multiple of the smallest."""
+from .limits import control_argument, critical_limit
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -102,48 +95,6 @@ class Atlas:
         return Block(ratio, limit, panel)
 
 
-def critical_limit(
-    env_id: str, environment: Mapping[str, Any], argument: str, discretization: Discretization
-) -> float:
-    """Smallest limit of the control with which a search reaches the goal's energy in time.
-
-    Args:
-        env_id: one of integ-gym's environments.
-        environment: constructor arguments without the discretization.
-        argument: the one that limits the control.
-        discretization: where.
-
-    Raises:
-        SpecError: if the goal's energy is not reached, or the task names no goal at rest.
-    """
-    given = {**environment, **discretization.arguments()}
-
-    def setup(limit: float) -> Any:
-        return environment_setup(env_id, {**given, argument: limit})
-
-    one = setup(1.0)
-    start = np.array(one.task.draw_start(_Middle(), one.settings.start, {}))
-    weight = numerics.goal_energy(one)
-    if weight is None:
-        raise SpecError(f"{env_id} names no goal at rest; state `critical` under [atlas]")
-    high = abs(weight)
-    try:
-        return numerics.critical_limit(
-            setup, start, one.settings.duration, high / WIDEST, high, tolerance=high * 1e-5
-        )
-    except ValueError as error:
-        raise SpecError(f"{env_id} on {discretization.name}: {error}") from None
-
-
-class _Middle:
-    """Draws the middle of every range."""
-
-    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
-        """(low + high) / 2, shape of ``size`` or of the ends."""
-        middle = 0.5 * (np.asarray(low) + np.asarray(high))
-        return middle if size is None else np.broadcast_to(middle, size)
-
-
 def read_atlas(path: Path) -> Atlas:
     """Read an atlas from a TOML file: a panel's specification with a table ``[atlas]``.
 
@@ -152,17 +103,13 @@ def read_atlas(path: Path) -> Atlas:
     """
     data = dict(read_toml(path))
     try:
-        axis = msgspec.convert(data.pop("atlas", None), _Axis)
-    except msgspec.ValidationError as error:
-        raise SpecError(
-            f"{path}: [atlas] {error}; docs/reference/atlas.md has the format"
-        ) from None
-    unknown = set(axis.held_out) - set(axis.ratios)
-    if not axis.ratios or min(axis.ratios) <= 0.0 or sorted(set(axis.ratios)) != axis.ratios:
-        raise SpecError(f"{path}: `ratios` must be above 0 and ascend, got {axis.ratios}")
-    if unknown:
-        raise SpecError(f"{path}: `held_out` names {min(unknown):g}, which is not among `ratios`")
+        axis = _axis(data.pop("atlas", None))
+    except (msgspec.ValidationError, SpecError) as error:
+        raise SpecError(f"{path}: {error}; docs/reference/atlas.md has the format") from None
     panel = parse_spec(data, str(path))
+    name, _ = control_argument(panel.nominal)
+    if axis.argument != name:
+        raise SpecError(f"{path}: `{axis.argument}` does not limit the control; `{name}` does")
     return Atlas(
         name=panel.name,
         panel=panel,
@@ -172,3 +119,17 @@ def read_atlas(path: Path) -> Atlas:
         seeds_per_block=axis.seeds_per_block,
         stated=axis.critical,
     )
+
+
+def _axis(table: object) -> _Axis:
+    if table is None:
+        raise SpecError("it has no table [atlas]")
+    axis = msgspec.convert(table, _Axis)
+    if not axis.ratios or min(axis.ratios) <= 0.0 or sorted(set(axis.ratios)) != axis.ratios:
+        raise SpecError(f"`ratios` must be above 0 and ascend, got {axis.ratios}")
+    unknown = set(axis.held_out) - set(axis.ratios)
+    if unknown:
+        raise SpecError(f"`held_out` names {min(unknown):g}, which is not among `ratios`")
+    if axis.seeds_per_block < 1:
+        raise SpecError(f"`seeds_per_block` must be 1 or above, got {axis.seeds_per_block}")
+    return axis

@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from .specification import (
         BUILT_IN,
         TRAINERS,
+        Home,
         PanelSpec,
         SpecError,
         grown,
+        map_of,
         parse_spec,
         read_toml,
     )

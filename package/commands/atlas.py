@@ -10,9 +10,11 @@ from pathlib import Path
 from integ_gym.eval import (
     Atlas,
     Block,
+    Published,
     again,
     missing,
     policy_costs,
+    publish,
     read_atlas,
     run_blocks,
     total_cost,
@@ -26,6 +28,9 @@ examples:
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas
                                   run what is missing; again: finish what was interrupted
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas --only 1.7-seed2000
+  integ-gym atlas specs/atlas/rod_pendulum.toml --summaries docs/atlas/rod_pendulum \\
+                  --publish runs/rod_pendulum
+                                  figures, tables and law, from the summaries alone
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again --again 1.7-seed2000
                                   train its first seed once more, and compare every outcome
 """
@@ -54,6 +59,10 @@ def parser() -> argparse.ArgumentParser:
         help="run the first seed of a finished block anew, and note in the summaries' folder that "
         "its outcomes are the same",
     )  # fmt: skip
+    add(
+        "--publish", type=Path, metavar="DIR",
+        help="run nothing: write phase diagram, losses, tables and law from the summaries",
+    )  # fmt: skip
     add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
     add("--no-progress", action="store_true", help="show no progress bar")
     return made
@@ -63,10 +72,14 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     atlas = read_atlas(given.spec)
-    if given.out is None and (given.summaries is None or not given.plan):
+    reads = given.plan or given.publish
+    if given.out is None and not (reads and given.summaries):
         raise ValueError("an atlas needs a directory: --out DIR")
     folder = given.summaries or given.out / "summaries"
     waiting = missing(atlas, folder)
+    if given.publish:
+        _print_published(publish(atlas, folder, given.publish))
+        return 0
     if given.plan:
         _print_plan(atlas, waiting)
         return 0
@@ -86,6 +99,13 @@ def main(argv: Sequence[str]) -> int:
     left = len(missing(atlas, folder))
     print(f"{len(atlas.blocks()) - left} of {len(atlas.blocks())} blocks are in {folder}")
     return 0
+
+
+def _print_published(found: Published) -> None:
+    for one in found.trials:
+        told = f"{one.error:.3f} (95% interval {one.low:.3f} to {one.high:.3f})"
+        print(f"Mean error on {one.points} held-out losses by the {one.number}: {told}")
+    print("Written: " + ", ".join(str(file) for file in found.files))
 
 
 def _named(blocks: Sequence[Block], name: str) -> Block:

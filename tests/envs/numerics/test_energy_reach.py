@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -51,7 +50,7 @@ def test_work_of_a_limited_torque_bounds_the_energy() -> None:
 )  # fmt: skip
 def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
     """Of the rod, from rest, for the goal's energy within 8 s: as in docs/reference/panel.md."""
-    made = partial(setup, integrator=integrator, dt=dt)
+    made = setup(1.0, integrator=integrator, dt=dt)
     found = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
     assert found == pytest.approx(critical, abs=2e-3)
 
@@ -60,20 +59,20 @@ def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
 def test_a_finer_grid_of_controls_finds_no_more(
     integrator: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = partial(setup, integrator=integrator)
+    made = setup(1.0, integrator=integrator)
     coarse = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
     monkeypatch.setattr("integ_gym.envs.numerics.energy_reach.CONTROLS", np.linspace(-1, 1, 9))
     assert numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0) == pytest.approx(coarse, abs=2e-3)
 
 
 def test_dissipating_numerics_cost_torque_and_pumping_ones_give() -> None:
-    exact = numerics.critical_limit(partial(setup, integrator="rk4"), HANGING, 8.0, 0.05, 3.0)
-    pumped = partial(setup, integrator="explicit_euler")
-    drained = partial(setup, integrator="implicit_euler")
+    exact = numerics.critical_limit(setup(1.0, integrator="rk4"), HANGING, 8.0, 0.05, 3.0)
+    pumped = setup(1.0, integrator="explicit_euler")
+    drained = setup(1.0, integrator="implicit_euler")
     assert numerics.critical_limit(pumped, HANGING, 8.0, 0.05, 3.0) < exact
     assert numerics.critical_limit(drained, HANGING, 8.0, 0.05, 3.0) > exact
 
 
 def test_what_cannot_be_reached_is_said() -> None:
     with pytest.raises(ValueError, match=r"not reached within 8 s with 0\.2"):
-        numerics.critical_limit(setup, HANGING, 8.0, 0.05, 0.2)
+        numerics.critical_limit(setup(1.0), HANGING, 8.0, 0.05, 0.2)

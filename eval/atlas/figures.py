@@ -1,0 +1,121 @@
+"""Figures of an atlas: the phase diagram, and losses over one number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from integ_gym.support import (
+    INK,
+    NONE,
+    PAPER,
+    SOFT,
+    SUNK,
+    axes_at,
+    bare,
+    blank_figure,
+    draw_heading,
+    draw_legend,
+    fixed,
+    inch_canvas,
+    ink_on,
+    marker_style,
+    scheme_entries,
+    success_colour,
+)
+
+from ..scheme_style import styles_of
+from .law import Curve, number_of
+from .points import Point
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDE, HIGH = 0.5, 0.27  # inches of a cell
+_LEFT, _TOP, _GAP = 2.2, 1.35, 0.5
+MIXTURE: Final = "mixture"
+
+
+def draw_phases(
+    name: str, found: Sequence[Point], homes: Sequence[str], ratios: Sequence[float]
+) -> Figure:
+    """Success at home and on the truth, by training ground and limit of the control.
+
+    Args:
+        name: of the atlas.
+        found: its points; what is not among them is drawn as an empty cell.
+        homes: rows from top to bottom.
+        ratios: columns from left to right.
+    """
+    across = WIDE * len(ratios)
+    figure = blank_figure(_LEFT + 2 * across + _GAP + 0.3, _TOP + HIGH * len(homes) + 0.55)
+    axes = inch_canvas(figure)
+    draw_heading(
+        axes, 0.3, f"{name}: where a policy learns, and what it keeps",
+        "mean success of policies by what they were trained on (rows) and the limit of the control "
+        "over the least that the truth takes (columns)",
+    )  # fmt: skip
+    by_place = {(point.home.name, point.ratio): point for point in found}
+    for side, title in enumerate(("at home", "on the truth")):
+        left = _LEFT + side * (across + _GAP)
+        axes.text(left, _TOP - 0.32, title, size=10, weight="bold", color=INK)
+        for k, ratio in enumerate(ratios):
+            x = left + WIDE * (k + 0.5)
+            axes.text(x, _TOP - 0.1, f"{ratio:g}", size=8, color=SOFT, ha="center")
+            for row, home in enumerate(homes):
+                point = by_place.get((home, ratio))
+                rates = None if point is None else (point.at_home, point.on_truth)[side]
+                _draw_cell(axes, left + WIDE * k, _TOP + HIGH * row, rates)
+    for row, home in enumerate(homes):
+        y = _TOP + HIGH * (row + 0.5)
+        axes.text(_LEFT - 0.12, y, home, size=8, color=INK, ha="right", va="center")
+    return figure
+
+
+def _draw_cell(axes: Axes, x: float, y: float, rates: np.ndarray[Any, Any] | None) -> None:
+    from matplotlib.patches import Rectangle
+
+    colour = SUNK if rates is None else success_colour(float(rates.mean()))
+    axes.add_patch(Rectangle((x, y), WIDE, HIGH, facecolor=colour, edgecolor=PAPER, linewidth=1.2))
+    text, ink = (NONE, SOFT) if rates is None else (fixed(float(rates.mean())), ink_on(colour))
+    axes.text(x + WIDE / 2, y + HIGH / 2, text, size=7.5, color=ink, ha="center", va="center")
+
+
+def draw_losses(
+    name: str, found: Sequence[Point], held_out: Sequence[float], curve: Curve
+) -> Figure:
+    """Losses of all that learned over one number, with the fitted curve and its interval."""
+    figure = blank_figure(7.2, 4.6)
+    canvas = inch_canvas(figure)
+    draw_heading(
+        canvas, 0.3, f"{name}: loss on the truth by the {curve.number}",
+        "one mark for each training ground and limit of the control; open: held out of the fit",
+    )  # fmt: skip
+    axes = axes_at(figure, 0.75, 0.65, 6.2, 2.9)
+    bare(axes)
+    learned = [point for point in found if point.learned]
+    numbers = [number_of(curve.number, point.quantities) for point in learned]
+    smallest = min((number for number in numbers if number > 0.0), default=1e-3) / 2.0
+    at = np.geomspace(smallest, max([*numbers, 2 * smallest]), 400)
+    loss = np.interp(at, curve.at, curve.loss)
+    width = curve.half_width
+    axes.fill_between(at, loss - width, loss + width, color=SUNK, linewidth=0)
+    axes.plot(at, loss, color=INK, linewidth=1.4)
+    styles = styles_of(_scheme(point) for point in learned)
+    for point, number in zip(learned, numbers, strict=True):
+        style = styles[_scheme(point)]
+        look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
+        fill = PAPER if point.ratio in held_out else style.colour
+        axes.plot([max(number, smallest)], [point.loss], linestyle="none", color=fill, **look)
+    draw_legend(canvas, scheme_entries(styles), 7.0)
+    axes.set_xscale("log")
+    axes.set_xlabel(f"{curve.number} (log scale; zero at the left edge)", size=9, color=INK)
+    axes.set_ylabel("success at home − on the truth", size=9, color=INK)
+    return figure
+
+
+def _scheme(point: Point) -> str:
+    return getattr(point.home, "integrator", MIXTURE)

@@ -1,0 +1,159 @@
+"""One number that predicts what a policy loses on the truth.
+
+A loss is predicted by a nondecreasing function of one number, the least-squares fit over the points
+that may be seen; its interval covers as many of their residuals, each left out of its own fit with
+all points of its limit, as the level says (jackknife+ by groups: Barber, Candès, Ramdas and
+Tibshirani, Annals of Statistics 49 (2021) 486-507).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from .points import Point
+from .quantities import Quantities
+
+Array = npt.NDArray[np.float64]
+
+LEVEL: Final = 0.9
+"""Of the interval of a prediction."""
+
+DRAWS: Final = 2000
+"""Resamples of the training grounds, for the interval of an error."""
+
+CANDIDATES: Final[Mapping[str, Callable[[Quantities], float]]] = {
+    "force of the numerics": lambda q: q.force,
+    "power of the numerics": lambda q: abs(q.power),
+    "energy share of the numerics": lambda q: abs(q.energy_share),
+    "critical ratio": lambda q: abs(np.log(q.critical_ratio)),
+    "step times fastest rate": lambda q: q.h_omega,
+}
+"""What may decide, by name."""
+
+GUESSES: Final[Mapping[str, Callable[[Quantities], float]]] = {
+    "step alone": lambda q: q.step,
+    "order alone": lambda q: q.inverse_order,
+    "spectral radius": lambda q: abs(q.growth),
+    "nothing": lambda q: 0.0,
+}
+"""What people go by, by name."""
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """A nondecreasing function of one number, constant beyond its ends.
+
+    Attributes:
+        number: name of what it is a function of.
+        at: numbers, ascending.
+        loss: at each.
+        half_width: of the interval of a prediction.
+        seen_error: mean of the absolute error over the points of the fit, each predicted from the
+            other limits of the control.
+    """
+
+    number: str
+    at: tuple[float, ...]
+    loss: tuple[float, ...]
+    half_width: float
+    seen_error: float
+
+    def __call__(self, quantities: Quantities) -> float:
+        """Loss that is to be expected."""
+        return float(np.interp(number_of(self.number, quantities), self.at, self.loss))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How well a number predicts losses that its fit has not seen.
+
+    Attributes:
+        number: its name.
+        error: mean of the absolute error over the held-out points.
+        low: of its 95 % interval over training grounds.
+        high: the same.
+        seen_error: of the curve, see :class:`Curve`.
+        covered: share of the held-out losses within their intervals.
+        points: held out.
+    """
+
+    number: str
+    error: float
+    low: float
+    high: float
+    seen_error: float
+    covered: float
+    points: int
+
+
+def number_of(name: str, quantities: Quantities) -> float:
+    """A candidate or a guess, by name."""
+    return float({**CANDIDATES, **GUESSES}[name](quantities))
+
+
+def fit(name: str, seen: Sequence[Point]) -> Curve:
+    """The curve of one number over points that were learned.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    learned = [point for point in seen if point.learned]
+    if not learned:
+        raise ValueError("no policy learned its task in any of the points")
+    at, loss = _curve(name, learned)
+    ratios = sorted({point.ratio for point in learned})
+    residuals = [
+        abs(point.loss - float(np.interp(number_of(name, point.quantities), *others)))
+        for ratio in ratios
+        if (rest := [p for p in learned if p.ratio != ratio] or learned)
+        for others in [_curve(name, rest)]
+        for point in learned
+        if point.ratio == ratio
+    ]
+    width = float(np.quantile(residuals, LEVEL, method="higher"))
+    error = float(np.mean(residuals))
+    return Curve(name, tuple(at.tolist()), tuple(loss.tolist()), width, error)
+
+
+def trial(curve: Curve, held_out: Sequence[Point]) -> Trial:
+    """A curve's predictions against losses that it has not seen.
+
+    Args:
+        curve: fitted without them.
+        held_out: points that were learned, at least one.
+    """
+    errors = np.array([abs(point.loss - curve(point.quantities)) for point in held_out])
+    homes = np.array([point.home.name for point in held_out])
+    low, high = _resampled(errors, homes)
+    covered = float((errors <= curve.half_width).mean())
+    error = float(errors.mean())
+    return Trial(curve.number, error, low, high, curve.seen_error, covered, len(held_out))
+
+
+def _curve(name: str, learned: Sequence[Point]) -> tuple[Array, Array]:
+    """Numbers, ascending and each once, and the fitted loss at each."""
+    from scipy.optimize import isotonic_regression
+
+    numbers = np.array([number_of(name, point.quantities) for point in learned])
+    losses = np.array([point.loss for point in learned])
+    at, places = np.unique(numbers, return_inverse=True)
+    counts = np.bincount(places).astype(float)
+    means = np.bincount(places, weights=losses) / counts
+    return at, np.asarray(isotonic_regression(means, weights=counts).x)
+
+
+def _resampled(errors: Array, homes: npt.NDArray[np.str_]) -> tuple[float, float]:
+    """95 % interval of the mean error over training grounds drawn anew."""
+    generator = np.random.default_rng(0)
+    names, places = np.unique(homes, return_inverse=True)
+    sums = np.bincount(places, weights=errors)
+    counts = np.bincount(places)
+    drawn = generator.integers(len(names), size=(DRAWS, len(names)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    return float(low), float(high)

@@ -1,0 +1,136 @@
+"""What to expect of a policy before it is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, Final
+
+import msgspec
+
+from integ_gym.envs import NATIVE, Discretization, testbed_of
+
+from ..panel import map_of
+from .law import Curve
+from .quantities import Quantities, quantities
+
+LAW: Final = "law.json"
+"""Made of the atlas's summaries by ``integ-gym atlas --law``."""
+
+SAFE: Final = 0.1
+"""Loss up to which a step is called safe: the margin of a panel's verdicts."""
+
+FINEST: Final = 64
+"""Steps per control period down to which a safe one is looked for."""
+
+
+class Law(msgspec.Struct, frozen=True):
+    """What was fitted to an atlas.
+
+    Attributes:
+        atlas: its name.
+        curve: loss by one number.
+        margins: smallest and largest limit of the control over the critical one that it saw.
+        seals: of the runs.
+    """
+
+    atlas: str
+    curve: Curve
+    margins: tuple[float, float]
+    seals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What to expect of a policy trained in a discretization.
+
+    Attributes:
+        discretization: where.
+        quantities: its numbers and the task's.
+        reachable: whether a search over controls reaches the goal's energy there in time.
+        loss: expected success there less success on the truth.
+        half_width: of the 90 % interval of that.
+        within: whether the limit of the control is among those that the law was fitted on.
+        safe_dt: coarsest step of this integrator with an expected loss of at most 0.1, s; None
+            where there is none down to a 64th of the control period.
+    """
+
+    discretization: Discretization
+    quantities: Quantities
+    reachable: bool
+    loss: float
+    half_width: float
+    within: bool
+    safe_dt: float | None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Loss that nine of ten policies are expected within, in [-1, 1]."""
+        return max(-1.0, self.loss - self.half_width), min(1.0, self.loss + self.half_width)
+
+
+@cache
+def law() -> Law:
+    """The law that comes with the package."""
+    content = (resources.files(__package__) / LAW).read_bytes()
+    return msgspec.json.decode(content, type=Law)
+
+
+def predict(
+    env_id: str = "IntegPendulum-v0",
+    *,
+    integrator: str,
+    dt: float,
+    control_period: float | None = None,
+    engine: str = NATIVE,
+    **environment: Any,
+) -> Prediction:
+    """What to expect of a policy trained in a discretization, without training it.
+
+    Args:
+        env_id: one of integ-gym's environments with a goal at rest.
+        integrator: registered name.
+        dt: integration step, s.
+        control_period: time between two decisions, s; by default the environment's own.
+        engine: of the integrator.
+        environment: other constructor arguments.
+
+    Raises:
+        SpecError: where the task names no goal at rest, or the truth cannot reach it.
+        TypeError, ValueError: for arguments that are not possible.
+    """
+    period = control_period or testbed_of(env_id, environment).home.control_period
+    at = Discretization(integrator, dt, period, engine)
+    known, numbers = law(), quantities(env_id, environment, _native(at))
+    low, high = known.margins
+    return Prediction(
+        at,
+        numbers,
+        numbers.critical_ratio <= numbers.margin,
+        known.curve(numbers),
+        known.curve.half_width,
+        low <= numbers.margin <= high,
+        _safe_dt(env_id, environment, at),
+    )
+
+
+def _safe_dt(env_id: str, environment: Mapping[str, Any], at: Discretization) -> float | None:
+    for one in _finer(at):
+        if law().curve(quantities(env_id, environment, _native(one))) <= SAFE:
+            return one.dt
+    return None
+
+
+def _finer(at: Discretization) -> Iterator[Discretization]:
+    """The control period as the step, its half, …"""
+    steps = 1
+    while steps <= FINEST:
+        yield Discretization(at.integrator, at.control_period / steps, at.control_period, at.engine)
+        steps *= 2
+
+
+def _native(at: Discretization) -> Discretization:
+    """The discretization in which our own engine applies the same map."""
+    return Discretization(map_of(at), at.dt, at.control_period)

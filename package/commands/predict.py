@@ -1,0 +1,85 @@
+"""``integ-gym predict``: what to expect of a policy before it is trained."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from integ_gym.eval import Prediction, predict
+from integ_gym.support import CommandParser, named_value, print_aligned, say
+
+EXAMPLES = """\
+examples:
+  integ-gym predict --integrator explicit_euler --dt 0.05 --env-arg max_torque=0.7 \\
+                    --env-arg start=hanging --env-arg duration=10
+  integ-gym predict --env IntegCartPoleSwingUp-v0 --integrator implicit_euler --dt 0.02
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym predict",
+        description="Say what to expect of a policy that would be trained in a discretization, "
+        "without training it: what the numerics give and take there, whether the task can be done, "
+        "and how much of its success it would lose on the truth. The law behind it was fitted to "
+        "the atlas, see docs/explanation/atlas.md.",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add("--env", metavar="ID", default="IntegPendulum-v0", help="default: %(default)s")
+    add("--integrator", required=True, metavar="NAME", help="that it would be trained on")
+    add("--dt", required=True, type=float, metavar="S", help="integration step, s")
+    add("--control-period", type=float, metavar="S", help="s; default: the environment's own")
+    add("--engine", default="native", metavar="NAME", help="of the integrator; default: native")
+    add(
+        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
+        help="another constructor argument; may be repeated",
+    )  # fmt: skip
+    return made
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    found = predict(
+        given.env,
+        integrator=given.integrator,
+        dt=given.dt,
+        control_period=given.control_period,
+        engine=given.engine,
+        **dict(given.env_arg),
+    )
+    say(_sentence(found), sys.stdout)
+    print_aligned(("what", "value", ""), _rows(found), sys.stdout, right=(False, True, False))
+    return 0
+
+
+def _sentence(found: Prediction) -> str:
+    name = found.discretization.name
+    if not found.reachable:
+        return f"No control that was searched for reaches the goal on {name} in time."
+    low, high = found.interval
+    return (
+        f"A policy that learns on {name} is expected to lose {found.loss:.2f} of its success on "
+        f"the truth (90% interval {low:.2f} to {high:.2f})."
+    )
+
+
+def _rows(found: Prediction) -> list[tuple[str, str, str]]:
+    own = found.quantities
+    safe = "none" if found.safe_dt is None else f"{found.safe_dt:g} s"
+    beyond = "" if found.within else "outside of what the law was fitted on"
+    return [
+        (
+            "limit of the control",
+            f"{own.margin:.3g}",
+            f"of the least that the truth takes; {beyond}".rstrip("; "),
+        ),
+        ("least limit there", f"{own.critical_ratio:.3g}", "of the least that the truth takes"),
+        ("energy from the numerics", f"{own.energy_share:+.1%}", "of what a greedy swing-up gains"),
+        ("power of the numerics", f"{own.power:+.3g}", "of the motor's full power"),
+        ("force of the numerics", f"{own.force:.3g}", "of the motor's full force"),
+        ("coarsest safe step", safe, "expected loss at most 0.1"),
+    ]

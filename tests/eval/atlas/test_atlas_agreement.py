@@ -1,0 +1,70 @@
+"""Summaries of different code, and when they may be combined."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from integ_gym.eval.atlas.agreement import Agreement, check_agree, compare, note, noted_in
+from integ_gym.eval.atlas.code_version import _bare, code_version
+from integ_gym.eval.atlas.summary import Origin, Summary
+
+ROWS = [
+    {"home": "rk4 dt=0.05", "seed": seed, "cell": cell, "successes": 2, "policy_hash": b"p"}
+    for seed in (3, 4)
+    for cell in ("rk4 dt=0.05", "reference dt=0.05")
+]
+
+
+def summary(code, rows=ROWS):
+    origin = Origin(
+        atlas="a", ratio=1.5, limit=0.6, seal="s", weights="w", code=code, versions={},
+        specification={}, cost={},
+    )  # fmt: skip
+    return Summary(origin, pa.Table.from_pylist(rows))
+
+
+def test_equal_outcomes_agree():
+    found = compare("1.5-seed3", summary("one"), summary("two", ROWS[:2]))
+    assert found == Agreement(("one", "two"), "1.5-seed3", policies=1, rows=2)
+
+
+@pytest.mark.parametrize(("key", "value"), [("successes", 1), ("policy_hash", b"q")])
+def test_an_outcome_that_differs_is_named(key, value):
+    again = [{**ROWS[0], key: value}]
+    with pytest.raises(ValueError, match=f"seed 3 of rk4 dt=0.05 .* {key} differ between code one"):
+        compare("1.5-seed3", summary("one"), summary("two", again))
+
+
+def test_a_policy_that_was_not_there_is_no_agreement():
+    with pytest.raises(ValueError, match="seed 9"):
+        compare("1.5-seed3", summary("one"), summary("two", [{**ROWS[0], "seed": 9}]))
+
+
+def test_agreements_are_kept_once(tmp_path):
+    first = Agreement(("one", "two"), "b", 1, 2)
+    for agreement in (first, Agreement(("two", "three"), "b", 1, 2), first):
+        note(agreement, tmp_path)
+    assert sorted(one.codes for one in noted_in(tmp_path)) == [("one", "two"), ("two", "three")]
+
+
+@given(st.lists(st.tuples(st.sampled_from("abcde"), st.sampled_from("abcde")), max_size=8))
+def test_only_versions_that_agreements_connect_are_combined(pairs):
+    agreements = [Agreement(pair, "b", 1, 1) for pair in pairs]
+    groups = {code: {code} for code in "abcde"}
+    for first, second in pairs:
+        joined = groups[first] | groups[second]
+        groups.update(dict.fromkeys(joined, joined))
+    if len(groups["a"]) == 5:
+        check_agree([summary(code) for code in "abcde"], agreements)
+    else:
+        with pytest.raises(ValueError, match="never held against each other"):
+            check_agree([summary(code) for code in "abcde"], agreements)
+
+
+def test_code_is_the_same_whatever_its_docstrings_say():
+    assert len(code_version()) == 16
+    same = '"""A."""\ndef f(x):\n    """B."""\n    return x  # c\n', "def f(x):\n    return x\n"
+    assert _bare(same[0]) == _bare(same[1]) != _bare("def f(x):\n    return -x\n")

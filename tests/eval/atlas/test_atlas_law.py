@@ -1,0 +1,96 @@
+"""Fits and their errors on points whose law is planted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from integ_gym.envs import Discretization
+from integ_gym.eval.atlas.law import CANDIDATES, GUESSES, fit, number_of, trial
+from integ_gym.eval.atlas.points import Point
+from integ_gym.eval.atlas.quantities import Quantities, quantities
+
+RATIOS = (1.0, 1.5, 2.0, 3.0)
+HOMES = [
+    Discretization(name, dt, 0.05)
+    for name in ("explicit_euler", "rk4", "implicit_euler")
+    for dt in (0.05, 0.025, 0.0125)
+]
+
+
+def planted(generator, ratios=RATIOS, noise=0.0):
+    """Losses that the force decides, and nothing else."""
+    found = []
+    for ratio in ratios:
+        for home in HOMES:
+            numbers = generator.uniform(0.01, 1.0, 8)
+            force = float(numbers[0])
+            own = Quantities(ratio, *(float(x) for x in numbers[1:4]), 0.0, *numbers[4:8].tolist())
+            own = Quantities(**{**vars(own), "force": force})
+            loss = min(1.0, max(0.0, force - 0.2 + noise * generator.normal()))
+            on_truth = np.full(4, 1.0 - loss)
+            found.append(Point(ratio, home, own, (0, 1, 2, 3), np.ones(4), on_truth, on_truth))
+    return found
+
+
+def test_the_number_that_decides_predicts_best_what_was_not_seen():
+    generator = np.random.default_rng(5)
+    seen, unseen = planted(generator), planted(generator, (1.2, 2.5))
+    errors = {name: trial(fit(name, seen), unseen).error for name in (*CANDIDATES, *GUESSES)}
+    assert min(errors, key=errors.__getitem__) == "force of the numerics"
+    assert errors["force of the numerics"] < 0.05 < 0.15 < errors["nothing"]
+
+
+def test_nothing_predicts_the_mean_of_what_was_seen():
+    generator = np.random.default_rng(6)
+    seen = planted(generator)
+    curve = fit("nothing", seen)
+    assert curve.loss == (pytest.approx(np.mean([point.loss for point in seen])),)
+
+
+def test_curves_never_fall_and_their_intervals_cover():
+    generator = np.random.default_rng(7)
+    covered = []
+    for _ in range(20):
+        curve = fit("force of the numerics", planted(generator, noise=0.1))
+        assert list(curve.at) == sorted(set(curve.at))
+        assert list(curve.loss) == sorted(curve.loss)
+        covered.append(trial(curve, planted(generator, noise=0.1)).covered)
+    assert 0.85 < np.mean(covered) < 0.97
+
+
+def test_an_error_lies_in_its_interval():
+    generator = np.random.default_rng(8)
+    found = trial(fit("power of the numerics", planted(generator)), planted(generator, (1.7,)))
+    assert found.low < found.error < found.high
+    assert found.points == len(HOMES)
+
+
+def test_policies_that_learned_nothing_are_left_out():
+    generator = np.random.default_rng(9)
+    seen = planted(generator)
+    failed = [
+        Point(p.ratio, p.home, p.quantities, p.seeds, 0 * p.at_home, *2 * (p.on_truth,))
+        for p in seen
+    ]
+    assert (
+        fit("force of the numerics", seen + failed).loss == fit("force of the numerics", seen).loss
+    )
+    with pytest.raises(ValueError, match="no policy learned"):
+        fit("force of the numerics", failed)
+
+
+def test_numbers_of_known_discretizations():
+    """Explicit Euler pumps, implicit Euler drains, the truth is the truth."""
+    given = {"start": "hanging", "duration": 10.0, "max_torque": 0.714}
+    own = {
+        name: quantities("IntegPendulum-v0", given, Discretization(name, 0.05, 0.05))
+        for name in ("explicit_euler", "implicit_euler", "reference")
+    }
+    assert own["reference"].margin == pytest.approx(1.7, abs=1e-3)
+    assert own["reference"].critical_ratio == 1.0
+    for name in ("force", "power", "growth", "energy_share"):
+        assert abs(getattr(own["reference"], name)) < 1e-9
+    assert own["explicit_euler"].critical_ratio < 0.2 < 1.0 < own["implicit_euler"].critical_ratio
+    assert own["explicit_euler"].power > 0.5 > -0.5 > own["implicit_euler"].power
+    assert number_of("order alone", own["explicit_euler"]) == 1.0

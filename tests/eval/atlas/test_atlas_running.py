@@ -1,0 +1,89 @@
+"""An atlas from its specification to its summaries, and begun again."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from small_atlas import written
+
+from integ_gym.cli import main
+from integ_gym.eval import missing, read_atlas, read_summary
+from integ_gym.evidence import read_seal
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Every block of the small atlas."""
+    folder = tmp_path_factory.mktemp("atlas")
+    spec = written(folder)
+    assert main(["atlas", str(spec), "--out", str(folder / "runs"), "--no-progress"]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_a_summary_has_a_row_for_every_policy_and_cell(run):
+    atlas = read_atlas(run / "small.toml")
+    for block in atlas.blocks():
+        summary = read_summary(run / "runs" / "summaries" / f"{block.name}.parquet")
+        rows = summary.rows.to_pylist()
+        homes = {home.name for home in block.panel.train}
+        cells = {cell.name for cell in block.panel.columns()}
+        assert {(row["home"], row["cell"]) for row in rows} == {
+            (h, c) for h in homes for c in cells
+        }
+        assert {row["seed"] for row in rows} == set(block.panel.seeds)
+        assert all(row["episodes"] == 2 >= row["recovered"] >= row["successes"] for row in rows)
+        assert all(len(row["policy_hash"]) == 32 for row in rows)
+        assert summary.origin.seal == read_seal(run / "runs" / block.name)["seal"]
+        assert summary.origin.limit == block.limit
+
+
+@pytest.mark.slow
+def test_what_has_a_summary_is_not_run_again_even_without_its_evidence(run, capsys):
+    out = run / "elsewhere"
+    shutil.copytree(run / "runs" / "summaries", out / "summaries")
+    (out / "summaries" / "3-seed4.parquet").unlink()
+    atlas = read_atlas(run / "small.toml")
+    assert [block.name for block in missing(atlas, out / "summaries")] == ["3-seed4"]
+    assert main(["atlas", str(run / "small.toml"), "--out", str(out), "--no-progress"]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["3-seed4", "summaries"]
+    told = capsys.readouterr().out
+    assert "4 of 4 blocks" in told
+    first, second = (
+        read_summary(folder / "summaries" / "3-seed4.parquet") for folder in (run / "runs", out)
+    )
+    assert first.rows.equals(second.rows)
+    assert first.origin.weights == second.origin.weights
+
+
+@pytest.mark.slow
+def test_a_block_run_again_agrees(run, capsys):
+    command = ["atlas", str(run / "small.toml"), "--out", str(run / "runs"), "--again", "3-seed3"]
+    assert main(command) == 0
+    assert "2 policies trained again in 3-seed3: all 4 outcomes are the same." in (
+        capsys.readouterr().out
+    )
+    assert (run / "runs" / "summaries" / "agreements.json").exists()
+
+
+@pytest.mark.slow
+def test_summaries_of_another_specification_are_refused(run, tmp_path, capsys):
+    spec = written(tmp_path, total_steps="total_steps = 1024")
+    assert main(["atlas", str(spec), "--out", str(run / "runs")]) == 2
+    assert "is of another specification than block 1.5-seed3" in capsys.readouterr().err
+
+
+def test_a_plan_runs_nothing(tmp_path, capsys):
+    spec = written(tmp_path)
+    assert main(["atlas", str(spec), "--out", str(tmp_path / "runs"), "--plan"]) == 0
+    told = capsys.readouterr().out
+    assert "4 blocks missing" in told
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("extra", [["--only", "9-seed1"], ["--again", "9-seed1"]])
+def test_a_block_that_is_none_is_refused(tmp_path, capsys, extra):
+    command = ["atlas", str(written(tmp_path)), "--out", str(tmp_path / "runs"), *extra]
+    assert main(command) == 2
+    assert "there is no block '9-seed1'; --plan lists them" in capsys.readouterr().err
