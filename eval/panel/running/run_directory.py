@@ -35,11 +35,11 @@ PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "to
 
 
 RECORDS = "records"
-"""Of a marker: SHA-256 of the unit's records."""
+"""Of a marker: SHA-256 of the unit's records; null where no training episode came to its end."""
 
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
-    "train": {"policy": str, RECORDS: str},
+    "train": {"policy": str, RECORDS: (str, type(None))},
     "evaluate": {"policies": dict, "cells": dict, RECORDS: str},
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
@@ -308,10 +308,10 @@ class RunDirectory:
         Raises:
             RunDirectoryError: if they are whole, and others.
         """
-        file = self._records(unit)
+        file, noted = self._records(unit), held.get(RECORDS)
         if not file.is_file():
-            return False
-        if file_hash(file) == held.get(RECORDS):
+            return noted is None
+        if file_hash(file) == noted:
             return True
         if _is_cut_off(file):
             return False
@@ -326,7 +326,7 @@ class RunDirectory:
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
-            if RECORDS in held and not file.is_file():
+            if held.get(RECORDS) is not None and not file.is_file():
                 yield name, "is missing"
             elif file.is_file() and file_hash(file) != held.get(RECORDS):
                 yield name, "is not what its unit was finished with"
@@ -349,12 +349,14 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        records = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else {}
-        write_json(self._marker(unit), {"key": key, **times, **records, **facts})
+        expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
+        found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
+        write_json(self._marker(unit), {"key": key, **times, **found, **facts})
 
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
-        replace_file(self._records(unit), other._records(unit).read_bytes())
+        if other.has_records(unit):
+            replace_file(self._records(unit), other._records(unit).read_bytes())
         write_json(self._marker(unit), _read_marker(other._marker(unit)))
 
     def seconds(self, units: Iterable[str]) -> float:
@@ -431,8 +433,12 @@ def _is_cut_off(file: Path) -> bool:
 
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
-    kind = path.stem.partition("-")[0]
-    return _read(path, {**_NOTED, **_NOTED_BY.get(kind, {})}, "remove it to do the unit again")
+    return _read(path, _noted(path.stem), "remove it to do the unit again")
+
+
+def _noted(unit: str) -> Kinds:
+    """What the marker of a unit holds, by the first word of its name."""
+    return {**_NOTED, **_NOTED_BY.get(unit.partition("-")[0], {})}
 
 
 def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
