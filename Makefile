@@ -69,7 +69,7 @@ moto: .moto/.ready
 
 .isaaclab/.ready: constraints-isaaclab.txt
 	@$(ISAACLAB_PYTHON) -c 'import sys; sys.exit("Isaac Lab needs Python 3.12, found " + sys.version.split()[0] + "; set ISAACLAB_PYTHON" if sys.version_info[:2] != (3, 12) else 0)'
-	@echo "Setting up .isaaclab with Isaac Lab: 4.6 GB, once."
+	@echo "Setting up .isaaclab with Isaac Lab: 8 GB, once."
 	@$(ISAACLAB_PYTHON) -m venv .isaaclab
 	@.isaaclab/bin/python -m pip install --quiet --requirement constraints-isaaclab.txt
 	@touch $@

@@ -29,18 +29,10 @@ from integ_gym.support import (
     write_json,
 )
 
+from ..specification import GROWING, additions, contradictions
 from .staging import DIVISION, DRIVEN, SHARED, WORK, Desk, clear, earlier, retire
 
 MANIFEST = "run.json"
-GROWING = "seeds"
-"""List in a specification to which more may be added at the end."""
-
-ADDED = ("train", "grid", "perturbations", "sweeps", "baselines")
-"""Lists in a specification to which more may be added anywhere."""
-
-WORDS = ("question", "sources")
-"""What may be another: words for people, and what follows from the lists."""
-
 PANEL_FILE = "panel.json"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
@@ -48,11 +40,11 @@ PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "to
 
 
 RECORDS = "records"
-"""Of a marker: SHA-256 of the unit's records."""
+"""Of a marker: SHA-256 of the unit's records; null where no training episode came to its end."""
 
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
-    "train": {"policy": str, RECORDS: str},
+    "train": {"policy": str, RECORDS: (str, type(None))},
     "evaluate": {"policies": dict, "cells": dict, RECORDS: str},
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
@@ -270,15 +262,22 @@ class RunDirectory:
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
-        held = read_manifest(manifest) if manifest.exists() else {"versions": self.versions()}
-        if held.get("specification") != self._specification:
-            write_json(manifest, {**held, "specification": self._specification})
+        held = read_manifest(manifest) if manifest.exists() else {}
+        before = held.get("specification")
+        versions = {**self.versions(), **held.get("versions", {})}
+        told = {**held, "versions": versions, "specification": self._specification}
+        if told != held:
+            write_json(manifest, told)
         try:
             self.storage.publish(MANIFEST)
         except Busy:  # another that began at the same time was faster
             self.storage.fetch(MANIFEST)
             self._check()
             self._write_manifest()
+            return
+        new = list(additions(before, self._specification)) if before else []
+        if new:
+            print(f"New in {self.storage}: {'; '.join(new)}. All else is kept.", file=sys.stderr)
 
     def _check(self) -> None:
         manifest = self.path / MANIFEST
@@ -306,13 +305,11 @@ class RunDirectory:
         held = read_manifest(manifest)
         before = held.get("specification", {})
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
-        may_differ = (GROWING, *WORDS, *(n for n in ADDED if self._has_grown(before, n)))
-        same = {name: self._specification.get(name) for name in may_differ}
-        other = list(_differences({**before, **same}, {**self._specification, **same}))
+        other = list(contradictions(before, self._specification))
         if other:
             raise RunDirectoryError(
                 f"{self.storage} holds another panel: {', '.join(other)}; give another directory "
-                "with --out, or the specification that it was started with"
+                f"with --out{self._kept(before)}, or the specification that it was started with"
             )
         versions = self.versions()
         changed = [
@@ -327,13 +324,12 @@ class RunDirectory:
                 "with --out"
             )
 
-    def _has_grown(self, before: Mapping[str, Any], name: str) -> bool:
-        """Whether all that a list held is still in it."""
-        now = _by_entry(self._specification.get(name) or [])
-        return all(
-            entry in now and set(values) <= set(now[entry])
-            for entry, values in _by_entry(before.get(name) or []).items()
-        )
+    def _kept(self, before: Mapping[str, Any]) -> str:
+        """How policies that are here are judged on another number of starts."""
+        same = before.get("episodes") == self._specification.get("episodes")
+        if same or not before.get(GROWING):
+            return ""
+        return f" (--policies {self.path} takes the policies from here)"
 
     def _check_growth(self, before: Any, now: Any) -> None:
         """Check that the seeds that were there are the first that are wanted."""
@@ -418,10 +414,10 @@ class RunDirectory:
         Raises:
             RunDirectoryError: if they are whole, and others.
         """
-        file = self._records(unit)
+        file, noted = self._records(unit), held.get(RECORDS)
         if not file.is_file():
-            return False
-        if file_hash(file) == held.get(RECORDS):
+            return noted is None
+        if file_hash(file) == noted:
             return True
         if _is_cut_off(file):
             return False
@@ -436,7 +432,7 @@ class RunDirectory:
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
-            if RECORDS in held and not file.is_file():
+            if held.get(RECORDS) is not None and not file.is_file():
                 yield name, "is missing"
             elif file.is_file() and file_hash(file) != held.get(RECORDS):
                 yield name, "is not what its unit was finished with"
@@ -459,12 +455,14 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        records = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else {}
-        write_json(self._marker(unit), {"key": key, **times, **records, **facts})
+        expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
+        found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
+        write_json(self._marker(unit), {"key": key, **times, **found, **facts})
 
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
-        replace_file(self._records(unit), other._records(unit).read_bytes())
+        if other.has_records(unit):
+            replace_file(self._records(unit), other._records(unit).read_bytes())
         write_json(self._marker(unit), _read_marker(other._marker(unit)))
 
     def seconds(self, units: Iterable[str]) -> float:
@@ -511,16 +509,6 @@ def _always() -> bool:
     return True
 
 
-def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:
-    """Entries of a list; of a sweep, which may have more values, these apart."""
-    found = {}
-    for value in values:
-        swept = value.get("values", ()) if isinstance(value, dict) else ()
-        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
-        found[json.dumps(entry, sort_keys=True)] = tuple(swept)
-    return found
-
-
 def _few(values: Sequence[Any]) -> str:
     return f"{values[0]} to {values[-1]}" if values else "none"
 
@@ -551,8 +539,12 @@ def _is_cut_off(file: Path) -> bool:
 
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
-    kind = path.stem.partition("-")[0]
-    return _read(path, {**_NOTED, **_NOTED_BY.get(kind, {})}, "remove it to do the unit again")
+    return _read(path, _noted(path.stem), "remove it to do the unit again")
+
+
+def _noted(unit: str) -> Kinds:
+    """What the marker of a unit holds, by the first word of its name."""
+    return {**_NOTED, **_NOTED_BY.get(unit.partition("-")[0], {})}
 
 
 def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
@@ -560,17 +552,3 @@ def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
         return read_object(path, kinds, remedy)
     except ValueError as error:
         raise RunDirectoryError(str(error)) from None
-
-
-def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
-    """What differs between two specifications: numbers and texts as they were and are."""
-    for key in {**held, **now}:
-        one, other, name = held.get(key), now.get(key), f"{of}{key}"
-        if one == other:
-            continue
-        if isinstance(one, dict) and isinstance(other, dict):
-            yield from _differences(one, other, f"{name}.")
-        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
-            yield f"another `{name}`"
-        else:
-            yield f"`{name}` {one} (now {other})"
