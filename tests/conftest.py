@@ -13,7 +13,6 @@ from typing import Any
 import hypothesis
 import portalocker
 import pytest
-from object_store import BUCKET, served_bucket
 
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.eval.census.subjects.published import PUBLISHED, installed
@@ -89,6 +88,8 @@ def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 @pytest.fixture(scope="session")
 def object_server() -> Iterator[dict[str, str]]:
     """What the environment tells of an S3-compatible server on loopback, with an empty bucket."""
+    from object_store import served_bucket
+
     with served_bucket() as told:
         yield told
 
@@ -98,6 +99,8 @@ def bucket(object_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> st
     """A place of a test's own in an object store."""
     for name, value in object_server.items():
         monkeypatch.setenv(name, value)
+    from object_store import BUCKET
+
     return f"{BUCKET}/{uuid.uuid4().hex}"
 
 
