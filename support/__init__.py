@@ -107,6 +107,7 @@ if TYPE_CHECKING:
         BLOCK,
         EXECUTORS,
         LEASE,
+        PROBE,
         Claim,
         ClaimError,
         Claims,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .clusters import EXECUTORS, Cluster, cluster_of
     from .folder_files import FolderFiles, Gone, SharedFiles
     from .holding import held, pauses
-    from .probing import check_sharing
+    from .probing import PROBE, check_sharing
     from .resources import ClusterError, Resources
 else:
     __getattr__, __dir__ = lazy_door(__name__)

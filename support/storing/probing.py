@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from ..packages import load
+from ..sharing import PROBE
 from .objects import asking
 
 ROUNDS, RIVALS = 4, 4
@@ -26,7 +27,7 @@ def check_store(store: Any, url: str) -> None:
         OSError: if nothing can be written there.
     """
     obstore = load("obstore", "storage")
-    place = f".probe-{uuid.uuid4().hex}"
+    place = f"{PROBE}{uuid.uuid4().hex}"
     try:
         with asking(url):
             obstore.put(store, f"{place}/written", b"")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support import (
+    PROBE,
     Claim,
     Gone,
     SharedFiles,
@@ -221,7 +222,9 @@ def earlier(storage: Storage, own: str) -> list[str]:
 
 def clear(run: Path | Storage) -> None:
     """Remove what is there only while a run is worked on, of a folder."""
-    as_storage(run).remove(WORK)
+    storage = as_storage(run)
+    for name in (WORK, *(name for name in storage.folders("") if name.startswith(PROBE))):
+        storage.remove(name)
 
 
 def _decided(desk: Path) -> Iterator[str]:
