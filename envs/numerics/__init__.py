@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .disturbance import Disturbance, disturbance
     from .energy import BOUNDED, energies, energy_growth, ledger
     from .energy_reach import METHOD, Reach, critical_limit, energy_at, goal_energy, reach
     from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .independent import IndependentMotion, independent_motion
     from .linear import critical_step, linear_map, stability_limit
     from .matching import Case, cases_of, largest_error, mapped, match
+    from .numerical_force import Disturbance, disturbance
     from .order import ROUNDING, Convergence, convergence, slope
     from .phase_space import reversibility_errors, symplecticity_defect, volume_defect
     from .probe import fastest_mode, fastest_rate, linear_rates, probe_state

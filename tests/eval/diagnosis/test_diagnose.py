@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from house import ROOT
 from planted import Falling, Hill, Slider
+from small_panel import every_format
 
 from integ_gym.cli import main
 from integ_gym.envs.integrators import INTEGRATORS
@@ -400,7 +401,8 @@ def test_analytic_impact_is_what_the_plant_does(name):
 
 def test_drift_example(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(drift_example, "CART_POLE_TIMES", (10.0,))
-    assert main(["diagnose", "--example", "drift", "--out", str(tmp_path)]) == 0
+    with every_format():
+        assert main(["diagnose", "--example", "drift", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     for number in ("−0.7968 %", "+3.585·10⁴ %", "−0.07413 %", "−3.435 %"):
         assert number in printed
