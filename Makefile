@@ -12,7 +12,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
-.PHONY: panel train test test-slow lint docs notebooks bench published census isaaclab dm_control clean
+.PHONY: panel train test test-slow lint docs notebooks bench atlas-figures published census isaaclab dm_control moto clean
 
 panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -23,7 +23,7 @@ train: $(TORCH)
 test: $(READY)
 	$(PYTEST) -m "not slow" $(PYTEST_OPTIONS)
 
-test-slow: $(READY)
+test-slow: $(READY) moto
 	$(PYTEST) -m slow $(PYTEST_OPTIONS)
 
 lint: $(READY)
@@ -48,6 +48,13 @@ bench: $(READY)
 	done
 	$(BIN)/python benchmarks/bounds.py runs/bench
 
+atlas-figures: $(LIGHT)
+	@for spec in specs/atlas/*.toml; do \
+	  name=$$(basename $$spec .toml); \
+	  $(BIN)/integ-gym atlas $$spec --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
+	done
+	@cp docs/atlas/rod_pendulum/figures/law.json eval/atlas/law.json
+
 published: $(READY)
 	@$(INSTALL) --group census
 
@@ -58,9 +65,11 @@ isaaclab: .isaaclab/.ready
 
 dm_control: .dm_control/.ready
 
+moto: .moto/.ready
+
 .isaaclab/.ready: constraints-isaaclab.txt
 	@$(ISAACLAB_PYTHON) -c 'import sys; sys.exit("Isaac Lab needs Python 3.12, found " + sys.version.split()[0] + "; set ISAACLAB_PYTHON" if sys.version_info[:2] != (3, 12) else 0)'
-	@echo "Setting up .isaaclab with Isaac Lab: 4.6 GB, once."
+	@echo "Setting up .isaaclab with Isaac Lab: 8 GB, once."
 	@$(ISAACLAB_PYTHON) -m venv .isaaclab
 	@.isaaclab/bin/python -m pip install --quiet --requirement constraints-isaaclab.txt
 	@touch $@
@@ -70,6 +79,12 @@ dm_control: .dm_control/.ready
 	@echo "Setting up .dm_control with dm_control and its own MuJoCo."
 	@$(DM_CONTROL_PYTHON) -m venv .dm_control
 	@.dm_control/bin/python -m pip install --quiet --requirement constraints-dm_control.txt
+	@touch $@
+
+.moto/.ready: constraints-moto.txt
+	@echo "Setting up .moto with an S3-compatible server for tests."
+	@$(PYTHON) -m venv .moto
+	@.moto/bin/python -m pip install --quiet --requirement constraints-moto.txt
 	@touch $@
 
 # Each step of the set-up adds to the one before, in the same .venv.
@@ -91,4 +106,4 @@ $(READY): $(TORCH)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .isaaclab .dm_control build dist *.egg-info
+	rm -rf $(VENV) .isaaclab .dm_control .moto build dist *.egg-info

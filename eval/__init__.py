@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         policy_costs,
         policy_of,
         read_panel,
+        rewriting,
         run_panel,
         specified,
         total_cost,

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         merge,
         open_run,
         print_table,
+        query_in_place,
         show,
     )
     from .verification import (

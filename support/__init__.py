@@ -106,8 +106,10 @@ if TYPE_CHECKING:
         work_bar,
     )
     from .sharing import (
+        BLOCK,
         EXECUTORS,
         LEASE,
+        PROBE,
         Claim,
         ClaimError,
         Claims,
@@ -116,11 +118,28 @@ if TYPE_CHECKING:
         FolderFiles,
         Gone,
         Resources,
+        SharedFiles,
         check_sharing,
+        close_units,
         cluster_of,
         held,
+        is_fence,
         pauses,
         was_committed,
+    )
+    from .storing import (
+        BucketStorage,
+        Busy,
+        FolderStorage,
+        Place,
+        Storage,
+        StorageError,
+        as_storage,
+        fetched,
+        is_remote,
+        named_place,
+        parquet_files,
+        stored,
     )
     from .terminal import (
         DIM,
@@ -141,6 +160,7 @@ if TYPE_CHECKING:
         print_aligned,
         print_groups,
         report_errors,
+        run_place,
         say,
         seconds,
         step,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -82,6 +83,25 @@ def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         return own
 
     return made
+
+
+@pytest.fixture(scope="session")
+def object_server() -> Iterator[dict[str, str]]:
+    """What the environment tells of an S3-compatible server on loopback, with an empty bucket."""
+    from object_store import served_bucket
+
+    with served_bucket() as told:
+        yield told
+
+
+@pytest.fixture
+def bucket(object_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """A place of a test's own in an object store."""
+    for name, value in object_server.items():
+        monkeypatch.setenv(name, value)
+    from object_store import BUCKET
+
+    return f"{BUCKET}/{uuid.uuid4().hex}"
 
 
 def pytest_report_header() -> str:

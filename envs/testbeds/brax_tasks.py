@@ -26,7 +26,7 @@ class BraxTask(GymTestbed):
 
     Choosing a backend changes what Brax's task is: its step, its steps per decision and, of some
     tasks, the gear of its motors. Step and decisions are set here, so that they are what is asked;
-    the gear is the backend's, and ``gear`` tells it.
+    the gear is the backend's.
 
     Args:
         task: its name.

@@ -26,7 +26,7 @@ class Line:
     """What was found of a subject.
 
     Attributes:
-        subject: what was looked at.
+        subject: what was looked at, and is held no longer: engines may be processes.
         found: what its control period is made of.
         speed_limit: None where nothing was identified that it could be told from.
         drift: None where a free motion cannot be had.
@@ -71,15 +71,16 @@ class Line:
 def measure(subject: Subject) -> Line:
     """Look at a subject."""
     plant: Any = subject.plant
-    samples = subject.access.samples(subject)
-    found = identify(samples, subject.stated, subject.width)
-    states = subject.access.coast(subject)
-    limit = find_speed_limit(subject.access.driven(subject), found) if found.identified else None
+    access = subject.access
+    assert access is not None
+    found = identify(access.samples(subject), subject.stated, subject.width)
+    states = access.coast(subject)
+    limit = find_speed_limit(access.driven(subject), found) if found.identified else None
     free = replace(plant, **dict.fromkeys(numerics.damping_parameters(plant), 0.0))
     n = len(plant.coordinates)
     hanging = join_state((*(0.0,) * (n - 1), math.pi), (0.0,) * n)
     return Line(
-        subject=subject,
+        subject=replace(subject, access=None),
         found=found,
         speed_limit=limit,
         drift=energy_drift(plant, states, subject.stated.control_period) if states else None,

@@ -90,5 +90,6 @@ def _look(census: Census, source: str, subjects: Callable[[], Iterator[Subject]]
     try:
         for subject in subjects():
             census.lines.append(measure(subject))
+            del subject  # before the next one is made
     except Exception as error:  # whatever the code of others does
         census.failed[source] = f"{type(error).__name__}: {' '.join(str(error).split())}"

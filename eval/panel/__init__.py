@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .model import FILE_NAME, Estimate, Panel, Verdict, read_panel
     from .power import family_power
     from .running import MANIFEST, fixed_cost, policy_costs, total_cost
+    from .sharing import rewriting
     from .specification import (
         BUILT_IN,
         TRAINERS,

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ from integ_gym.support import (
     LEASE,
     Cluster,
     Resources,
+    Storage,
     check_spawning,
     cluster_of,
     cores,
     require,
+    stored,
 )
-from integ_gym.train import Stated, workers_of
+from integ_gym.train import Stated
 
 from .existing import (
     evaluate_existing,
@@ -30,8 +33,8 @@ from .existing import (
 )
 from .model import Panel
 from .results import write_artefact
-from .running import RunDirectory, clear, complete, memory_of, opened
-from .sharing import Share, complete_on, work_on
+from .running import RunDirectory, complete, memory_of, opened
+from .sharing import Share, complete_on, processes, work_on, write_pages
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
 
 SHORTEST_LEASE = 1.0
@@ -60,6 +63,7 @@ def run_panel(
     executor: str = "local",
     address: str | None = None,
     resources: Resources | None = None,
+    lease: float = LEASE,
 ) -> Panel:
     """Train and evaluate all that is not finished yet, and write the panel's directory.
 
@@ -67,7 +71,7 @@ def run_panel(
 
     Args:
         spec: of the panel; see :func:`specified`.
-        out: its directory.
+        out: its directory, or ``s3://…``, ``gs://…``, ``az://…``; see docs/how-to/clusters.md.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time on stderr.
         policies: directory of a finished panel whose policies are taken instead of training.
@@ -76,6 +80,7 @@ def run_panel(
             ``"module:function"`` for a `concurrent.futures.Executor`; see docs/how-to/clusters.md.
         address: of a running cluster of Ray or Dask; by default one is started on this machine.
         resources: of each worker of such an engine.
+        lease: in an object store, time of silence after which this call is taken for dead, s.
 
     Returns:
         What ``panel.json`` holds.
@@ -88,34 +93,55 @@ def run_panel(
     """
     require("report", "evidence")
     check_spawning()
+    _check_lease(lease)
     given, taken = specified(spec), None if policies is None else Path(policies)
     asked = replace(resources or Resources(), workers=workers, memory_gib=given.memory_gib)
     with (
         cluster_of(executor, address, asked) as cluster,
-        _opened(given, Path(out), cluster, workers, taken) as directory,
+        stored(out) as place,
+        _opened(given, place, cluster, workers, taken, lease) as directory,
     ):
-        count = cluster.workers if cluster.remote else workers or cores()
+        shared = cluster.remote or place.remote
+        count = cluster.workers if shared else workers or cores()
         for stage in stages(given):
             new = (
                 complete_on(cluster, stage, directory, progress=progress)
-                if cluster.remote
+                if shared
                 else complete(stage, directory, workers=workers, progress=progress)
             )
             if new and stage is not given:
-                write_artefact(stage, directory, command, count, of=given)
-        panel = write_artefact(given, directory, command, count)
-        clear(directory.path)
+                stage_page = partial(write_artefact, stage, directory, command, count, of=given)
+                write_pages(stage_page, directory)
+        panel = write_pages(partial(write_artefact, given, directory, command, count), directory)
+        directory.finish_work()
         return panel
 
 
 def _opened(
-    spec: PanelSpec, out: Path, cluster: Cluster, workers: int | None, policies: Path | None
+    spec: PanelSpec,
+    out: Storage,
+    cluster: Cluster,
+    workers: int | None,
+    policies: Path | None,
+    lease: float,
 ) -> AbstractContextManager[RunDirectory]:
     """The directory of a panel, held for an engine."""
-    if not cluster.remote:
+    if not cluster.remote and not out.remote:
         return opened(spec, out, workers=workers, policies=policies)
-    fleet = workers_of(cluster)
-    return opened(spec, out, workers=fleet, memory_gib=memory_of(spec, fleet), policies=policies)
+    fleet = processes(cluster)
+    return opened(
+        spec,
+        out,
+        workers=fleet,
+        memory_gib=memory_of(spec, fleet),
+        policies=policies,
+        lease=lease,
+    )
+
+
+def _check_lease(lease: float) -> None:
+    if not SHORTEST_LEASE <= lease < math.inf:
+        raise ValueError(f"a lease takes {SHORTEST_LEASE:g} s or more, got {lease:g}; give --lease")
 
 
 def work_on_panel(
@@ -135,7 +161,7 @@ def work_on_panel(
 
     Args:
         spec: of the panel; see :func:`specified`.
-        out: its directory.
+        out: its directory, or ``s3://…``, ``gs://…``, ``az://…``; see docs/how-to/clusters.md.
         workers: processes that the work is divided for; by default the cores of this machine.
         gpus: whether this process has a GPU to train on.
         lease: time after which a unit whose process is silent is taken over, s.
@@ -152,10 +178,10 @@ def work_on_panel(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("report", "evidence")
-    if not SHORTEST_LEASE <= lease < math.inf:
-        raise ValueError(f"a lease takes {SHORTEST_LEASE:g} s or more, got {lease:g}; give --lease")
+    _check_lease(lease)
     share = Share(workers or cores(), gpus, lease, progress, command)
-    return work_on(specified(spec), Path(out), share)
+    with stored(out) as place:
+        return work_on(specified(spec), place, share)
 
 
 def evaluate(
@@ -186,7 +212,8 @@ def evaluate(
             observation to one action; anything with ``predict``, such as a model of
             stable-baselines3; or ``"module:function"``.
         env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
-        out: directory; one that holds another policy's evaluation is refused.
+        out: directory, or a place in an object store; one that holds another policy's evaluation
+            is refused.
         home: what it was trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
             mapping or a `Discretization`, or ``"stock"`` for Gymnasium's own environment. By
             default what the side-car says; without one it is unknown, and null in evidence.
@@ -230,11 +257,11 @@ def evaluate(
     on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
     asked = replace(resources or Resources(), workers=workers)
-    with cluster_of(executor, address, asked) as cluster:
+    with cluster_of(executor, address, asked) as cluster, stored(out) as place:
         return evaluate_existing(
             existing,
             spec,
-            Path(out),
+            place,
             command,
             workers=workers,
             progress=progress,

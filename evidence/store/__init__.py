@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .elsewhere import query_in_place
     from .merging import Merged, merge
     from .parquet_file import check_schema, parts, read
     from .printing import TABLE_FORMATS, print_table

@@ -192,13 +192,17 @@ def read_row(file: Path, row: int) -> Any:
     raise IndexError(f"{file} has no such row")
 
 
-def check_schema(file: Path) -> Any:
+def check_schema(file: Path | str, on: Any = None) -> Any:
     """The Arrow schema of a file that has all fields of its schema version.
+
+    Args:
+        file: the file.
+        on: the Arrow file system that it is on; by default this machine's.
 
     Raises:
         EvidenceError: for another file, with the remedy.
     """
-    schema = _metadata(file).schema.to_arrow_schema()
+    schema = _metadata(file, on).schema.to_arrow_schema()
     version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
     if version not in map(str, range(1, SCHEMA_VERSION + 1)):
         raise EvidenceError(
@@ -249,13 +253,13 @@ def _opened(file: Path) -> Any:
     return parquet().ParquetFile(file)
 
 
-def _metadata(file: Path) -> Any:
+def _metadata(file: Path | str, on: Any = None) -> Any:
     try:
-        return parquet().read_metadata(file)
+        return parquet().read_metadata(file, filesystem=on)
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
 
 
-def _unreadable(file: Path, error: Exception) -> EvidenceError:
+def _unreadable(file: Path | str, error: Exception) -> EvidenceError:
     reason = " ".join(str(error).split())
     return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")

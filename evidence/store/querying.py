@@ -16,14 +16,15 @@ _ONE_STATEMENT = (
 )
 
 
-def query(files: Sequence[Path], sql: str) -> Any:
+def query(files: Sequence[Path] | Any, sql: str) -> Any:
     """Run SQL over the view ``records``, which holds all files with their columns united.
 
     Nothing but these files can be read, nothing written, and no extension loaded; what does not fit
     into memory goes to the system's folder for temporary files.
 
     Args:
-        files: committed files.
+        files: committed files, or the data set of Arrow that they make, which DuckDB asks for the
+            columns and rows that it needs.
         sql: one statement in DuckDB's dialect that reads: `SELECT`, `DESCRIBE`, `PIVOT`, ….
 
     Returns:
@@ -42,7 +43,7 @@ def query(files: Sequence[Path], sql: str) -> Any:
         ) as connection,
     ):
         try:
-            _offer(connection, [str(file.resolve()) for file in files])
+            _offer(connection, files)
             _check_reads(engine, connection, sql)
             return _interruptible(connection, sql)
         except engine.Error as error:
@@ -69,10 +70,14 @@ def _interruptible(connection: Any, sql: str) -> Any:
             raise
 
 
-def _offer(connection: Any, paths: list[str]) -> None:
+def _offer(connection: Any, files: Sequence[Path] | Any) -> None:
     """Make the view, and forbid everything else for good."""
+    paths = [str(file.resolve()) for file in files] if isinstance(files, Sequence) else []
     patterns = [_literal(path) for path in paths]
-    relation = connection.read_parquet(patterns, union_by_name=True)
+    if paths:
+        relation = connection.read_parquet(patterns, union_by_name=True)
+    else:
+        relation = connection.register("_files", files).table("_files")
     absent = [field.name for field in SUMMARY_FIELDS if field.name not in relation.columns]
     later = "".join(f", NULL AS {name}" for name in absent)
     relation.project(f"*{later}").create_view("records")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from integ_gym.support import EXECUTORS, Resources, whole_number
 
@@ -32,3 +33,8 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 def resources_of(arguments: argparse.Namespace) -> Resources:
     """What the options ask for, of each worker."""
     return Resources(cores=arguments.cores_per_worker, gpus=arguments.gpus_per_worker)
+
+
+def told_page(out: str | Path) -> str:
+    """Where a run's page is."""
+    return str((out / "report.html").resolve()) if isinstance(out, Path) else f"{out}/report.html"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
-from integ_gym.support import CommandParser, named_value, say, told_command, whole_number
+from integ_gym.support import CommandParser, named_value, run_place, say, told_command, whole_number
 
-from .engine_options import add_engine, resources_of
+from .engine_options import add_engine, resources_of, told_page
 
 EXAMPLES = """\
 examples:
@@ -59,7 +59,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"{', '.join(ENVIRONMENTS)}, any MuJoCo task of Gymnasium's, such as Hopper-v5, or "
         f"{BRING_YOUR_OWN}",
     )  # fmt: skip
-    add("--out", required=True, type=Path, metavar="DIR", help="where results go")
+    add("--out", required=True, type=run_place, metavar="DIR", help="where results go")
     add(
         "--integrator", action="append", default=[], metavar="NAME",
         help="evaluate on this one; may be repeated (default: all)",
@@ -138,5 +138,5 @@ def main(argv: Sequence[str]) -> int:
     )
     say(panel.question, sys.stdout)
     say(panel.said(panel.answer), sys.stdout)
-    print(f"Page: {(given.out / 'report.html').resolve()}")
+    print(f"Page: {told_page(given.out)}")
     return 0

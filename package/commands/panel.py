@@ -24,17 +24,17 @@ from integ_gym.support import (
     LEASE,
     CommandParser,
     beside,
+    is_remote,
     plural,
+    run_place,
     say,
     told_command,
     whole_number,
     width_of,
 )
 
-from .engine_options import add_engine, resources_of
-from .panel_plan import print_plan
-from .panel_power import print_power
-from .verdict_table import print_verdicts
+from .engine_options import add_engine, resources_of, told_page
+from .printed import print_plan, print_power, print_verdicts
 
 EXAMPLES = """\
 examples:
@@ -50,6 +50,8 @@ examples:
                                           on a cluster, see docs/how-to/clusters.md
   integ-gym panel --worker --workers 64 --out /shared/panel
                                           one of 64 processes that share a directory
+  integ-gym panel --worker --workers 64 --out s3://bucket/panel
+                                          the same in an object store
   integ-gym panel --power                 what its seeds can show, before anything runs
   integ-gym panel --plan                  what it costs, before anything runs
   integ-gym panel engines --out runs/engines
@@ -73,7 +75,10 @@ def parser() -> argparse.ArgumentParser:
     names = ", ".join(BUILT_IN)
     add = made.add_argument
     add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
-    add("--out", type=Path, metavar="DIR", help="the panel's directory")
+    add(
+        "--out", type=run_place, metavar="DIR",
+        help="the panel's directory, or s3://…, gs://… or az://…, see docs/how-to/clusters.md",
+    )  # fmt: skip
     add(
         "--power", action="store_true",
         help="run nothing: say what the seeds can show, and of a panel that is finished in --out "
@@ -117,8 +122,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--lease", type=float, metavar="S", default=LEASE,
-        help="with --worker: a unit whose process has been silent for so long is taken over by "
-        f"another, s (default: {LEASE:g})",
+        help="with --worker, or in an object store: a process that has been silent for so long is "
+        f"taken for dead, and another does what it did, s (default: {LEASE:g})",
     )  # fmt: skip
     add("--no-progress", action="store_true", help="show no progress bar")
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
@@ -147,6 +152,11 @@ def main(argv: Sequence[str]) -> int:
     if arguments.policies:
         words += ["--policies", str(arguments.policies)]
     if arguments.power:
+        if is_remote(arguments.out):
+            raise ValueError(
+                f"--power reads a panel on this machine, and {arguments.out} is none; leave --out "
+                "out, or give it a copy of the run"
+            )
         print_power(spec, arguments.out)
         return 0
     if arguments.plan:
@@ -154,6 +164,11 @@ def main(argv: Sequence[str]) -> int:
         return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")
+    if arguments.sign is not None and is_remote(arguments.out):
+        raise ValueError(
+            f"--sign signs a run on this machine, and {arguments.out} is none; copy it here once "
+            "it is finished, `integ-gym evidence seal --sign` the copy, and send seal.json.sig back"
+        )
     key = None if arguments.sign is None else read_key(arguments.sign)
     command = told_command([*words, "--out", str(arguments.out)])
     if arguments.worker:
@@ -169,6 +184,7 @@ def main(argv: Sequence[str]) -> int:
         executor=arguments.executor,
         address=arguments.address,
         resources=resources_of(arguments),
+        lease=arguments.lease,
     )
     say(panel.question, sys.stdout)
     if panel.verdicts:
@@ -181,7 +197,9 @@ def main(argv: Sequence[str]) -> int:
             print(
                 beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
             )
-    print(f"Page: {(arguments.out / 'report.html').resolve()}")
+    print(f"Page: {told_page(arguments.out)}")
+    if is_remote(arguments.out):
+        return 0
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
@@ -209,4 +227,4 @@ def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> 
         command=command,
     )
     print(f"{plural(done, 'unit')} done here; all of the panel is finished.")
-    print(f"Page: {(arguments.out / 'report.html').resolve()}")
+    print(f"Page: {told_page(arguments.out)}")

@@ -12,10 +12,11 @@ from integ_gym.eval import (
     STYLES,
     check_finished,
     read_panel,
+    rewriting,
     write_figures,
     write_report,
 )
-from integ_gym.support import CommandParser
+from integ_gym.support import CommandParser, is_remote, run_place
 
 
 def parser() -> argparse.ArgumentParser:
@@ -26,7 +27,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="examples:\n  integ-gym report runs/panel\n"
         "  integ-gym report runs/panel --style paper",
     )
-    made.add_argument("directory", type=Path, metavar="DIR", help="a panel's directory")
+    told = "a panel's directory, or its place in an object store"
+    made.add_argument("directory", type=run_place, metavar="DIR", help=told)
     made.add_argument(
         "--style", choices=STYLES, default=STYLES[0],
         help="`paper` writes figures/paper beside them: column width, 8 pt, labelled axes, no "
@@ -38,19 +40,24 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
-    directory = given.directory
-    _check(directory)
-    check_finished(directory)
-    panel = read_panel(directory / FILE_NAME)
-    if given.style == "paper":
-        folder = directory / "figures" / "paper"
-        written = write_figures(panel, folder, given.style)
-        print(f"Figures: {folder.resolve()} ({len(written)} files)")
-        return 0
-    write_figures(panel, directory / "figures")
-    page = write_report(panel, directory)
-    print(f"Page: {page.resolve()}")
+    with rewriting(given.directory) as directory:
+        _check(directory)
+        check_finished(directory)
+        told = _write(directory, given.style)
+    here = str(directory.resolve())
+    print(told.replace(here, given.directory) if is_remote(given.directory) else told)
     return 0
+
+
+def _write(directory: Path, style: str) -> str:
+    """Write the page or the figures; what was written."""
+    panel = read_panel(directory / FILE_NAME)
+    if style == "paper":
+        folder = directory / "figures" / "paper"
+        written = write_figures(panel, folder, style)
+        return f"Figures: {folder.resolve()} ({len(written)} files)"
+    write_figures(panel, directory / "figures")
+    return f"Page: {write_report(panel, directory).resolve()}"
 
 
 def _check(directory: Path) -> None:

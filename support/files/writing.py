@@ -106,7 +106,12 @@ def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
 
 
 def told_path(path: str | os.PathLike[str]) -> str:
-    """A path as what others will read tells it: from here, and of one elsewhere the name alone."""
+    """A path as what others will read tells it: from here, and of one elsewhere the name alone.
+
+    A URL is told as it is.
+    """
+    if "://" in str(path):
+        return str(path)
     told = Path(path)
     if not told.is_absolute():
         return str(told)

@@ -23,6 +23,7 @@ EXTRAS = {
         "threadpoolctl",
         "tqdm",
     ),
+    "storage": ("obstore", "fsspec"),
     "train": (
         "stable_baselines3",
         "torch",

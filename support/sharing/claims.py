@@ -18,12 +18,14 @@ import math
 import random
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from glob import escape
 from pathlib import Path
 
-from .folder_files import SharedFiles
+from .folder_files import Gone, SharedFiles
 
 LEASE = 120.0
 """Time after which a unit whose holder is silent is taken over, s."""
@@ -37,10 +39,16 @@ LOOKS = 1
 AGES = 8
 """Units of a block whose holders are looked after, at most, in one go."""
 
+AT_ONCE = 16
+"""Chains that are ended at the same time."""
+
 MOST_NUMBER = 20
 """A unit that was begun so often and never finished is given up."""
 
 _COMMIT = "commit"
+_CLOSED = "closed"
+"""Word of a file that ends a chain that nothing was decided in."""
+
 _DONE = "done"
 _OVER = "over"
 """Folder of files that are called as the blocks that are done."""
@@ -93,6 +101,58 @@ def was_committed(folder: Path, unit: str, number: int) -> bool:
     """Whether the claim of a number was committed, by the files in a folder and below it."""
     found = folder.rglob(f"{escape(unit)}.{number + 1}")
     return any(file.read_text(encoding="utf-8") == _COMMIT for file in found)
+
+
+def close_units(files: SharedFiles, blocks: Sequence[Sequence[str]]) -> Iterator[Claim]:
+    """End the chains of units: nobody who holds one, or will, can commit it from then on.
+
+    Args:
+        files: where the claims are.
+        blocks: names of all units, as they lie in blocks.
+
+    Yields:
+        Those that were committed before, and that may not be in place.
+    """
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        for place, units in enumerate(blocks):
+            latest = _latest(files.names(str(place)), units)
+            undone = {unit: number for unit, number in latest.items() if number >= 0}
+            close = partial(_closed, files, str(place))
+            for claim in pool.map(close, undone, undone.values()):
+                if claim is not None:
+                    yield claim
+
+
+def _closed(files: SharedFiles, block: str, unit: str, latest: int) -> Claim | None:
+    """End a unit's chain; its last claim if that was committed."""
+    text = files.read(f"{block}/{unit}.{latest}") if latest else ""
+    while text not in (_COMMIT, _CLOSED):
+        if files.create(f"{block}/{unit}.{latest + 1}", _CLOSED):
+            return None
+        latest += 1
+        text = files.read(f"{block}/{unit}.{latest}")
+    return Claim(unit, latest - 1, True, files, block) if text == _COMMIT else None
+
+
+def is_fence(name: str) -> bool:
+    """Whether a file of a unit's chain is one that keeps somebody from committing.
+
+    Nobody can have held a unit under a number before the first.
+    """
+    _, _, number = name.rpartition(".")
+    return number.isdecimal() and int(number) > 1
+
+
+def _latest(names: Iterable[str], units: Iterable[str]) -> dict[str, int]:
+    """Highest number in the chain of each unit; 0: free, -1: finished."""
+    numbers = dict.fromkeys(units, 0)
+    for name in names:
+        unit, _, end = name.rpartition(".")
+        if end == _DONE:
+            numbers[unit] = -1
+        elif numbers.get(unit, -1) >= 0:
+            numbers[unit] = max(numbers[unit], int(end))
+    return numbers
 
 
 class Claims:
@@ -157,10 +217,21 @@ class Claims:
         """
         block, number = self._block_of(unit), 1
         while not self._files.create(f"{block}/{unit}.{number}", self._owner):
-            if self._files.read(f"{block}/{unit}.{number}") == _COMMIT:
+            if self._is_decided(block, unit, number):
                 return Claim(unit, number - 1, True, self._files, block)
             number += 1
         return Claim(unit, number, False, self._files, block)
+
+    def _is_decided(self, block: str, unit: str, number: int) -> bool:
+        """Whether a file of a unit's chain says that it was committed.
+
+        Raises:
+            Gone: if it says that the chain was ended.
+        """
+        text = self._files.read(f"{block}/{unit}.{number}")
+        if text == _CLOSED:
+            raise Gone(f"{block}/{unit}.{number}")
+        return text == _COMMIT
 
     def _block_of(self, unit: str) -> str:
         return str(self._units.index(unit) // BLOCK)
@@ -201,13 +272,7 @@ class Claims:
 
     def _undone(self, block: str, units: Sequence[str]) -> dict[str, int]:
         """Highest number in the chain of each unit that is not finished; 0: free."""
-        numbers = dict.fromkeys(units, 0)
-        for name in self._files.names(block):
-            unit, _, end = name.rpartition(".")
-            if end == _DONE:
-                numbers[unit] = -1
-            elif numbers.get(unit, -1) >= 0:
-                numbers[unit] = max(numbers[unit], int(end))
+        numbers = _latest(self._files.names(block), units)
         undone = {unit: number for unit, number in numbers.items() if number >= 0}
         if not undone:
             self._files.create(f"{_OVER}/{block}", "")
@@ -230,7 +295,7 @@ class Claims:
         return None
 
     def _taken_over(self, block: str, unit: str, number: int) -> Claim | None:
-        if self._files.read(f"{block}/{unit}.{number}") == _COMMIT:
+        if self._is_decided(block, unit, number):
             return Claim(unit, number - 1, True, self._files, block)
         if number >= MOST_NUMBER:
             raise ClaimError(

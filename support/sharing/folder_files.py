@@ -50,6 +50,10 @@ class SharedFiles(Protocol):
         """Names in a folder; none if it is not there."""
         ...
 
+    def close(self) -> None:
+        """Remove what this process alone needed."""
+        ...
+
 
 class FolderFiles:
     """Files of a folder on a disk or a file server.

@@ -14,6 +14,9 @@ from pathlib import Path
 from ..processes import FileLock
 from .folder_files import FolderFiles
 
+PROBE = ".probe-"
+"""How the name of a folder begins in which something is tried; who is killed there leaves it."""
+
 ROUNDS, RIVALS = 8, 4
 """How often several threads try to make one file, and how many."""
 
@@ -31,7 +34,7 @@ def check_sharing(folder: Path) -> None:
     Raises:
         ValueError: in one sentence, if not.
     """
-    tried = folder / f".probe-{uuid.uuid4().hex}"
+    tried = folder / f"{PROBE}{uuid.uuid4().hex}"
     tried.mkdir(parents=True)
     try:
         for fault, holds in _CHECKS.items():

@@ -11,9 +11,11 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from ..files import told_path
+from ..storing import named_place
 from .text_table import NARROWEST, fitted
 
 
@@ -55,6 +57,29 @@ def whole_number(word: str) -> int:
     return int(number)
 
 
+def path_here(word: str) -> Path:
+    """A path of this machine: what options mean by the ``type`` `Path`.
+
+    Raises:
+        argparse.ArgumentTypeError: for a URL.
+    """
+    if "://" in word:
+        raise argparse.ArgumentTypeError(f"expected a path of this machine, got {word!r}")
+    return Path(word)
+
+
+def run_place(word: str) -> str | Path:
+    """A folder, or the URL of a place in an object store: a ``type`` of options.
+
+    Raises:
+        argparse.ArgumentTypeError: for another URL.
+    """
+    try:
+        return named_place(word)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def _float(word: str) -> float:
     try:
         return float(word)
@@ -84,6 +109,7 @@ class CommandParser(argparse.ArgumentParser):
             width = max(NARROWEST, shutil.get_terminal_size().columns - 2)
             description = textwrap.fill(description, width)
         super().__init__(description=description, **arguments)
+        self.register("type", Path, path_here)
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2 and one sentence on standard error."""

@@ -31,18 +31,22 @@ def engine_subjects(engine: str, integrators: tuple[str, ...]) -> Iterator[Subje
         )
         for integrator in integrators:
             method = f"{engine}/{integrator}"
-            made = numerics.engine_of(method, PlantSystem(plant), dt)
             yield Subject(
                 source=engine,
                 name=integrator,
-                version=made.version,
                 published=False,
                 plant=plant,
-                stated=Statement(dt, map=getattr(made, "map", integrator), words=integrator),
                 max_control=max_control,
                 access=Settable(
                     numerics.one_step(method, plant, dt),
                     damped=(damped, numerics.one_step(method, damped, dt)),
                 ),
-                width=made.width,
+                **_told(method, integrator, plant, dt),
             )
+
+
+def _told(method: str, integrator: str, plant: Any, dt: float) -> dict[str, Any]:
+    """What an engine says of itself; it is let go."""
+    made = numerics.engine_of(method, PlantSystem(plant), dt)
+    stated = Statement(dt, map=getattr(made, "map", integrator), words=integrator)
+    return {"version": made.version, "stated": stated, "width": made.width}

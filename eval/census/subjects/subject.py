@@ -93,7 +93,7 @@ class Subject:
             rod that moves alike.
         stated: what its maker says.
         max_control: largest control, N or N m.
-        access: how its motion is got at.
+        access: how its motion is got at; None of what was measured and let go.
         width: bits of the floats in which states are seen.
         note: what a reader of the line has to know.
     """
@@ -105,7 +105,7 @@ class Subject:
     plant: Plant
     stated: Statement
     max_control: float
-    access: Access = field(repr=False)
+    access: Access | None = field(repr=False)
     width: int = 64
     note: str = ""
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from integ_gym.evidence import EvidenceStore
-from integ_gym.support import Cluster, check_spawning, cores, replace_file
+from integ_gym.support import Cluster, Storage, check_spawning, cores, replace_file
 from integ_gym.train import HOW_TO_STATE, Policy
 
 from ..checking import check_records
@@ -26,11 +27,10 @@ from ..running import (
     RunDirectory,
     Subject,
     baseline_of,
-    clear,
     evaluate_all,
     evaluation_seconds,
 )
-from ..sharing import evaluate_on
+from ..sharing import evaluate_on, write_pages
 from ..specification import PanelSpec
 from .policy import Existing
 
@@ -41,7 +41,7 @@ SHORT = 10.0
 def evaluate_existing(
     existing: Existing,
     spec: PanelSpec,
-    out: Path,
+    out: Path | Storage,
     command: str,
     *,
     workers: int | None = None,
@@ -76,7 +76,8 @@ def evaluate_existing(
         Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
     ]
-    elsewhere = cluster if cluster is not None and cluster.remote else None
+    shared = cluster is not None and (cluster.remote or directory.storage.remote)
+    elsewhere = cluster if shared else None
     if elsewhere is None:
         processes = _processes(workers, evaluation_seconds(spec, subjects))
     else:
@@ -86,32 +87,50 @@ def evaluate_existing(
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
+        directory.storage.keep("policies")
         if elsewhere is None:
             evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
         else:
             evaluate_on(elsewhere, spec, directory, subjects, "evaluate", progress)
-        check_records(directory)
-        layout, matrix = reduced(spec, directory, given_rows(spec, row, home))
-        panel = write_outputs(
-            spec,
+        panel = write_pages(
+            partial(_write, existing, spec, directory, subjects, command, max(1, processes)),
             directory,
-            layout,
-            matrix,
-            [_told(existing, subject.policy) for subject in subjects],
-            command=command,
-            cost=cost_of(directory, (), max(1, processes)),
-            spec={**spec.to_json(), "home": existing.told},
-            remark=given_remark(spec, layout, matrix),
-            warnings=(
-                *_homeless(existing),
-                *_no_better(existing, spec, matrix),
-                *_cannot_fail(spec, EvidenceStore(directory.evidence)),
-            ),
         )
-        clear(directory.path)
+        directory.finish_work()
     for doubt in panel.warnings:
         on_doubt(doubt)
     return panel
+
+
+def _write(
+    existing: Existing,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    subjects: Sequence[Subject],
+    command: str,
+    processes: int,
+) -> Panel:
+    """Reduce the records, and write the directory's page."""
+    check_records(directory)
+    layout, matrix = reduced(
+        spec, directory, given_rows(spec, existing.policy.policy_id, existing.home)
+    )
+    return write_outputs(
+        spec,
+        directory,
+        layout,
+        matrix,
+        [_told(existing, subject.policy) for subject in subjects],
+        command=command,
+        cost=cost_of(directory, (), processes),
+        spec={**spec.to_json(), "home": existing.told},
+        remark=given_remark(spec, layout, matrix),
+        warnings=(
+            *_homeless(existing),
+            *_no_better(existing, spec, matrix),
+            *_cannot_fail(spec, EvidenceStore(directory.evidence)),
+        ),
+    )
 
 
 def _processes(workers: int | None, seconds: float) -> int:

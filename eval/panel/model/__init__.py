@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         Verdict,
     )
     from .files import FILE_NAME, read_panel, write_panel
-    from .matrix import Cell, Entry, Policy, Row, RowKind
+    from .matrix import AppliedDiscretization, Cell, Entry, Policy, Row, RowKind
     from .panel import Cost, Group, Panel
     from .part import Estimate, build
 else:

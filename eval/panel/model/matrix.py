@@ -74,6 +74,26 @@ class Row(Part, frozen=True, kw_only=True):
         return len(self.shares) > 1
 
 
+class AppliedDiscretization(Part, frozen=True, kw_only=True):
+    """What the environments of a cell really did, read back from those that were made.
+
+    Attributes:
+        engine: what advanced the plant.
+        engine_version: its version; null where it tells none.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        substeps: integration steps in a control period.
+        control_period: time between two decisions, s.
+    """
+
+    engine: str
+    engine_version: str | None
+    integrator: str
+    dt: float
+    substeps: int
+    control_period: float
+
+
 class Cell(Part, frozen=True, kw_only=True):
     """One discretization in which policies were evaluated.
 
@@ -86,6 +106,7 @@ class Cell(Part, frozen=True, kw_only=True):
         kind: `grid`, `reference`, `perturbation` or `ladder`.
         perturbation: name of the change of the plant or its delays; null without one.
         role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        applied: what its records tell of the environments; null without records.
         achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
             `undecided`; null where it was not asked.
         achievability_reason: why, in one sentence with numbers.
@@ -99,6 +120,7 @@ class Cell(Part, frozen=True, kw_only=True):
     kind: CellKind
     perturbation: str | None
     role: CellRole | None
+    applied: AppliedDiscretization | None = None
     achievability: Achievability | None = None
     achievability_reason: str | None = None
 

@@ -199,6 +199,7 @@ def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> PanelCell:
         kind=cell.kind,
         perturbation=cell.perturbation.name if cell.perturbation else None,
         role=cell.role,
+        applied=layout.applied.get(cell.name),
         achievability=can and can.status,
         achievability_reason=can and can.reason,
     )

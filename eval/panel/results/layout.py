@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, split
+from ..model import AppliedDiscretization
 from ..running import Tried
 from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
@@ -23,6 +24,7 @@ class PanelLayout:
         family: declared comparisons (row, cell).
         compare: declared pairs of rows.
         tried: what a hand-made controller and a search reach, by cell.
+        applied: what the cells' environments really did, by cell.
     """
 
     rows: tuple[Row, ...]
@@ -32,9 +34,16 @@ class PanelLayout:
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
     tried: Mapping[str, Tried] = field(default_factory=dict)
+    applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, spec: PanelSpec, rows: tuple[Row, ...], tried: Mapping[str, Tried]) -> PanelLayout:
+    def of(
+        cls,
+        spec: PanelSpec,
+        rows: tuple[Row, ...],
+        tried: Mapping[str, Tried],
+        applied: Mapping[str, AppliedDiscretization],
+    ) -> PanelLayout:
         """Rows of a panel with the cells that each is evaluated in."""
         own = {row.name: spec.cells_of(row.trained_on) for row in rows}
         every = [*spec.columns(), *(cell for cells in own.values() for cell in cells)]
@@ -46,6 +55,7 @@ class PanelLayout:
             family=spec.family,
             compare=spec.compare,
             tried=tried,
+            applied=applied,
         )
 
     def native(self, cell: str) -> str | None:

@@ -17,7 +17,7 @@ from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
 from .comparing import as_sealed
-from .findings import agreements, training_costs
+from .findings import agreements, applied_in, training_costs
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
 
@@ -124,10 +124,9 @@ def reduced(
     spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
 ) -> tuple[PanelLayout, Matrix]:
     """The rows' cells, and what the evaluation episodes on record came to."""
-    table = EvidenceStore(directory.evidence).query(
-        f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'"
-    )
-    layout = PanelLayout.of(spec, rows, tried(directory))
+    store = EvidenceStore(directory.evidence)
+    table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
+    layout = PanelLayout.of(spec, rows, tried(directory), applied_in(store))
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
@@ -157,7 +156,7 @@ def write_outputs(
         "question": spec.question,
         "spec": spec.to_json(),
         "protocol_gaps": tuple(spec.gaps()),
-        "directory": told_path(directory.path),
+        "directory": told_path(str(directory.storage)),
         "versions": directory.versions(),
     }
     made = artefact_of(directory, layout, matrix, policies, **{**own, **told})

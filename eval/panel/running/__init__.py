@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .costs import ExpectedCost, fixed_cost, policy_costs, total_cost
-    from .division import memory_of, waiting_chunks
+    from .division import divide, memory_of, note_division, noted_division, waiting_chunks
     from .evaluation import (
         Evaluated,
         Subject,
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
         package_versions,
         read_manifest,
     )
-    from .staging import DRIVEN, SHARED, Desk, clear
+    from .staging import DRIVEN, SHARED, UNITS, Desk, clear
     from .training import train_chunk_here
     from .units import (
+        Unit,
         baseline_of,
         is_card_of,
         is_there,

@@ -6,7 +6,8 @@ with another number of processes or on another engine, keeps to the division tha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from integ_gym.support import read_object, write_json
 from integ_gym.train import GIB_PER_WORKER, Workers
@@ -19,9 +20,30 @@ from .units import Unit, is_there, trained_units, training_config
 _CHUNKS = "together"
 
 
+class Division(NamedTuple):
+    """Who is trained together.
+
+    Attributes:
+        waiting: what is not finished, each with all that it is trained together with.
+        noted: all that is to be noted, as plain data; None if nothing is new.
+    """
+
+    waiting: list[tuple[Unit, ...]]
+    noted: dict[str, Any] | None
+
+
 def waiting_chunks(
     spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None = None
 ) -> list[tuple[Unit, ...]]:
+    """The training runs that are not finished, divided and noted; see :func:`divide`."""
+    division = divide(spec, directory, workers, memory_gib)
+    note_division(directory, division.noted)
+    return division.waiting
+
+
+def divide(
+    spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None = None
+) -> Division:
     """The training runs that are not finished, each with all that it is trained together with.
 
     Args:
@@ -32,17 +54,29 @@ def waiting_chunks(
     """
     units = {unit.policy: unit for unit in trained_units(spec)}
     waiting = {unit.policy for unit in units.values() if not is_there(spec, directory, unit)}
-    path = directory.path / WORK / DIVISION
-    held = read_object(path, {_CHUNKS: list}, "remove it")[_CHUNKS] if path.exists() else []
+    held = (noted_division(directory) or {_CHUNKS: []})[_CHUNKS]
     chunks = [tuple(map(str, chunk)) for chunk in held if set(chunk) <= set(units)]
     known = {policy for chunk in chunks for policy in chunk}
     for stage in stages(spec):
         new = [u for u in trained_units(stage) if u.policy in waiting and u.policy not in known]
         chunks += _divided(spec, new, workers, memory_gib)
         known.update(unit.policy for unit in new)
-    if len(chunks) > len(held):
-        write_json(path, {_CHUNKS: chunks})
-    return [tuple(units[p] for p in chunk) for chunk in chunks if waiting.intersection(chunk)]
+    return Division(
+        [tuple(units[p] for p in chunk) for chunk in chunks if waiting.intersection(chunk)],
+        {_CHUNKS: chunks} if len(chunks) > len(held) else None,
+    )
+
+
+def note_division(directory: RunDirectory, noted: Mapping[str, Any] | None) -> None:
+    """Note who is trained together, if that is new."""
+    if noted is not None:
+        write_json(directory.path / WORK / DIVISION, noted)
+
+
+def noted_division(directory: RunDirectory) -> dict[str, Any] | None:
+    """Who is trained together, as it was noted."""
+    path = directory.path / WORK / DIVISION
+    return read_object(path, {_CHUNKS: list}, "remove it") if path.exists() else None
 
 
 def memory_of(spec: PanelSpec, workers: Workers) -> float:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.support import cores
+from integ_gym.support import LEASE, Storage, cores
 from integ_gym.train import Workers, fleet_workers, read_trained, readable_file
 
 from ..specification import PanelSpec, SpecError
@@ -53,20 +53,22 @@ def check_spec(
 @contextmanager
 def opened(
     spec: PanelSpec,
-    out: Path,
+    out: Path | Storage,
     *,
     workers: int | Workers | None = None,
     memory_gib: float | None = None,
     policies: Path | None = None,
+    lease: float = LEASE,
 ) -> Iterator[RunDirectory]:
     """The directory of a panel that can be run, held; see `complete`.
 
     Args:
         spec: the panel.
-        out: its directory.
+        out: its directory, or where else it is kept.
         workers: processes, if so many are requested, or the fleet's.
         memory_gib: that they may take together; by default the specification's.
         policies: directory of a finished panel whose policies are taken instead of training.
+        lease: see :meth:`RunDirectory.opened`.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
@@ -74,9 +76,10 @@ def opened(
     check_spec(spec, workers, memory_gib)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     source = None if policies is None else finished_policies(policies, spec)
-    with directory.opened():
+    with directory.opened(lease):
         if source is not None:
             bring(source, directory, spec)
+            directory.storage.keep("evidence", "policies", "units")
         yield directory
 
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence import SEAL_FILE, broken_seals, lift_seal, lower_seal
 from integ_gym.support import (
-    FileLock,
+    LEASE,
+    Busy,
+    Gone,
     Kinds,
+    Storage,
+    as_storage,
     file_hash,
     installed_versions,
     read_object,
@@ -24,18 +29,10 @@ from integ_gym.support import (
     write_json,
 )
 
-from .staging import DRIVEN, SHARED, retire
+from ..specification import GROWING, additions, contradictions
+from .staging import DIVISION, DRIVEN, SHARED, WORK, Desk, clear, earlier, retire
 
 MANIFEST = "run.json"
-GROWING = "seeds"
-"""List in a specification to which more may be added at the end."""
-
-ADDED = ("train", "grid", "perturbations", "sweeps", "baselines")
-"""Lists in a specification to which more may be added anywhere."""
-
-WORDS = ("question", "sources")
-"""What may be another: words for people, and what follows from the lists."""
-
 PANEL_FILE = "panel.json"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
@@ -43,19 +40,15 @@ PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "to
 
 
 RECORDS = "records"
-"""Of a marker: SHA-256 of the unit's records."""
+"""Of a marker: SHA-256 of the unit's records; null where no training episode came to its end."""
 
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
-    "train": {"policy": str, RECORDS: str},
+    "train": {"policy": str, RECORDS: (str, type(None))},
     "evaluate": {"policies": dict, "cells": dict, RECORDS: str},
     "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
 }
 """What a marker holds, and by the first word of the unit's name what else."""
-
-
-_TRIES, _BETWEEN_TRIES = 20, 0.1
-"""To share a lock; time between them, s."""
 
 
 class RunDirectoryError(ValueError):
@@ -74,19 +67,29 @@ class RunDirectory:
     last and in one step. Files of a unit without a marker are remains of a killed run.
 
     Args:
-        path: the directory.
+        path: the directory, or where else the run is kept.
         specification: what the run is; another one in the same directory is refused, but for
             one with more seeds, rows, cells or perturbations.
         engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
     def __init__(
-        self, path: Path, specification: Mapping[str, Any], engines: Mapping[str, str] | None = None
+        self,
+        path: Path | Storage,
+        specification: Mapping[str, Any],
+        engines: Mapping[str, str] | None = None,
     ) -> None:
-        self.path = path
-        self.evidence = path / "evidence"
-        self.policies = path / "policies"
-        self._units = path / "units"
+        self.storage = as_storage(path)
+        self.path = self.storage.path
+        self.evidence = self.path / "evidence"
+        self.policies = self.path / "policies"
+        self._units = self.path / "units"
+        self.desk = Desk(self.storage, DRIVEN)
+        """Where units are claimed while it is open."""
+
+        self.is_ours: Callable[[], bool] = _always
+        """Asked before anything is removed; False where another has taken over what this did."""
+
         self._specification = json.loads(json.dumps(specification))
         self._engines = dict(engines or {})
         self.was_sealed = False
@@ -97,43 +100,113 @@ class RunDirectory:
         return {**package_versions(), **self._engines}
 
     @contextmanager
-    def opened(self) -> Iterator[None]:
+    def opened(self, lease: float = LEASE) -> Iterator[None]:
         """Create or check the directory and hold it for one runner.
 
-        The hold is released even when the process is killed.
+        The hold is released even when the process is killed; in an object store after a lease.
+
+        Args:
+            lease: time of silence after which this runner is taken for dead there, s.
 
         Raises:
             RunDirectoryError: if it holds another run, another version's results or other files,
                 or if another process runs in it.
         """
-        self._check()
-        self.make_folders()
-        with self._locked():
-            retire(self.path, DRIVEN, SHARED)
+        self._begin()
+        with self._held(DRIVEN, lease) as own:
+            retire(self.storage, DRIVEN, SHARED, own=own)
+            self.storage.fetch()
             for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
+            self.recall_division()
             self.lift_seal()
             try:
                 self._write_manifest()
                 yield
             finally:
                 lower_seal(self.path)
+                with suppress(Busy):  # it is there
+                    if (self.path / SEAL_FILE).exists():
+                        self.storage.publish(SEAL_FILE)
 
     @contextmanager
-    def joined(self) -> Iterator[None]:
+    def kept(self) -> Iterator[None]:
+        """Hold a run in an object store as it is, for one process.
+
+        Raises:
+            RunDirectoryError: if another process runs in it.
+        """
+        with self._held(DRIVEN, LEASE) as own:
+            retire(self.storage, own=own)
+            yield
+
+    @contextmanager
+    def joined(self, lease: float = LEASE) -> Iterator[None]:
         """Create or check the directory and hold it for one of several that take units by claims.
+
+        Args:
+            lease: time of silence after which all of these are taken for dead, s.
 
         Raises:
             RunDirectoryError: see :meth:`opened`.
         """
-        self._check()
-        self.make_folders()
-        with self._locked(shared=True):
-            retire(self.path, DRIVEN)
+        self._begin()
+        with self._held(SHARED, lease) as own:
+            if own is None:
+                retire(self.storage, DRIVEN)
+            self.storage.fetch(MANIFEST)
             self._check()
             self._write_manifest()
             yield
+
+    def _begin(self) -> None:
+        """Refuse what is no run before anything is written; make the folders of one."""
+        self.storage.fetch(MANIFEST)
+        self._check()
+        self.make_folders()
+        if self.storage.remote:
+            self._check_elsewhere()
+
+    def _check_elsewhere(self) -> None:
+        """Check a place in an object store."""
+        others = [name for name in self.storage.folders("") if not name.startswith(".")]
+        if others and not (self.path / MANIFEST).exists():
+            raise RunDirectoryError(
+                f"{self.storage} holds {others[0]}/ and no panel; give another place with --out"
+            )
+        self.storage.check()
+
+    def end_others(self) -> None:
+        """End what others began in an object store, and know all that they did.
+
+        Raises:
+            RunDirectoryError: if they changed what was sealed; see :meth:`lift_seal`.
+        """
+        if self.storage.remote:
+            retire(self.storage, own=self.desk.name)
+            self.storage.fetch()
+            self.recall_division()
+
+    def finish_work(self) -> None:
+        """Remove what is there only while it is worked on: all is done."""
+        if self.storage.remote:
+            self.desk.finish()
+        else:
+            clear(self.storage)
+
+    def recall_division(self) -> None:
+        """Note who is trained together as those did who worked there before and did not finish."""
+        path = self.path / WORK / DIVISION
+        if not self.storage.remote or path.exists():
+            return
+        for name in earlier(self.storage, self.desk.name):
+            desk = Desk(self.storage, name)
+            held = None if desk.was_finished else desk.division()
+            if desk.was_finished or held is not None:
+                if held is not None:
+                    write_json(path, held)
+                return
 
     def make_folders(self) -> None:
         """Make the folders of a run."""
@@ -142,16 +215,21 @@ class RunDirectory:
 
     def is_finished(self) -> bool:
         """Whether the run was sealed as it is specified now; its files are not looked at."""
+        self.storage.fetch(MANIFEST, SEAL_FILE)
         manifest = self.path / MANIFEST
         if not (self.path / SEAL_FILE).exists() or not manifest.exists():
             return False
         return bool(read_manifest(manifest)["specification"] == self._specification)
 
-    def lift_seal(self) -> None:
+    def lift_seal(self, into: Path | None = None) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
         units' records and policies are checked where they are built on.
+
+        Args:
+            into: folder that it is moved to, where several work: once that has vanished, because
+                all is done, nobody who comes late can take the new seal away.
 
         Raises:
             RunDirectoryError: if another file is not what was sealed.
@@ -164,10 +242,15 @@ class RunDirectory:
             known = path.parent == self.evidence and self._marker(path.stem).exists()
             if path.exists() and not known and path.name not in (PANEL_FILE, SEAL_FILE):
                 raise RunDirectoryError(
-                    f"{path} {finding.message}; restore it from a copy, or give another directory "
-                    "with --out"
+                    f"{self._told(path)} {finding.message}; restore it from a copy, or give "
+                    "another directory with --out"
                 )
-        lift_seal(self.path)
+        if into is None:
+            lift_seal(self.path)
+        else:
+            with suppress(FileNotFoundError):
+                os.replace(self.path / SEAL_FILE, into / SEAL_FILE)
+        self.storage.drop_missing()
 
     def looked(self, seeds: int) -> list[int]:
         """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
@@ -179,9 +262,22 @@ class RunDirectory:
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
-        held = read_manifest(manifest) if manifest.exists() else {"versions": self.versions()}
-        if held.get("specification") != self._specification:
-            write_json(manifest, {**held, "specification": self._specification})
+        held = read_manifest(manifest) if manifest.exists() else {}
+        before = held.get("specification")
+        versions = {**self.versions(), **held.get("versions", {})}
+        told = {**held, "versions": versions, "specification": self._specification}
+        if told != held:
+            write_json(manifest, told)
+        try:
+            self.storage.publish(MANIFEST)
+        except Busy:  # another that began at the same time was faster
+            self.storage.fetch(MANIFEST)
+            self._check()
+            self._write_manifest()
+            return
+        new = list(additions(before, self._specification)) if before else []
+        if new:
+            print(f"New in {self.storage}: {'; '.join(new)}. All else is kept.", file=sys.stderr)
 
     def _check(self) -> None:
         manifest = self.path / MANIFEST
@@ -189,8 +285,12 @@ class RunDirectory:
             self._check_manifest(manifest)
         elif self.path.exists() and not self._is_bare() and not manifest.exists():
             raise RunDirectoryError(
-                f"{self.path} exists and holds no panel; give another directory with --out"
+                f"{self.storage} exists and holds no panel; give another directory with --out"
             )
+
+    def _told(self, file: Path) -> str:
+        """A file's place, for messages."""
+        return f"{self.storage}/{file.relative_to(self.path).as_posix()}"
 
     def _is_bare(self) -> bool:
         """Whether there is nothing but what a run killed at once may have left."""
@@ -205,13 +305,11 @@ class RunDirectory:
         held = read_manifest(manifest)
         before = held.get("specification", {})
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
-        may_differ = (GROWING, *WORDS, *(n for n in ADDED if self._has_grown(before, n)))
-        same = {name: self._specification.get(name) for name in may_differ}
-        other = list(_differences({**before, **same}, {**self._specification, **same}))
+        other = list(contradictions(before, self._specification))
         if other:
             raise RunDirectoryError(
-                f"{self.path} holds another panel: {', '.join(other)}; give another directory "
-                "with --out, or the specification that it was started with"
+                f"{self.storage} holds another panel: {', '.join(other)}; give another directory "
+                f"with --out{self._kept(before)}, or the specification that it was started with"
             )
         versions = self.versions()
         changed = [
@@ -221,18 +319,17 @@ class RunDirectory:
         ]
         if changed:
             raise RunDirectoryError(
-                f"{self.path} holds results of {', '.join(changed)}, which are never mixed with "
+                f"{self.storage} holds results of {', '.join(changed)}, which are never mixed with "
                 "those of another version; finish it with that version, or give another directory "
                 "with --out"
             )
 
-    def _has_grown(self, before: Mapping[str, Any], name: str) -> bool:
-        """Whether all that a list held is still in it."""
-        now = _by_entry(self._specification.get(name) or [])
-        return all(
-            entry in now and set(values) <= set(now[entry])
-            for entry, values in _by_entry(before.get(name) or []).items()
-        )
+    def _kept(self, before: Mapping[str, Any]) -> str:
+        """How policies that are here are judged on another number of starts."""
+        same = before.get("episodes") == self._specification.get("episodes")
+        if same or not before.get(GROWING):
+            return ""
+        return f" (--policies {self.path} takes the policies from here)"
 
     def _check_growth(self, before: Any, now: Any) -> None:
         """Check that the seeds that were there are the first that are wanted."""
@@ -242,26 +339,27 @@ class RunDirectory:
             return
         if now == before[: len(now)]:
             raise RunDirectoryError(
-                f"{self.path} holds this panel with {len(before)} seeds, not {len(now)}; give "
+                f"{self.storage} holds this panel with {len(before)} seeds, not {len(now)}; give "
                 f"--seeds {len(before)}, or another directory with --out"
             )
         raise RunDirectoryError(
-            f"{self.path} holds a panel with other seeds: {_few(before)}, now {_few(now)}; more "
+            f"{self.storage} holds a panel with other seeds: {_few(before)}, now {_few(now)}; more "
             "may follow those that are there, else give another directory with --out"
         )
 
     @contextmanager
-    def _locked(self, shared: bool = False) -> Iterator[None]:
-        lock = FileLock(self.path / LOCK)
-        if not (_held_soon(lock) if shared else lock.acquire()):
-            raise RunDirectoryError(
-                f"another process is running the panel in {self.path}; wait for it, or give "
-                "another directory with --out"
-            )
-        try:
-            yield
-        finally:
-            lock.release()
+    def _held(self, desk: str, lease: float) -> Iterator[str | None]:
+        """Keep it for this process, or for it and its like; the name of its own desk elsewhere."""
+        with ExitStack() as stack:
+            try:
+                own = stack.enter_context(self.storage.held(desk == DRIVEN, lease))
+            except Busy:
+                raise RunDirectoryError(
+                    f"another process is running the panel in {self.storage}; wait for it, or give "
+                    "another directory with --out"
+                ) from None
+            self.desk = Desk(self.storage, own or desk)
+            yield own
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
@@ -291,7 +389,7 @@ class RunDirectory:
         held = self.marker(unit)
         if held is not None and held.get("key") != key:
             raise RunDirectoryError(
-                f"{self.path}: unit {unit} belongs to another specification, version or policy; "
+                f"{self.storage}: unit {unit} belongs to another specification, version or policy; "
                 "give another directory with --out"
             )
         if held is None:
@@ -300,7 +398,10 @@ class RunDirectory:
         if records and not self._whole_records(unit, held):
             lost.append(self._records(unit))
         if lost:
-            print(f"{lost[0]} is missing or cut off: unit {unit} is done again", file=sys.stderr)
+            print(
+                f"{self._told(lost[0])} is missing or cut off: unit {unit} is done again",
+                file=sys.stderr,
+            )
         return None if lost else held
 
     def has_records(self, unit: str) -> bool:
@@ -313,16 +414,16 @@ class RunDirectory:
         Raises:
             RunDirectoryError: if they are whole, and others.
         """
-        file = self._records(unit)
+        file, noted = self._records(unit), held.get(RECORDS)
         if not file.is_file():
-            return False
-        if file_hash(file) == held.get(RECORDS):
+            return noted is None
+        if file_hash(file) == noted:
             return True
         if _is_cut_off(file):
             return False
         raise RunDirectoryError(
-            f"{file} was changed after unit {unit} was finished; restore it from a copy, or remove "
-            "it to do the unit again"
+            f"{self._told(file)} was changed after unit {unit} was finished; restore it from a "
+            "copy, or remove it to do the unit again"
         )
 
     def faults(self) -> Iterator[tuple[str, str]]:
@@ -331,7 +432,7 @@ class RunDirectory:
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
-            if RECORDS in held and not file.is_file():
+            if held.get(RECORDS) is not None and not file.is_file():
                 yield name, "is missing"
             elif file.is_file() and file_hash(file) != held.get(RECORDS):
                 yield name, "is not what its unit was finished with"
@@ -354,12 +455,14 @@ class RunDirectory:
         end = time.time()
         share = end - start if seconds is None else seconds
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        records = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else {}
-        write_json(self._marker(unit), {"key": key, **times, **records, **facts})
+        expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
+        found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
+        write_json(self._marker(unit), {"key": key, **times, **found, **facts})
 
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
-        replace_file(self._records(unit), other._records(unit).read_bytes())
+        if other.has_records(unit):
+            replace_file(self._records(unit), other._records(unit).read_bytes())
         write_json(self._marker(unit), _read_marker(other._marker(unit)))
 
     def seconds(self, units: Iterable[str]) -> float:
@@ -381,14 +484,19 @@ class RunDirectory:
 
     def discard_remains(self, unit: str) -> None:
         """Remove what is left of a unit that was not finished or has lost a file."""
-        self._marker(unit).unlink(missing_ok=True)
-        self._records(unit).unlink(missing_ok=True)
+        self._discard(self._marker(unit))
+        self._discard(self._records(unit))
 
     def discard_unmarked(self, prefix: str) -> None:
         """Remove the records of all units without a marker whose names begin with ``prefix``."""
         for path in self.evidence.glob(f"{prefix}*.parquet"):
             if not self._marker(path.stem).exists():
-                path.unlink()
+                self._discard(path)
+
+    def _discard(self, file: Path) -> None:
+        if file.exists() and not self.is_ours():
+            raise Gone(str(file))
+        file.unlink(missing_ok=True)
 
     def _marker(self, unit: str) -> Path:
         return self._units / f"{unit}.json"
@@ -397,23 +505,8 @@ class RunDirectory:
         return self.evidence / f"{unit}.parquet"
 
 
-def _held_soon(lock: FileLock) -> bool:
-    """Share a lock; one of those that share it may hold it alone for a moment as it leaves."""
-    for _ in range(_TRIES):
-        if lock.acquire(shared=True):
-            return True
-        time.sleep(_BETWEEN_TRIES)
-    return False
-
-
-def _by_entry(values: Sequence[Any]) -> dict[str, tuple[float, ...]]:
-    """Entries of a list; of a sweep, which may have more values, these apart."""
-    found = {}
-    for value in values:
-        swept = value.get("values", ()) if isinstance(value, dict) else ()
-        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
-        found[json.dumps(entry, sort_keys=True)] = tuple(swept)
-    return found
+def _always() -> bool:
+    return True
 
 
 def _few(values: Sequence[Any]) -> str:
@@ -446,8 +539,12 @@ def _is_cut_off(file: Path) -> bool:
 
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
-    kind = path.stem.partition("-")[0]
-    return _read(path, {**_NOTED, **_NOTED_BY.get(kind, {})}, "remove it to do the unit again")
+    return _read(path, _noted(path.stem), "remove it to do the unit again")
+
+
+def _noted(unit: str) -> Kinds:
+    """What the marker of a unit holds, by the first word of its name."""
+    return {**_NOTED, **_NOTED_BY.get(unit.partition("-")[0], {})}
 
 
 def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
@@ -455,17 +552,3 @@ def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
         return read_object(path, kinds, remedy)
     except ValueError as error:
         raise RunDirectoryError(str(error)) from None
-
-
-def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
-    """What differs between two specifications: numbers and texts as they were and are."""
-    for key in {**held, **now}:
-        one, other, name = held.get(key), now.get(key), f"{of}{key}"
-        if one == other:
-            continue
-        if isinstance(one, dict) and isinstance(other, dict):
-            yield from _differences(one, other, f"{name}.")
-        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
-            yield f"another `{name}`"
-        else:
-            yield f"`{name}` {one} (now {other})"

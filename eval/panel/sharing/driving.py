@@ -7,16 +7,29 @@ before for dead. Should that one live all the same, it can no longer commit.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from integ_gym.support import Claims, Cluster, FolderFiles
-from integ_gym.train import preparation, training_bar, workers_of
+from integ_gym.support import (
+    BucketStorage,
+    Claim,
+    Claims,
+    Cluster,
+    FolderStorage,
+    Gone,
+    Place,
+    Storage,
+    named_place,
+    stored,
+)
+from integ_gym.train import Workers, fleet_workers, preparation, training_bar, workers_of
 
 from ..running import (
-    DRIVEN,
     Desk,
+    PanelError,
     RunDirectory,
     Subject,
     Work,
@@ -24,6 +37,7 @@ from ..running import (
     evaluation_seconds,
     memory_of,
     not_evaluated,
+    noted_division,
     panel_bar,
     subject_of,
     training_config,
@@ -32,7 +46,12 @@ from ..running import (
 )
 from ..specification import PanelSpec
 from . import planning
-from .shared_unit import SharedUnit, do_and_commit
+from .shared_unit import SharedUnit, commit, do_and_commit
+
+Written = TypeVar("Written")
+
+PAGES = "pages"
+"""Unit of all that is made of a run's records."""
 
 Given = Mapping[SharedUnit, Sequence[Subject] | None]
 """Units, with the policies of those that evaluate others than the run's own."""
@@ -72,7 +91,7 @@ def evaluate_on(
 
 
 def _train_on(cluster: Cluster, spec: PanelSpec, directory: RunDirectory, progress: bool) -> None:
-    workers = workers_of(cluster)
+    workers = processes(cluster)
     units = planning.training(spec, directory, workers, memory_of(spec, workers))
     if not units:
         return
@@ -105,25 +124,125 @@ def _evaluate(
 
 def _prepare(cluster: Cluster, spec: PanelSpec) -> Callable[[int], None] | None:
     """What every process of the engine does first; the same for all that it does of a panel."""
-    return preparation(workers_of(cluster).device) if spec.fleet else None
+    return preparation(processes(cluster).device) if spec.fleet else None
+
+
+def processes(cluster: Cluster) -> Workers:
+    """The processes of an engine, or of this machine."""
+    return workers_of(cluster) if cluster.remote else fleet_workers(cluster.workers)
 
 
 def _do_all(directory: RunDirectory, work: Work, phase: str, units: Given) -> None:
-    """Have units done until all are; one that was taken over by another task is asked for again."""
-    Desk(directory.path, DRIVEN).open()
-    waiting = dict(units)
-    while waiting:
-        run = str(directory.path.resolve())
-        tasks: dict[str, tuple[Any, ...]] = {
-            unit.name: (run, unit, given) for unit, given in waiting.items()
-        }
-        done = work.do(phase, do_seized, tasks)
-        waiting = {u: g for (u, g), there in zip(waiting.items(), done, strict=True) if not there}
+    """Have units done until all are; one that was taken over by another task is asked for again.
+
+    Raises:
+        PanelError: if a unit fails, or another command took the run over.
+    """
+    directory.storage.drop_missing()
+    if not units:
+        return
+    desk, waiting = directory.desk, dict(units)
+    desk.open()
+    run = str(named_place(str(directory.storage)) if desk.run.remote else desk.run.path.resolve())
+    with in_time(directory):
+        told = [unit.plain() for unit in units]
+        plan = desk.add_plan(told, noted_division(directory))
+        while waiting:
+            tasks: dict[str, tuple[Any, ...]] = {
+                unit.name: (run, desk.name, plan, unit, given) for unit, given in waiting.items()
+            }
+            there = work.do(phase, do_seized, tasks)
+            waiting = {u: g for (u, g), x in zip(waiting.items(), there, strict=True) if not x}
+    directory.storage.fetch()
 
 
-def do_seized(run: str, unit: SharedUnit, subjects: Sequence[Subject] | None) -> bool:
-    """A task: do a unit, whoever holds it; False if another task took it over meanwhile."""
-    desk = Desk(Path(run), DRIVEN)
-    files = FolderFiles(desk.claims)
-    claim = Claims(files, [unit.name], owner=str(os.getpid())).seize(unit.name)
-    return do_and_commit(desk, claim, unit, subjects)
+@contextmanager
+def in_time(directory: RunDirectory) -> Iterator[None]:
+    """What is only done as long as nobody else has taken the run over.
+
+    Raises:
+        PanelError: if somebody has.
+    """
+    try:
+        yield
+    except (Gone, PanelError) as error:
+        if not isinstance(error, Gone) and not isinstance(error.__cause__, Gone):
+            raise
+        raise PanelError(
+            f"another process took the run in {directory.storage} over, because this one had been "
+            "silent for too long; what was finished is kept"
+        ) from None
+
+
+def do_seized(
+    run: str, desk: str, plan: str, unit: SharedUnit, subjects: Sequence[Subject] | None
+) -> bool:
+    """A task: do a unit, whoever holds it; False if another task took it over meanwhile.
+
+    Args:
+        run: the run's directory, or where else it is kept.
+        desk: where it is claimed.
+        plan: that it is of.
+        unit: the unit.
+        subjects: the policies that are evaluated, where the run's own are not.
+
+    Raises:
+        Gone: if another command took the run over.
+    """
+    own = Desk(_storage(run), desk)
+    claims = Claims(own.claims_of(plan), [unit.name], owner=str(os.getpid()))
+    return do_and_commit(own, claims.seize(unit.name), unit, subjects)
+
+
+@lru_cache(maxsize=1)
+def _storage(run: str) -> Storage:
+    """Where a run is kept; a copy that is worked on goes with the process."""
+    place = named_place(run)
+    return FolderStorage(place) if isinstance(place, Path) else BucketStorage(place)
+
+
+def write_pages(write: Callable[[], Written], directory: RunDirectory) -> Written:
+    """Write a panel's page and what it rests on, and have it in place by one decision.
+
+    Args:
+        write: writes them into the run's folder, or its copy.
+        directory: of the run, which this process alone drives.
+
+    Raises:
+        PanelError: if another command took the run over.
+    """
+    panel = write()
+    if directory.storage.remote:
+        with in_time(directory):
+            claims = directory.desk.claims_of(directory.desk.add_plan([{"name": PAGES}]))
+            commit_pages(directory, Claims(claims, [PAGES]).seize(PAGES))
+    return panel
+
+
+@contextmanager
+def rewriting(place: Place) -> Iterator[Path]:
+    """A run's folder, or a copy of it whose changed pages are put in place with the block's end.
+
+    Raises:
+        RunDirectoryError: if somebody works there.
+        ValueError: for a name of no place.
+    """
+    with stored(place) as storage:
+        if not storage.remote:
+            yield storage.path
+            return
+        directory = RunDirectory(storage, {})
+        with directory.kept():
+            storage.fetch()
+            yield storage.path
+            write_pages(lambda: None, directory)
+            directory.finish_work()
+
+
+def commit_pages(directory: RunDirectory, claim: Claim) -> bool:
+    """Put what was written into a copy of a run in place; False if another did."""
+    directory.desk.stage_pages(claim)
+    done = commit(directory.desk, claim)
+    if done:
+        directory.storage.drop_missing()
+    return done

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from integ_gym.train import Workers
 
 from ..running import (
     RunDirectory,
     Subject,
+    Unit,
     batches_of,
+    divide,
     not_evaluated,
     not_tried,
     subject_of,
@@ -26,7 +29,18 @@ def training(
     spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None
 ) -> list[SharedUnit]:
     """Chunks of policies that are trained together."""
-    chunks = waiting_chunks(spec, directory, workers, memory_gib)
+    return _together(waiting_chunks(spec, directory, workers, memory_gib))
+
+
+def training_and_division(
+    spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None
+) -> tuple[list[SharedUnit], dict[str, Any] | None]:
+    """Chunks of policies that are trained together, and what is to be noted of that."""
+    division = divide(spec, directory, workers, memory_gib)
+    return _together(division.waiting), division.noted
+
+
+def _together(chunks: Sequence[Sequence[Unit]]) -> list[SharedUnit]:
     names = [tuple(unit.policy for unit in chunk) for chunk in chunks]
     return [SharedUnit("train", _named("train", own), policies=own) for own in names]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from integ_gym.support import Claim
+from integ_gym.support import Claim, Storage
 
 from ..running import (
     MANIFEST,
@@ -24,6 +24,7 @@ from ..running import (
     subject_of,
     train_chunk_here,
     try_and_note,
+    unit_of_cell,
     units_of,
 )
 from ..specification import PanelSpec, planned_spec
@@ -72,19 +73,26 @@ def do_and_commit(
         subjects: the policies that are evaluated, where the run's own are not.
     """
     if not claim.decided:
-        staged = desk.staged(claim)
-        _do(desk.run, staged, unit, subjects)
-        if not claim.commit():
-            shutil.rmtree(staged, ignore_errors=True)
-            return False
+        _do(desk.run, desk.staged(claim), unit, subjects)
+    return commit(desk, claim)
+
+
+def commit(desk: Desk, claim: Claim) -> bool:
+    """Put what waits in place, if it is decided that it counts; False if it was taken over."""
+    if not claim.decided:
+        desk.hand_in(claim)
+    if not claim.commit():
+        desk.discard(claim)
+        return False
     desk.put_in_place(claim)
     claim.finish()
     return True
 
 
-def _do(run: Path, staged: Path, unit: SharedUnit, subjects: Sequence[Subject] | None) -> None:
+def _do(run: Storage, staged: Path, unit: SharedUnit, subjects: Sequence[Subject] | None) -> None:
     """Do a unit, and write its results into a folder."""
     spec, directory = _opened(run)
+    run.fetch(*_inputs(spec, run, unit))
     there = RunDirectory(staged, spec.to_json(), spec.engine_versions())
     there.make_folders()
     if unit.kind == "train":
@@ -116,9 +124,22 @@ def _subjects(spec: PanelSpec, directory: RunDirectory, unit: SharedUnit) -> lis
     return [subject.waiting(unit.recorded) for subject in subjects]
 
 
-def _opened(run: Path) -> tuple[PanelSpec, RunDirectory]:
+def _inputs(spec: PanelSpec, run: Storage, unit: SharedUnit) -> Iterator[str]:
+    """Files of a run, and folders with ``/``, that a unit is done with; of a trained one, what is
+    there of it already."""
+    for policy in unit.policies:
+        yield from (f"policies/{policy}/", f"units/train-{policy}.json")
+        if unit.kind == "train":
+            yield f"evidence/train-{policy}.parquet"
+    if unit.kind == "evaluate":
+        names = (f"units/{unit_of_cell(cell)}.json" for cell in spec.columns())
+        yield from (name for name in names if not (run.path / name).exists())
+
+
+def _opened(run: Storage) -> tuple[PanelSpec, RunDirectory]:
     """The panel that a directory says it holds."""
-    manifest = json.dumps(read_manifest(run / MANIFEST)["specification"], sort_keys=True)
+    run.fetch(MANIFEST)
+    manifest = json.dumps(read_manifest(run.path / MANIFEST)["specification"], sort_keys=True)
     spec = _spec(manifest)
     return spec, RunDirectory(run, spec.to_json(), spec.engine_versions())
 

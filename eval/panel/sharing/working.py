@@ -6,40 +6,34 @@ so is the page made. All else is taken unit by unit.
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from integ_gym.support import (
+    BLOCK,
     LEASE,
     Claim,
     Claims,
-    FolderFiles,
     Gone,
-    check_sharing,
+    Storage,
     held,
     limit_threads,
     pauses,
-    read_object,
     work_bar,
-    write_once,
 )
 from integ_gym.train import Workers, preparation
 
 from ..results import write_artefact
-from ..running import SHARED, Desk, PanelError, RunDirectory, check_spec, clear, memory_of
+from ..running import UNITS, PanelError, RunDirectory, check_spec, memory_of, note_division
 from ..specification import PanelSpec
 from . import planning
+from .driving import PAGES, commit_pages, in_time
 from .shared_unit import SharedUnit, do_and_commit
-
-RESULTS = "results"
-_UNITS = "units"
 
 
 @dataclass(frozen=True)
@@ -61,7 +55,7 @@ class Share:
     command: str = "integ_gym.run_panel"
 
 
-def work_on(spec: PanelSpec, out: Path, share: Share) -> int:
+def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
     """Take part in a panel until all of it is done; how many units were done here.
 
     Args:
@@ -82,11 +76,15 @@ def work_on(spec: PanelSpec, out: Path, share: Share) -> int:
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     if directory.is_finished():
         return 0
-    with directory.joined():
-        check_sharing(out)
+    with directory.joined(share.lease):
+        if not out.remote:
+            out.check()
         worker = _Worker(spec, directory, fleet, share)
         with suppress(Gone):  # whoever made the page cleared away what is no longer needed
             worker.work()
+        if out.remote and not directory.desk.was_finished:
+            with in_time(directory):
+                raise Gone(str(out))
         return worker.done
 
 
@@ -100,7 +98,7 @@ class _Worker:
         self._directory = directory
         self._fleet = fleet
         self._share = share
-        self._desk = Desk(directory.path, SHARED)
+        self._desk = directory.desk
         self._rng = random.Random()
         self.done = 0
 
@@ -109,36 +107,73 @@ class _Worker:
         self._desk.open()
         spec, directory, fleet = self._spec, self._directory, self._fleet
         memory = memory_of(spec, fleet)
-        phases: dict[str, Callable[[], Sequence[SharedUnit]]] = {
-            "training": lambda: planning.training(spec, directory, fleet, memory),
-            "trying what can be done": lambda: planning.trying(spec, directory),
-            "evaluating": lambda: planning.evaluating(spec, directory, fleet.count),
+        phases: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
+            "training": lambda: planning.training_and_division(spec, directory, fleet, memory),
+            "trying what can be done": lambda: (planning.trying(spec, directory), None),
+            "evaluating": lambda: (planning.evaluating(spec, directory, fleet.count), None),
         }
         for number, (phase, plan) in enumerate(phases.items()):
             self._phase(str(number), phase, plan)
-        for claim in self._taken(RESULTS, [RESULTS]):
-            write_artefact(spec, directory, self._share.command, fleet.count)
-            claim.commit()
-            claim.finish()
-            clear(directory.path)
+        last = str(len(phases))
+        self._desk.plan(last, [{"name": PAGES}])
+        self._desk.planned(last)
+        for claim in self._taken(last, [PAGES]):
+            self._write_pages(claim)
 
-    def _phase(self, name: str, told: str, plan: Callable[[], Sequence[SharedUnit]]) -> None:
+    def _write_pages(self, claim: Claim) -> None:
+        """Write all that is made of the records; who is overtaken leaves it as another made it."""
+        spec, directory = self._spec, self._directory
+        if not claim.decided:
+            directory.storage.fetch()
+            write_artefact(spec, directory, self._share.command, self._fleet.count)
+        if commit_pages(directory, claim):
+            directory.finish_work()
+
+    def _phase(
+        self,
+        name: str,
+        told: str,
+        plan: Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]],
+    ) -> None:
         """Find out what is to be done, and do it, with all others."""
-        path = self._desk.root / f"{name}.json"
         for claim in self._taken(f"plan-{name}", [name]):
-            if name == "0":
-                self._directory.lift_seal()
-            units = {_UNITS: [unit.plain() for unit in plan()]}
-            with suppress(FileExistsError):  # of one that was taken for dead
-                write_once(path, _json(units))
-            claim.commit()
-            claim.finish()
-        held_by_name = {unit.name: unit for unit in _read(path)}
+            try:
+                self._find_out(name, plan, claim)
+            except Gone:  # another found it out, if not all is over
+                self._desk.check()
+        planned = self._desk.planned(name)
+        if planned is None:
+            raise Gone(name)
+        held_by_name = {unit.name: unit for unit in map(SharedUnit.of, planned[UNITS])}
         with work_bar(f"{told}, here", len(held_by_name), self._share.progress) as bar:
             for claim in self._taken(name, [*held_by_name]):
                 if self._do(claim, held_by_name[claim.unit]):
                     self.done += 1
                     bar.update(1)
+
+    def _find_out(
+        self,
+        name: str,
+        plan: Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]],
+        claim: Claim,
+    ) -> None:
+        """Find out what is to be done; what was found first counts.
+
+        Raises:
+            Gone: if another was faster, and this one was about to remove something.
+        """
+        directory = self._directory
+        directory.is_ours = claim.renew
+        if name == "0":
+            directory.end_others()
+            directory.lift_seal(self._desk.root)
+        directory.storage.fetch()
+        units, division = plan()
+        if self._desk.plan(name, [unit.plain() for unit in units], BLOCK, division):
+            note_division(directory, division)
+            directory.storage.drop_missing()
+        claim.commit()
+        claim.finish()
 
     def _do(self, claim: Claim, unit: SharedUnit) -> bool:
         """Do a unit; False if another worker took it over.
@@ -152,8 +187,7 @@ class _Worker:
         except Gone:
             raise
         except Exception as error:
-            if not self._desk.root.exists():
-                raise Gone(str(self._desk.root)) from None
+            self._desk.check()
             raise PanelError(
                 f"{unit.name} failed: {error}; another worker tries it again in "
                 f"{self._share.lease:g} s, and the rest is kept"
@@ -165,7 +199,7 @@ class _Worker:
         Raises:
             Gone: if all is over.
         """
-        with self._files(folder) as files:
+        with closing(self._desk.claims_of(folder)) as files:
             claims = Claims(files, units, self._share.lease, owner=str(os.getpid()))
             waits = pauses(self._share.lease, self._rng)
             while not claims.done:
@@ -176,40 +210,3 @@ class _Worker:
                     waits = pauses(self._share.lease, self._rng)
                 elif not claims.done:
                     time.sleep(next(waits))
-
-    @contextmanager
-    def _files(self, folder: str) -> Iterator[FolderFiles]:
-        """Claims of a phase.
-
-        Raises:
-            Gone: if the desk is not there any more.
-        """
-        root = self._desk.claims / folder
-        try:
-            root.mkdir(exist_ok=True)
-        except FileNotFoundError:
-            raise Gone(str(root)) from None
-        files = FolderFiles(root)
-        try:
-            yield files
-        finally:
-            files.close()
-
-
-def _json(content: Mapping[str, Any]) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        path.write_text(json.dumps(content), encoding="utf-8")
-
-    return write
-
-
-def _read(path: Path) -> list[SharedUnit]:
-    """What is to be done in a phase.
-
-    Raises:
-        Gone: if all is over.
-    """
-    if not path.exists():
-        raise Gone(str(path))
-    told = read_object(path, {_UNITS: list}, "remove it")
-    return [SharedUnit.of(one) for one in told[_UNITS]]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from integ_gym.support import plural
 
 from ... import verdict as rules
-from ...panel.model import Panel
+from ...panel.model import AppliedDiscretization, Panel
 
 
 def limits_of(panel: Panel) -> list[str]:
@@ -44,6 +45,12 @@ def limits_of(panel: Panel) -> list[str]:
         "for how many there are."
     )
     return limits
+
+
+def applied_of(panel: Panel) -> list[tuple[AppliedDiscretization, int]]:
+    """What environments really did, each with the number of cells that it goes for, as in it."""
+    found = Counter(cell.applied for cell in panel.cells if cell.applied is not None)
+    return list(found.items())
 
 
 def settings_of(panel: Panel) -> list[tuple[str, str]]:

@@ -44,7 +44,7 @@ from . import drawing
 from .carried import carried_by
 from .failures import LABEL_WORDS, failure_table, failures_of
 from .judged import card_of, comparison_of, tally_of
-from .method import limits_of, settings_of
+from .method import applied_of, limits_of, settings_of
 from .naming import naming_filters
 from .tiles import tiles_of
 
@@ -182,6 +182,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "comparisons": [comparison_of(one) for one in panel.policy_comparisons],
         "limits": limits_of(panel),
         "settings": settings_of(panel),
+        "applied": applied_of(panel),
         "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
         "rules": rules,
         "pass_line": rules.PASS,

@@ -5,19 +5,22 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from integ_gym.evidence import (
     ASCII_BARS,
     BARS,
     TABLE_FORMATS,
+    EvidenceError,
     EvidenceStore,
     merge,
     open_run,
     print_table,
+    query_in_place,
     show,
 )
-from integ_gym.support import FITS, CommandParser, make_folder, width_of
+from integ_gym.support import FITS, CommandParser, fetched, is_remote, make_folder, width_of
 
 from . import exporting, sealing, verifying
 
@@ -27,6 +30,7 @@ examples:
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
   integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
+  integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a
   integ-gym evidence verify runs/panel
   integ-gym evidence verify runs/panel --all --exact
@@ -38,7 +42,8 @@ examples:
   integ-gym evidence export runs/panel --to mcap --out logs --where "NOT success"
   integ-gym evidence merge runs/one runs/two --out runs/both
 
-RUN is the directory of a run, or its directory `evidence`.
+RUN is the directory of a run, or its directory `evidence`, or the place of a run in an object
+store: s3://…, gs://…, az://…. `query` reads it there; the others read a copy that they fetch first.
 """
 
 
@@ -49,8 +54,18 @@ def main(argv: Sequence[str]) -> int:
         EvidenceError: on bad input, in one sentence.
     """
     given = parser().parse_args(argv)
+    if given.run_command is _query and is_remote(given.run):
+        print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
+        return 0
+    if given.run_command is _seal and is_remote(given.run):
+        raise EvidenceError(
+            f"{given.run} is no run on this machine, as one that is sealed must be; a panel's is "
+            "sealed when it is finished, and any other once it is copied here"
+        )
     runs = given.run if isinstance(given.run, list) else [given.run]
-    return int(given.run_command(given, *map(open_run, runs)))
+    with ExitStack() as copies:
+        stores = [open_run(copies.enter_context(fetched(run))) for run in runs]
+        return int(given.run_command(given, *stores))
 
 
 def parser() -> argparse.ArgumentParser:

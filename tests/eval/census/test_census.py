@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import subprocess
 import sys
+import weakref
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,10 +20,11 @@ from engine_cases import EVERY, lighter, needs
 
 from integ_gym.cli import main
 from integ_gym.commands.engines import integrators_of
+from integ_gym.envs import numerics
 from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.census import words
+from integ_gym.eval.census import run, words
 from integ_gym.eval.census.line import Line, measure
 from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.subjects.engines import engine_subjects
@@ -147,6 +151,27 @@ def test_every_integrator_of_an_engine_is_what_it_is_said_to_be(
         assert line.found.identified, subject
         assert line.found.map == said, subject
         assert line.differences == (), subject
+
+
+def test_what_was_measured_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An engine may be a process: those of one line are there at a time, damped and not."""
+    made: list[weakref.ref[Any]] = []
+    alive: list[int] = []
+
+    def noted(*given: Any) -> Any:
+        step = one_step(*given)
+        made.append(weakref.ref(step))
+        gc.collect()
+        alive.append(sum(one() is not None for one in made))
+        return step
+
+    monkeypatch.setattr(numerics, "one_step", noted)
+    census = run.Census()
+    own = partial(engine_subjects, "native", ("explicit_euler", "symplectic_euler"))
+    run._look(census, "native", own)
+    assert not census.failed
+    assert len(census.lines) == 4
+    assert alive == [1, 2] * 4
 
 
 def test_a_step_that_is_not_the_stated_one_is_found_out() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import copy
 import hashlib
 import json
 import re
@@ -215,6 +216,23 @@ def test_a_given_policy_is_told_of_in_words_of_its_own() -> None:
     assert "over training seeds" not in text
     assert "Another seed of the same training could do otherwise." in text
     assert "The policy file names no training discretization." in text
+
+
+def test_the_page_says_what_was_applied() -> None:
+    raw = copy.deepcopy(raw_of("full"))
+    first = raw["cells"][0]
+    first["applied"] = {
+        "engine": "playground", "engine_version": "0.2.0", "integrator": "Euler", "dt": 0.007,
+        "substeps": 3, "control_period": 0.021,
+    }  # fmt: skip
+    text = " ".join(re.sub(r"<[^>]+>", " ", report.render(panel_from(raw))).split())
+    assert "never from what was asked" in text
+    assert "playground 0.2.0 Euler 0.007 3 0.021 1" in text
+    others = {json.dumps(cell["applied"], sort_keys=True) for cell in raw["cells"][1:]}
+    assert text.count("native 0.1.0") == len(others)
+    for place in raw["cells"]:
+        place["applied"] = None
+    assert "never from what was asked" not in Page(report.render(panel_from(raw))).text
 
 
 def test_engines_have_a_section_where_a_panel_has_them() -> None:

@@ -93,20 +93,21 @@ def two_processes() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"))
 
 
-def started(command: Sequence[str]) -> Any:
-    """A process, head of its group, that runs a command.
+def started(command: Sequence[str], **told: str) -> Any:
+    """A process, head of its group, that runs a command; what else its environment tells.
 
     It is forked from one that has imported what the command needs and run nothing.
     """
     context: Any = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
-    process = context.Process(target=_run, args=(list(command),))
+    process = context.Process(target=_run, args=(list(command), told))
     process.start()
     return process
 
 
-def _run(command: list[str]) -> None:
+def _run(command: list[str], told: dict[str, str]) -> None:
     os.setpgid(0, 0)
+    os.environ.update(told)
     style.FORMATS = {".png": style.FORMATS[".png"]}
     sys.exit(main(command))
 

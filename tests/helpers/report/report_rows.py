@@ -46,12 +46,11 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
         name += f" control={period:g}"
     if more.get("perturbation"):
         name += f", {more['perturbation']}"
+    place = {"engine": "native", "integrator": scheme, "dt": dt, "control_period": period}
     return {
         "name": name,
-        "engine": "native",
-        "integrator": scheme,
-        "dt": dt,
-        "control_period": period,
+        **place,
+        "applied": {**place, "engine_version": "0.1.0", "substeps": max(1, round(period / dt))},
         "kind": "grid",
         "perturbation": None,
         "role": None,

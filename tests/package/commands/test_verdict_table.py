@@ -7,7 +7,7 @@ import io
 import pytest
 from report_pages import panel_of
 
-from integ_gym.commands.verdict_table import TONES, print_verdicts
+from integ_gym.commands.printed.verdicts import TONES, print_verdicts
 from integ_gym.eval.verdict import WITHOUT_VERDICT
 from integ_gym.support import fixed
 

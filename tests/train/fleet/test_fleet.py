@@ -383,6 +383,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_processes_train_and_leave_this_one_as_it_was(tmp_path):
     script = tmp_path / "work.py"
     script.write_text(WORK)

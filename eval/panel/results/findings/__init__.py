@@ -1,4 +1,4 @@
-"""What a panel's matrix says: its answer, remedies, rankings, pairs, engines that agree, costs.
+"""What a panel's records say: answer, remedies, rankings, pairs, engines that agree, costs, maps.
 
 Knows the matrix and the layout of one panel; the declared family is judged in `verdict`.
 """
@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .answer import answer_of
+    from .applied import applied_in
     from .engine_agreement import agreements
     from .paired import paired_episodes, paired_remark
     from .ranking import rankings

@@ -17,7 +17,14 @@ from integ_gym.envs import numerics
 from integ_gym.train import possible_baselines
 
 from ....verdict import ACHIEVED, Achieved, Attempt, Search, achieved
-from ...specification import Cell, PanelSpec, environments_of, file_name, inputs
+from ...specification import (
+    Cell,
+    PanelSpec,
+    engine_versions,
+    environments_of,
+    file_name,
+    inputs,
+)
 from ..run_directory import RunDirectory, key_of
 from ..units import baseline_of
 from ..work import Work
@@ -139,4 +146,5 @@ def unit_of_cell(cell: Cell) -> str:
 
 
 def _key(spec: PanelSpec, cell: Cell) -> str:
-    return key_of(spec.engine_versions(), spec=inputs(spec, [cell]), cell=cell.name)
+    engine = engine_versions({cell.discretization.engine})
+    return key_of(engine, spec=inputs(spec, [cell]), cell=cell.name)

@@ -15,7 +15,7 @@ import numpy as np
 
 from integ_gym.evidence import EvidenceStore, Layout
 
-from ...specification import Cell, PanelSpec, inputs
+from ...specification import Cell, PanelSpec, engine_versions, inputs
 from ..costs import cell_seconds, cell_timing
 from ..run_directory import RunDirectory, key_of
 from ..work import Work, working
@@ -233,7 +233,9 @@ def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
 
 
 def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> str:
-    return key_of(spec.engine_versions(), spec=inputs(spec, cells), policies=hashes)
+    where = list(cells)
+    engines = engine_versions({cell.discretization.engine for cell in where})
+    return key_of(engines, spec=inputs(spec, where), policies=hashes)
 
 
 def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION
+from integ_gym.envs import DISCRETIZATION, is_integ_environment
 
 from ..values import SpecError, check_keys, check_known, check_unique, list_of, text
 from .cell import Perturbation
@@ -47,12 +47,13 @@ def sweeps_of(data: Mapping[str, Any], nominal: Any) -> tuple[Sweep, ...]:
         SpecError: for an argument that the environment lacks, that holds no number, that cells
             vary, or for less than two values.
     """
-    found = tuple(_sweep(entry, nominal) for entry in list_of(data, "sweep"))
+    ours = is_integ_environment(str(data.get("env_id")))
+    found = tuple(_sweep(entry, nominal, ours) for entry in list_of(data, "sweep"))
     check_unique("sweep", [sweep.argument for sweep in found])
     return found
 
 
-def _sweep(entry: Any, nominal: Any) -> Sweep:
+def _sweep(entry: Any, nominal: Any, ours: bool) -> Sweep:
     if not isinstance(entry, Mapping) or set(entry) != {"argument", "values"}:
         if isinstance(entry, Mapping):
             check_keys("key in `sweep`", entry, ("argument", "values"))
@@ -60,6 +61,11 @@ def _sweep(entry: Any, nominal: Any) -> Sweep:
     argument, arguments = text("argument", entry["argument"]), nominal.arguments()
     if argument in DISCRETIZATION:
         raise SpecError(f"`sweep` of `{argument}`, which is what cells vary; use `evaluate` for it")
+    if not ours and not _is_number(arguments.get(argument)):
+        raise SpecError(
+            f"`sweep` of `{argument}`, whose number the environment does not tell; state the value "
+            "that it has otherwise under `environment`"
+        )
     numbers = [n for n, x in arguments.items() if _is_number(x) or x is None]
     check_known("argument in `sweep`", argument, [n for n in numbers if n not in DISCRETIZATION])
     values = list_of(entry, "values")

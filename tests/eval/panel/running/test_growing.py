@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from engine_cases import needs
 from small_panel import TOML, small_data
 
 from integ_gym.cli import main
@@ -37,13 +38,17 @@ def _matrix(panel: dict) -> list[list]:
 
 
 @pytest.mark.slow
-def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(spec, tmp_path, panel_directory):
+def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(
+    spec, tmp_path, panel_directory, capsys
+):
     """With one seed first, then both: nothing is done again, and the records are the same."""
     out = tmp_path / "out"
     command = ["panel", str(spec), "--out", str(out), "--no-progress"]
     assert main([*command, "--seeds", "1"]) == 0
     files = {p: p.stat().st_mtime_ns for p in out.glob("[uep]*/**/*") if p.is_file()}
+    assert "New in" not in capsys.readouterr().err
     assert main(command) == 0
+    assert f"New in {out}: seeds 1. All else is kept.\n" in capsys.readouterr().err
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _hashes(out) == _hashes(panel_directory)
     panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
@@ -58,7 +63,9 @@ LATER = TOML[TOML.rindex("[[perturbations]]") :]
 
 
 @pytest.mark.slow
-def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(spec, tmp_path, panel_directory):
+def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(
+    spec, tmp_path, panel_directory, capsys
+):
     """Nothing is trained or evaluated twice, and the records are the same."""
     out = tmp_path / "out"
     command = ["panel", str(spec), "--out", str(out), "--no-progress"]
@@ -68,6 +75,8 @@ def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(spec, tmp_path, p
     assert not any("latency" in row["record_id"] for row in _hashes(out))
     spec.write_text(f'question = "And a late command?"\n{TOML}', encoding="utf-8")
     assert main(command) == 0
+    told = "perturbation 'latency 50 ms' (action_latency = 0.05); question. All else is kept.\n"
+    assert f"New in {out}: {told}" in capsys.readouterr().err
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _hashes(out) == _hashes(panel_directory)
     panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
@@ -76,13 +85,32 @@ def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(spec, tmp_path, p
     assert main(["evidence", "verify", str(out)]) == 0
 
 
+@pytest.mark.slow
+def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, panel_directory, capsys):
+    """What is there does not depend on that engine's version, which is noted."""
+    needs("mujoco")
+    copy = tmp_path / "copy"
+    shutil.copytree(panel_directory, copy)
+    files = {p: p.read_bytes() for p in copy.glob("[uep]*/**/*") if p.is_file()}
+    engine = 'engine = "mujoco"\nintegrator = "RK4"\ndt = 0.05\n'
+    spec.write_text(f"{TOML}\n[[evaluate]]\n{engine}", encoding="utf-8")
+    assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
+    assert "cell 'mujoco RK4 dt=0.05'. All else is kept." in capsys.readouterr().err
+    assert files == {path: path.read_bytes() for path in files}
+    assert {record["record_id"] for record in _hashes(panel_directory)} < {
+        record["record_id"] for record in _hashes(copy)
+    }
+    assert "mujoco" in json.loads((copy / "run.json").read_text())["versions"]
+    assert main(["evidence", "verify", str(copy)]) == 0
+
+
 @pytest.mark.parametrize(
     ("was", "now", "sentence"),
     [
-        (LATER, "", "another `perturbations`"),
-        ("mass = 1.2", "mass = 1.3", "another `perturbations`"),
+        (LATER, "", "it has perturbation 'latency .*, which is missing now; .* started with$"),
+        ("mass = 1.2", "mass = 1.3", r"perturbation '.*' \(mass = 1.2\), which is missing now;"),
         ('["rk4 dt=0.05", "reference dt=0.05"]', '["rk4 dt=0.05", "rk4 dt=0.0125"]', "`family`"),
-        ("episodes = 3", "episodes = 4", "`episodes` 3 \\(now 4\\)"),
+        ("episodes = 3", "episodes = 4", r"`episodes` 3 \(now 4\); .* \(--policies .*copy takes"),
         ("max_torque = 1.0", "max_torque = 1.1", "`environment.max_torque` 1.0"),
     ],
     ids=["removed", "changed", "family", "episodes", "environment"],

@@ -105,3 +105,20 @@ def test_records_of_no_unit_are_named(recorded):
     (recorded.evidence / "foreign.parquet").write_bytes(b"records PAR1")
     fault = ("evidence/foreign.parquet", "belongs to no finished unit")
     assert list(recorded.faults()) == [fault]
+
+
+def test_a_training_in_which_no_episode_ended_has_no_records(tmp_path):
+    """As where the time limit is longer than the training: finished, and whole."""
+    made, other = (RunDirectory(tmp_path / name, {"name": name}) for name in ("run", "other"))
+    with made.opened():
+        made.finish("train-a", "key", time.time(), policy="hash")
+    assert made.marker("train-a")["records"] is None
+    assert made.finished("train-a", "key") is not None
+    assert list(made.faults()) == []
+    with other.opened():
+        other.adopt(made, "train-a")
+    assert other.finished("train-a", "key") is not None
+    (made.evidence / "train-a.parquet").write_bytes(b"PAR1 of somebody PAR1")
+    with pytest.raises(RunDirectoryError, match="was changed after unit train-a was finished"):
+        made.finished("train-a", "key")
+    assert [name for name, _ in made.faults()] == ["evidence/train-a.parquet"]

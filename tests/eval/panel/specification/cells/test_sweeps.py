@@ -54,6 +54,19 @@ def test_what_cannot_be_swept_is_refused(sweep, message):
         _spec(sweep)
 
 
+def test_of_another_librarys_environment_what_is_stated_is_swept():
+    own = {
+        "env_id": "Pendulum-v1", "family": [], "compare": [], "baselines": ["random"],
+        "train": [{"integrator": "symplectic_euler", "dt": 0.05}],
+        "evaluate": [{"integrator": "symplectic_euler", "dt": 0.05}],
+    }  # fmt: skip
+    gravity = {"argument": "g", "values": [8.0, 10.0]}
+    with pytest.raises(SpecError, match=r"`g`, whose number .* under `environment`"):
+        _spec(gravity, environment={}, **own)
+    spec = _spec(gravity, environment={"g": 10.0}, **own)
+    assert [change.environment for change in spec.changes] == [{"g": 8.0}]
+
+
 def test_an_argument_is_swept_once():
     with pytest.raises(SpecError, match="`sweep` lists something twice"):
         _spec(LATENCY, LATENCY)

@@ -1,0 +1,26 @@
+"""What the environments of each cell really did."""
+
+from __future__ import annotations
+
+from integ_gym.evidence import EvidenceStore
+
+from ...model import AppliedDiscretization, build
+
+COLUMNS = ("engine", "engine_version", "integrator", "dt", "substeps", "control_period")
+
+
+def applied_in(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
+    """What was applied, by cell, from the records of evaluations.
+
+    Raises:
+        ValueError: if the records of a cell do not agree.
+    """
+    names = ", ".join(COLUMNS)
+    rows = store.query(f"SELECT DISTINCT cell, {names} FROM records WHERE phase = 'evaluation'")
+    found: dict[str, AppliedDiscretization] = {}
+    for row in rows.to_pylist():
+        cell = row.pop("cell")
+        if cell in found:
+            raise ValueError(f"records of cell {cell!r} do not agree on {names}")
+        found[cell] = build(AppliedDiscretization, **row)
+    return found

@@ -1,0 +1,69 @@
+"""What a larger specification adds, and what contradicts, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from small_panel import small_data
+
+from integ_gym.eval.panel.specification.difference import additions, contradictions
+from integ_gym.eval.panel.specification.reading import parse_spec
+
+SWEEP = {"argument": "action_latency", "values": [0.0, 0.05, 0.1]}
+MIXED = {"mixture": "both", "members": [{"integrator": ["rk4", "explicit_euler"], "dt": 0.05}]}
+STIFFER = {"name": "heavier", "environment": {"mass": 1.5, "damping": 0.1}}
+SMALL = small_data()
+
+LARGER = [
+    ({"seeds": [0, 1, 2, 3]}, "seeds 2, 3"),
+    ({"question": "And now?"}, "question"),
+    ({"sweep": [SWEEP]}, "sweep of `action_latency` at 0, 0.05, 0.1"),
+    ({"train": [*SMALL["train"], MIXED]}, "row 'both'"),
+    ({"train": [*SMALL["train"], {"integrator": "rk4", "dt": 0.0125}]}, "row 'rk4 dt=0.0125'"),
+    (
+        {"perturbations": [*SMALL["perturbations"], STIFFER]},
+        "perturbation 'heavier' (mass = 1.5, damping = 0.1)",
+    ),
+    (
+        {"evaluate": [*SMALL["evaluate"], {"integrator": "rk4", "dt": 0.025}]},
+        "cell 'rk4 dt=0.025'",
+    ),
+]
+
+
+def _plain(**changes: Any) -> dict[str, Any]:
+    return parse_spec(small_data(**changes), "small").to_json()
+
+
+@pytest.mark.parametrize(("changes", "words"), LARGER)
+def test_what_is_new_is_said_and_contradicts_nothing(changes, words):
+    assert list(additions(_plain(), _plain(**changes))) == [words]
+    assert list(contradictions(_plain(), _plain(**changes))) == []
+
+
+@pytest.mark.parametrize(("changes", "words"), LARGER[2:])
+def test_what_is_missing_is_said_and_is_nothing_new(changes, words):
+    assert list(contradictions(_plain(**changes), _plain())) == [
+        f"it has {words}, which is missing now"
+    ]
+    assert list(additions(_plain(**changes), _plain())) == []
+
+
+def test_of_a_sweep_the_values_are_told():
+    one, more = (_plain(sweep=[{**SWEEP, "values": v}]) for v in ([0.0, 0.1], [0.0, 0.05, 0.1]))
+    assert list(additions(one, more)) == ["sweep of `action_latency` at 0.05"]
+    assert list(contradictions(more, one)) == [
+        "it has sweep of `action_latency` at 0.05, which is missing now"
+    ]
+
+
+def test_the_same_adds_nothing():
+    assert list(additions(_plain(), _plain())) == list(contradictions(_plain(), _plain())) == []
+
+
+@pytest.mark.parametrize("damaged", [[7], [{"name": "heavier"}], [{"environment": 3, "name": 0}]])
+def test_what_a_damaged_manifest_holds_is_told_as_it_is(damaged):
+    held = {**_plain(), "perturbations": damaged}
+    (told,) = contradictions(held, _plain())
+    assert told.startswith("it has perturbation ")
