@@ -9,9 +9,11 @@ from .doors import lazy_door
 
 if TYPE_CHECKING:
     from .figures.colours import (
+        AMOUNTS,
         ENERGY_FLOOR,
         PALETTE,
         VIRIDIS,
+        channels,
         ink_on,
         mixed,
         success_colour,
@@ -153,6 +155,7 @@ if TYPE_CHECKING:
         fits,
         fixed,
         named_value,
+        percent,
         plural,
         print_aligned,
         print_groups,

@@ -5,20 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from integ_gym.support import fixed
+from integ_gym.support import AMOUNTS, PALETTE, channels, fixed
 
-from .canvas import BLUE, FAINT, INK, MUTED, VERMILLION, Canvas, Colour, tint
+from .canvas import FAINT, INK, MUTED, Canvas, Colour, tint
 
 BAR = 24
 """Height of a bar with the room around it, pixels."""
-BAR_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
-    "start": (INK, INK),
-    "motor": (MUTED, MUTED),
-    "numerics": (VERMILLION, BLUE),
-    "losses": (MUTED, MUTED),
-    "energy": (INK, INK),
-}
-"""Name of an amount to its colours above and below zero, in the order in which they are drawn."""
 _NAME, _VALUE, _EDGE = 74.0, 68.0, 14.0
 
 
@@ -37,6 +29,12 @@ def draw_bars(
         _bar(canvas, top + (row + 0.5) * BAR, name, value, reach)
 
 
+def colour_of(amount: str, value: float = 0.0) -> Colour:
+    """Colour of an amount of energy, by its name."""
+    above, below = AMOUNTS[amount]
+    return channels(PALETTE[above if value >= 0.0 else below][0])
+
+
 def _bar(canvas: Canvas, y: float, name: str, value: float, reach: tuple[float, float]) -> None:
     (low, high), end = reach, canvas.size[0] - _EDGE
     left, right = _EDGE + _NAME, end - _VALUE
@@ -47,9 +45,7 @@ def _bar(canvas: Canvas, y: float, name: str, value: float, reach: tuple[float, 
     known = math.isfinite(value)
     if known:
         tip = zero + scale * max(low, min(high, value))
-        above, below = BAR_COLOURS[name]
-        colour = above if value >= 0.0 else below
-        canvas.box(((zero + tip) / 2, y), (abs(tip - zero), 12.0), 0.0, colour)
+        canvas.box(((zero + tip) / 2, y), (abs(tip - zero), 12.0), 0.0, colour_of(name, value))
     canvas.line((zero, y - 8.0), (zero, y + 8.0), 1.5, INK, rounded=False)
     said = f"{fixed(value, 1, name == 'numerics')} J" if known else "not known"
     canvas.text(said, (end, y), 20, INK if known else MUTED, align=1.0)

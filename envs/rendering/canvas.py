@@ -1,4 +1,4 @@
-"""A canvas for clean, anti-aliased pictures, and the colours to use on it."""
+"""A canvas for clean, anti-aliased pictures, and the colours to use on it: those of light pages."""
 
 from __future__ import annotations
 
@@ -13,19 +13,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import load
+from integ_gym.support import HUES, PALETTE, channels, load
 
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
 
-WHITE: Colour = (255, 255, 255)
-INK: Colour = (32, 44, 57)
-MUTED: Colour = (112, 124, 136)
-FAINT: Colour = (222, 227, 232)
-# Okabe and Ito's palette, told apart with every kind of colour vision.
-BLUE: Colour = (0, 114, 178)
-GREEN: Colour = (0, 158, 115)
-VERMILLION: Colour = (213, 94, 0)
+PAGE, WHITE, INK, MUTED, FAINT, GREEN, FAILS = (
+    channels(PALETTE[name][0])
+    for name in ("page", "card", "ink", "soft", "line", "transfers", "fails")
+)
+BLUE, VERMILION = (channels(HUES[name][0]) for name in ("blue", "vermilion"))
 
 _ARC_STEP = math.radians(1.5)
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..episode import Setup
 from .bars import BAR, draw_bars
-from .canvas import BLUE, FAINT, INK, MUTED, VERMILLION, WHITE, Canvas, tint
+from .canvas import BLUE, INK, MUTED, PAGE, VERMILION, WHITE, Canvas, tint
 from .course import Course, draw_course
 from .panes import Moment
 from .plants import drawing
@@ -87,7 +87,7 @@ class Cockpit:
         canvas = self._canvas
         canvas.clear()
         width, height = canvas.size
-        canvas.box((width / 2, height / 2), (width, height), 0.0, tint(FAINT, 0.45))
+        canvas.box((width / 2, height / 2), (width, height), 0.0, PAGE)
         canvas.text(view.title, (_GAP + 4, 32.0), 34, INK)
         canvas.text(f"{view.time:.1f} s", (width - _GAP - 4, 32.0), 34, INK, align=1.0)
         self._draw_plant(canvas.part((_GAP, _TOP), (int(_LEFT), int(_CARD)), 1.0), view)
@@ -104,7 +104,7 @@ class Cockpit:
         picture = canvas.part((_GAP, top), self._drawing.size, shrink)
         state = [float(x) for x in view.moment.state]
         self._drawing.draw(picture, self._setup, state, view.moment.control)
-        canvas.text(view.warning, (width / 2, 24.0), 24, VERMILLION, align=0.5)
+        canvas.text(view.warning, (width / 2, 24.0), 24, VERMILION, align=0.5)
 
     def _draw_energy(self, canvas: Canvas, view: View) -> None:
         _card(canvas)

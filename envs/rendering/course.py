@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from integ_gym.support import fixed
 
-from .bars import BAR_COLOURS
+from .bars import colour_of
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, Canvas, Point
 
 _EDGE, _SCALE, _HEAD, _FOOT = 14.0, 56.0, 10.0, 22.0
@@ -65,7 +65,7 @@ def draw_course(canvas: Canvas, course: Course, seconds: float) -> None:
         pairs = list(zip(course.times, values, strict=True))
         points = [place(*pair) for pair in (*pairs[:-1:every], pairs[-1])]
         for one, other in pairwise(points):
-            canvas.line(one, other, 2.5, BAR_COLOURS[name][0], rounded=False)
+            canvas.line(one, other, 2.5, colour_of(name), rounded=False)
     for text, x, align in ((f"{end - seconds:.0f} s", _SCALE, 0.0), (f"{end:.0f} s", width, 1.0)):
         canvas.text(text, (x - align * _EDGE, height - 9.0), 17, INK, align=align)
 

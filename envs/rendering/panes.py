@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..episode import Setup
 from .bars import BAR, draw_bars
-from .canvas import FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Point, tint
+from .canvas import FAILS, GREEN, INK, MUTED, PAGE, WHITE, Canvas, Point
 from .plants import drawing
 
 _WIDTH = 300
@@ -89,7 +89,7 @@ class Panes:
         canvas = self._canvas
         canvas.clear()
         width, height = canvas.size
-        canvas.box((width / 2, height / 2), (width, height), 0.0, tint(FAINT, 0.45))
+        canvas.box((width / 2, height / 2), (width, height), 0.0, PAGE)
         canvas.text(self._heading, (_GAP + 4, 26.0), 33, INK)
         canvas.text(self._note, (_GAP + 4, 54.0), 21, MUTED)
         canvas.text(f"{time:.1f} s", (width - _GAP - 4, 28.0), 33, INK, align=1.0)
@@ -115,7 +115,7 @@ class Panes:
 def _verdict(canvas: Canvas, end: Point, succeeds: bool) -> None:
     """A word and its mark, flush right."""
     x, y = end
-    colour = GREEN if succeeds else VERMILLION
+    colour = GREEN if succeeds else FAILS
     canvas.text("succeeds" if succeeds else "fails", (x, y), 24, colour, align=1.0)
     x -= 92.0 if succeeds else 54.0
     tick = ((x - 5.0, y), (x - 1.0, y + 4.5), (x + 6.0, y - 5.0))

@@ -12,7 +12,7 @@ from ..arithmetic import SCALAR
 from ..episode import Setup
 from ..plants import state_names, state_units
 from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrapped
-from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILLION, WHITE, Canvas, Point, polar, tint
+from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""
@@ -148,13 +148,13 @@ def _torque(canvas: Canvas, hinge: Point, theta: float, share: float) -> None:
     side, full = math.copysign(1.0, share), math.radians(130.0)
     start = theta + side * math.asin(15.0 / 80.0)
     canvas.arc(hinge, (78.5, 81.5), (start, start + side * full), FAINT)
-    canvas.arc_arrow(hinge, 80.0, (start, start + share * full), 10.0, VERMILLION)
+    canvas.arc_arrow(hinge, 80.0, (start, start + share * full), 10.0, VERMILION)
 
 
 def _force(canvas: Canvas, hinge: Point, share: float) -> None:
     if share:
         x = hinge[0] + math.copysign(29.0, share)
-        canvas.arrow((x, hinge[1]), x + 44.0 * share, 9.0, VERMILLION)
+        canvas.arrow((x, hinge[1]), x + 44.0 * share, 9.0, VERMILION)
 
 
 def _rod(canvas: Canvas, hinge: Point, tip: Point, width: float, plant: Any) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from integ_gym.support import NONE, fixed, make_folder, replace_file, write_figure
+from integ_gym.support import NONE, fixed, make_folder, percent, replace_file, write_figure
 
 from ..statistics import draws_for, rate_interval
 from .agreement import noted_in
@@ -100,5 +100,5 @@ def _trial_table(trials: Sequence[Trial]) -> Iterator[str]:
         interval = f"{fixed(one.low, 3)} to {fixed(one.high, 3)}"
         yield (
             f"| {one.number} | {fixed(one.error, 3)} | {interval} | {fixed(one.seen_error, 3)} | "
-            f"{one.covered:.0%} of {one.points} (wanted {LEVEL:.0%}) |"
+            f"{percent(one.covered)} of {one.points} (wanted {percent(LEVEL)}) |"
         )

@@ -10,6 +10,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support import percent
+
 Floats: TypeAlias = npt.NDArray[np.float64]
 """A float64 array."""
 
@@ -38,7 +40,7 @@ class Interval:
 
     def __str__(self) -> str:
         ends = f"{self.low:z.2f} to {self.high:z.2f}"
-        return f"{self.estimate:z.2f} ({self.level:.0%} interval {ends})"
+        return f"{self.estimate:z.2f} ({percent(self.level)} interval {ends})"
 
 
 def equal_tailed(estimate: float, draws: Floats, level: float) -> Interval:

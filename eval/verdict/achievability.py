@@ -8,6 +8,8 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+from integ_gym.support import percent
+
 from .rules import ACHIEVED
 
 Achievability: TypeAlias = Literal["achievable", "too_slow", "unachievable", "undecided"]
@@ -96,19 +98,19 @@ def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
         return Achieved("too_slow", _done(best, best.recovered, "within two horizons alone"))
     if search is not None and search.reached < 1.0 - ACHIEVED:
         return Achieved("unachievable", _lost(search))
-    most = "nobody tried" if best is None else f"at most {best.recovered:.0%}, by {best.name}"
+    most = "nobody tried" if best is None else f"at most {percent(best.recovered)}, by {best.name}"
     return Achieved(
         "undecided", f"Success within two horizons: {most}; no search rules the goal out."
     )
 
 
 def _done(attempt: Attempt, rate: float, time: str) -> str:
-    return f"{attempt.name}: success from {rate:.0%} of the starts {time}."
+    return f"{attempt.name}: success from {percent(rate)} of the starts {time}."
 
 
 def _lost(search: Search) -> str:
     return (
         f"A search over controls reaches the goal's energy of {search.required:.3g} J from "
-        f"{search.reached:.0%} of the starts within {search.horizon:g} s (at most "
+        f"{percent(search.reached)} of the starts within {search.horizon:g} s (at most "
         f"{max(search.highest):.3g} J)."
     )

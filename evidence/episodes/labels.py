@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+from integ_gym.support import percent
+
 Home = bool | Literal["is home", "no home"] | None
 
 SATURATED = 0.5
@@ -92,8 +94,14 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     """Label and reason: the first rule that fits.
 
     Returns:
-        One of :data:`integ_gym.evidence.schema.fields.LABELS`, and a sentence with numbers.
+        One of :data:`integ_gym.evidence.schema.fields.LABELS`, and a sentence with numbers, which
+        ends with a full stop.
     """
+    label, reason = _explained(facts, replays)
+    return label, f"{reason}."
+
+
+def _explained(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     if facts.solver_status == "diverged":
         broken = f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}"
         return "evaluation_error", broken
@@ -133,7 +141,7 @@ def _beyond(replays: Replays) -> tuple[str, str] | None:
         )
     home = replays.home_success
     if home is not None and home < LEARNED:
-        return "not_learned", f"the policy succeeds from {100.0 * home:.3g}% of its starts at home"
+        return "not_learned", f"the policy succeeds from {100.0 * home:.3g} % of its starts at home"
     if replays.second_horizon:
         return "too_slow", "the same policy succeeds from the same start in twice the time"
     return None
@@ -181,7 +189,7 @@ def _rules(facts: EpisodeFacts, replays: Replays) -> tuple[_Rule, ...]:
 
 def _course(facts: EpisodeFacts) -> str:
     """What happened, as the rest of a sentence."""
-    saturated = f"with {facts.saturated_share:.0%} of the control steps saturated"
+    saturated = f"with {percent(facts.saturated_share)} of the control steps saturated"
     if facts.goal_reached is None:
         return f"never reached the goal ({facts.goal}) in {facts.time:.4g} s, {saturated}"
     if facts.terminated and (facts.goal_reached, facts.goal_left) == (0.0, facts.time):

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from integ_gym.eval import Prediction, predict
-from integ_gym.support import CommandParser, named_value, print_aligned, say
+from integ_gym.support import CommandParser, named_value, percent, print_aligned, say
 
 EXAMPLES = """\
 examples:
@@ -63,7 +63,7 @@ def _sentence(found: Prediction) -> str:
     low, high = found.interval
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:.2f} of its success on "
-        f"the truth (90% interval {low:.2f} to {high:.2f})."
+        f"the truth (90 % interval {low:.2f} to {high:.2f})."
     )
 
 
@@ -78,7 +78,11 @@ def _rows(found: Prediction) -> list[tuple[str, str, str]]:
             f"of the least that the truth takes; {beyond}".rstrip("; "),
         ),
         ("least limit there", f"{own.critical_ratio:.3g}", "of the least that the truth takes"),
-        ("energy from the numerics", f"{own.energy_share:+.1%}", "of what a greedy swing-up gains"),
+        (
+            "energy from the numerics",
+            percent(own.energy_share, 1, sign=True),
+            "of what a greedy swing-up gains",
+        ),
         ("power of the numerics", f"{own.power:+.3g}", "of the motor's full power"),
         ("force of the numerics", f"{own.force:.3g}", "of the motor's full force"),
         ("coarsest safe step", safe, "expected loss at most 0.1"),

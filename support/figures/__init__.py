@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..doors import lazy_door
 
 if TYPE_CHECKING:
-    from .colours import PALETTE, channels
+    from .colours import AMOUNTS, PALETTE, channels
     from .series import HUES
 else:
     __getattr__, __dir__ = lazy_door(__name__)

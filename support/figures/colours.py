@@ -22,6 +22,16 @@ PALETTE: Final = {
 }
 """What a colour is for, to the colours on light and on dark ground."""
 
+AMOUNTS: Final = {
+    "start": ("accent", "accent"),
+    "motor": ("soft", "soft"),
+    "numerics": ("warm", "cool"),
+    "losses": ("inconclusive", "inconclusive"),
+    "energy": ("ink", "ink"),
+}
+"""Amount of energy to the names of its colours in :data:`PALETTE`, above and below zero, in the
+order in which bars show them."""
+
 VIRIDIS: Final = [
     "440154",
     "48186a",

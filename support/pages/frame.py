@@ -13,7 +13,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from ..figures import HUES, PALETTE, channels
+from ..figures import AMOUNTS, HUES, PALETTE, channels
 from ..packages import load
 from ..terminal import compact, fixed, seconds, step
 
@@ -99,22 +99,36 @@ def page_parts(style: str = "", script: str = "") -> dict[str, Any]:
     }
 
 
+_AS_CHANNELS = ("warm", "cool")
+"""Colours that pages thin out."""
+
+
 def _colours() -> str:
-    """The colours of both schemes as properties, with a class for each hue of integrators."""
+    """The colours of both schemes as properties, with classes for hues and amounts of energy."""
     grounds = []
     for ground in (0, 1):
         found = {name: pair[ground] for name, pair in PALETTE.items()}
         found |= {f"h-{name}": pair[ground] for name, pair in HUES.items()}
-        # thinned out on the page, hence as channels
-        found |= {name: " ".join(map(str, channels(found[name]))) for name in ("warm", "cool")}
+        found |= {name: " ".join(map(str, channels(found[name]))) for name in _AS_CHANNELS}
         grounds.append(" ".join(f"--{name}: {value};" for name, value in found.items()))
     light, dark = grounds
     classes = " ".join(f".h-{name} {{ --c: var(--h-{name}); }}" for name in HUES)
+    bars = " ".join(
+        f"i.{name}{side} {{ background: {_told(colour)}; }}"
+        for name, pair in AMOUNTS.items()
+        for side, colour in zip(("", ".below"), pair, strict=True)
+    )
     return (
         f":root {{ {light} --shadow: 0 1px 2px rgb(20 23 28 / .05), 0 6px 20px "
         "rgb(20 23 28 / .05); }\n"
-        f"@media (prefers-color-scheme: dark) {{ :root {{ {dark} --shadow: none; }} }}\n{classes}"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {dark} --shadow: none; }} }}\n"
+        f"{classes}\n{bars}"
     )
+
+
+def _told(name: str) -> str:
+    """A colour of the palette, as a style names it."""
+    return f"rgb(var(--{name}))" if name in _AS_CHANNELS else f"var(--{name})"
 
 
 def _soft(text: Any) -> Any:

@@ -34,6 +34,12 @@ def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
     return f"{plus}{mantissa}·10{power}".replace("-", "−")
 
 
+def percent(share: float | None, digits: int = 0, sign: bool = False) -> str:
+    """A share in per cent, such as ``54 %``."""
+    text = fixed(None if share is None else 100.0 * share, digits, sign)
+    return text if text == NONE else f"{text} %"
+
+
 def true_minus(text: str) -> str:
     """A sentence with true minus signs before its numbers."""
     return re.sub(r"(?<=[ (])-(?=\d)", "−", text)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support import fixed
+from integ_gym.support import fixed, percent
 
 from ...panel.model import Estimate, Panel, Verdict
 from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
@@ -94,9 +94,9 @@ def gap_forest(panel: Panel) -> Forest | None:
 def _level(panel: Panel, gaps: Iterable[Gap]) -> str:
     """What to say of the level that the intervals share; nothing where they have none."""
     levels = {gap.value.level for gap in gaps if gap.value.level is not None}
-    percent = f"{100 * levels.pop():.0f} %, " if len(levels) == 1 else ""
+    level = f"{percent(levels.pop())}, " if len(levels) == 1 else ""
     over = "starts" if panel.given_alone else "seeds"
-    return f"; intervals over {over}, {percent}not adjusted"
+    return f"; intervals over {over}, {level}not adjusted"
 
 
 def _line(panel: Panel, gap: Gap) -> Line:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from integ_gym.support import compact, fixed
+from integ_gym.support import compact, fixed, percent
 
 from ...panel.model import Estimate, PairedEpisodes, Panel
 from ...verdict import ALPHA, p_text
@@ -44,10 +44,10 @@ def _forest(
     rows = dict.fromkeys(one.row for one, _, _ in found)
     blocks = [[compared for compared in found if compared[0].row == row] for row in rows]
     levels = {value.level for _, value, _ in found if value.level is not None}
-    percent = f"{100 * levels.pop():.0f} %, " if len(levels) == 1 else ""
+    level = f"{percent(levels.pop())}, " if len(levels) == 1 else ""
     return Forest(
         title,
-        f"positive is worse; intervals over starts, {percent}not adjusted; p adjusted over the "
+        f"positive is worse; intervals over starts, {level}not adjusted; p adjusted over the "
         f"cells; filled: below {ALPHA}",
         title.lower(),
         axis(value for _, value, _ in found),

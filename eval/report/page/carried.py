@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.support import compact, fixed, step, true_minus
+from integ_gym.support import compact, fixed, percent, step
 
 from ...film import LEAST_START
 from ...panel.model import Entry, Estimate, Panel
@@ -168,7 +168,7 @@ def _three(value: float | None) -> str:
 
 def _share(value: float | None) -> str:
     """Of the energy gained until the goal is first reached."""
-    return "–" if value is None else true_minus(f"{value:z.0%}")
+    return percent(value)
 
 
 def _signed(value: float | None) -> str:

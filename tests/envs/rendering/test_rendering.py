@@ -18,7 +18,7 @@ from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.rendering import plants as drawing_plants
 from integ_gym.envs.rendering import renderer as rendering
-from integ_gym.envs.rendering.canvas import BLUE, GREEN, VERMILLION, Colour, tint
+from integ_gym.envs.rendering.canvas import BLUE, GREEN, VERMILION, Colour, tint
 from integ_gym.envs.rendering.plants import DRAWINGS
 from integ_gym.envs.rendering.renderer import Renderer, discretization_label
 
@@ -162,7 +162,7 @@ def test_mass_distribution_changes_the_picture() -> None:
 def test_torque_of_the_other_sign_mirrors_the_arrow(theta: float) -> None:
     setup = make_setup(PENDULUM)
     left, right = (
-        is_colour(draw(setup, (theta, 0.0), torque), VERMILLION) for torque in (1.5, -1.5)
+        is_colour(draw(setup, (theta, 0.0), torque), VERMILION) for torque in (1.5, -1.5)
     )
     assert left.sum() > 300
     assert (left != right[:, ::-1]).sum() < 0.03 * left.sum()
@@ -171,8 +171,8 @@ def test_torque_of_the_other_sign_mirrors_the_arrow(theta: float) -> None:
 
 def test_positive_torque_pushes_counter_clockwise() -> None:
     setup = make_setup(PENDULUM)
-    assert centroid(draw(setup, (0.0, 0.0), 1.0), VERMILLION)[0] < HINGE[0]
-    assert centroid(draw(setup, (math.pi, 0.0), 1.0), VERMILLION)[0] > HINGE[0]
+    assert centroid(draw(setup, (0.0, 0.0), 1.0), VERMILION)[0] < HINGE[0]
+    assert centroid(draw(setup, (math.pi, 0.0), 1.0), VERMILION)[0] > HINGE[0]
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_arrow_grows_with_the_control(env_id: str, state: tuple[float, ...]) -> 
     setup = make_setup(env_id)
     limit = float(setup.task.control_limit)
     sizes = [
-        int(is_colour(draw(setup, state, share * limit), VERMILLION).sum())
+        int(is_colour(draw(setup, state, share * limit), VERMILION).sum())
         for share in (0.0, 0.3, 0.6, 1.0, 1.5)
     ]
     assert sizes[0] == 0
@@ -225,15 +225,15 @@ def test_pole_leans_to_the_right_for_a_positive_angle(x: float, theta: float) ->
 def test_force_points_its_way(x: float) -> None:
     setup, state = make_setup(CART_POLE), (x, 0.0, 0.0, 0.0)
     cart = 300.0 + 230.0 / 2.4 * x
-    assert centroid(draw(setup, state, 10.0), VERMILLION)[0] > cart + 27.0
-    assert centroid(draw(setup, state, -10.0), VERMILLION)[0] < cart - 27.0
+    assert centroid(draw(setup, state, 10.0), VERMILION)[0] > cart + 27.0
+    assert centroid(draw(setup, state, -10.0), VERMILION)[0] < cart - 27.0
 
 
 @pytest.mark.parametrize("x_threshold", [0.5, 2.4, 100.0])
 def test_cart_at_the_threshold_is_inside_the_picture(x_threshold: float) -> None:
     setup = make_setup(CART_POLE, x_threshold=x_threshold)
     frame = draw(setup, (x_threshold, 0.0, 0.0, 0.0), 10.0)
-    columns = np.nonzero(is_colour(frame, VERMILLION).any(axis=0))[0]
+    columns = np.nonzero(is_colour(frame, VERMILION).any(axis=0))[0]
     assert 555 < columns.min() < columns.max() < 600
 
 

@@ -11,9 +11,10 @@ from PIL import Image
 
 import integ_gym
 from integ_gym.envs import ENVIRONMENTS, Discretization, environment_setup
-from integ_gym.envs.rendering.canvas import GREEN, VERMILLION
+from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.eval.film.choosing import chosen
 from integ_gym.eval.film.film import Film
+from integ_gym.support import AMOUNTS, PALETTE, channels, page_parts
 from integ_gym.train import make_baseline
 
 PENDULUM = "IntegPendulum-v0"
@@ -80,9 +81,22 @@ def test_the_verdict_is_in_the_picture():
     """Balance for a tenth of a second succeeds; a swing-up without control fails."""
     succeeding = film_of("rk4", env_id="IntegCartPole-v0", duration=0.1, dt=0.02)[0][74:130]
     failing = film_of("rk4", start="hanging")[0][74:130]
-    for frame, present, absent in ((succeeding, GREEN, VERMILLION), (failing, VERMILLION, GREEN)):
+    for frame, present, absent in ((succeeding, GREEN, FAILS), (failing, FAILS, GREEN)):
         assert (np.abs(frame.astype(int) - present).max(axis=2) < 6).sum() > 20
         assert not (np.abs(frame.astype(int) - absent).max(axis=2) < 6).any()
+
+
+def test_bars_have_the_colours_of_pages():
+    """A free swing on explicit Euler gains energy by numerics; damping takes some out."""
+    film = film_of("explicit_euler", duration=2.0, damping=0.2, start="hanging")
+    frame = film[len(film) - 1].astype(int)
+    style = page_parts("", "")["style"]
+    for name, (above, _) in AMOUNTS.items():
+        assert f"i.{name} {{ background: " in style
+        if name in ("numerics", "losses", "energy"):
+            colour = channels(PALETTE[above][0])
+            assert (np.abs(frame - colour).max(axis=2) < 6).sum() > 20, name
+    assert (np.abs(frame[:70] - channels(PALETTE["page"][0])).max(axis=2) < 2).mean() > 0.5
 
 
 def test_panes_wrap_into_rows():

@@ -9,7 +9,7 @@ import pygame
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.envs.rendering.canvas import GREEN, INK, VERMILLION
+from integ_gym.envs.rendering.canvas import GREEN, INK, VERMILION
 from integ_gym.eval import Game
 from integ_gym.eval.playing import window as playing
 
@@ -126,7 +126,7 @@ def test_what_is_on_the_screen(shown):
     press(pygame.K_RIGHT)
     passes(shown, 2.0)
     picture = pygame.surfarray.array3d(pygame.display.get_surface()).astype(int)
-    for colour in (GREEN, INK, VERMILLION):
+    for colour in (GREEN, INK, VERMILION):
         assert (np.abs(picture - colour).max(axis=2) <= 6).sum() > 100
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browsing import assert_fits, browser, complaints
+from driving import driven
 from report_pages import PANELS, panel_of, pixels
 
 from integ_gym.eval.report import page as report
@@ -43,3 +44,21 @@ def test_the_page_is_drawn_in_both_schemes(scheme: int, tmp_path: Path) -> None:
     page = image[5, 5].mean()
     assert page < 0.2 if scheme == 0 else page > 0.8
     assert np.any(np.abs(image - image[5, 5]) > 0.1, axis=-1).mean() > 0.05
+
+
+@pytest.mark.slow
+def test_the_page_is_readable_with_forced_colours(tmp_path: Path) -> None:
+    """Cells have borders where their grounds are taken away; homes have wider ones."""
+    path = report.write_report(panel_of("full"), tmp_path)
+    width = "(e) => parseFloat(getComputedStyle(e).borderTopWidth)"
+    with driven(tmp_path / "profile") as chromium:
+        chromium.size(1280, 900)
+        chromium.forces_colours()
+        chromium.open(path.as_uri())
+        assert chromium.value("matchMedia('(forced-colors: active)').matches")
+        cells = "[...document.querySelectorAll('table.heat td > a:not(.home)')]"
+        homes = "[...document.querySelectorAll('table.heat a.home')]"
+        assert set(chromium.value(f"{cells}.map({width})")) == {1}
+        assert set(chromium.value(f"{homes}.map({width})")) == {3}
+        adjust = "getComputedStyle(document.querySelector('.ramp')).forcedColorAdjust"
+        assert chromium.value(adjust) == "none"

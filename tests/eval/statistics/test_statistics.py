@@ -197,7 +197,7 @@ def test_p_values_are_counted_and_never_zero() -> None:
 
 
 def test_interval_reads_as_text_without_negative_zero() -> None:
-    assert str(Interval(0.5, -0.001, 1.0, 0.95)) == "0.50 (95% interval 0.00 to 1.00)"
+    assert str(Interval(0.5, -0.001, 1.0, 0.95)) == "0.50 (95 % interval 0.00 to 1.00)"
 
 
 @pytest.mark.parametrize(

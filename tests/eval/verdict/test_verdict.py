@@ -273,12 +273,12 @@ FOUND = Search(20.0, 10.0, [11.0, 10.0, 3.0], "searched")
 @pytest.mark.parametrize(
     ("attempts", "search", "status", "words"),
     [
-        ([Attempt("natives", 0.5, 0.6)], LOST, "achievable", "50%"),
+        ([Attempt("natives", 0.5, 0.6)], LOST, "achievable", "50 %"),
         ([Attempt("natives", 0.1, 0.4), Attempt("hand", 0.7, 0.7)], None, "achievable", "hand"),
         ([Attempt("natives", 0.1, 0.9)], LOST, "too_slow", "two horizons alone"),
         ([Attempt("natives", 0.0, 0.0)], LOST, "unachievable", "at most 4.9 J"),
-        ([], LOST, "unachievable", "0% of the starts within 20 s"),
-        ([Attempt("natives", 0.0, 0.2)], FOUND, "undecided", "at most 20%, by natives"),
+        ([], LOST, "unachievable", "0 % of the starts within 20 s"),
+        ([Attempt("natives", 0.0, 0.2)], FOUND, "undecided", "at most 20 %, by natives"),
         ([], None, "undecided", "nobody tried"),
     ],
 )

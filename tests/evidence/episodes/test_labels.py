@@ -34,7 +34,8 @@ EVERYTHING = Replays(
     cell_status="achievable",
 )
 NEVER = (
-    "it never reached the goal (|theta| < 0.2 rad) in 10 s, with 10% of the control steps saturated"
+    "it never reached the goal (|theta| < 0.2 rad) in 10 s, with 10 % of the control steps "
+    "saturated."
 )
 
 
@@ -77,8 +78,8 @@ def test_unachievable():
 def test_not_learned():
     label, reason = _label(replace(HOME, home_success=0.375))
     assert label == "not_learned"
-    assert reason == f"the policy succeeds from 37.5% of its starts at home; {NEVER}"
-    assert "from 0% of its starts" in _label(replace(HOME, home_success=0.0))[1]
+    assert reason == f"the policy succeeds from 37.5 % of its starts at home; {NEVER}"
+    assert "from 0 % of its starts" in _label(replace(HOME, home_success=0.0))[1]
     assert _label(replace(HOME, home_success=np.nextafter(0.5, 0.0)))[0] == "not_learned"
     for home in (None, 0.5, 1.0):
         assert _label(replace(HOME, home_success=home)) == _label()
@@ -131,7 +132,7 @@ def test_state():
 def test_control():
     label, reason = _label(saturated_share=0.5)
     assert label == "control_error"
-    assert "50%" in reason
+    assert "50 %" in reason
     assert _label(saturated_share=0.499)[0] == "planning_error"
     label, reason = _label(goal_reached=2.0, goal_left=4.5)
     assert label == "control_error"
@@ -145,8 +146,8 @@ def test_a_fall_is_told_as_the_end_that_it_was():
     label, reason = _label(**fall, goal_left=1.104, terminated=True)
     assert label == "control_error"
     assert reason == (
-        "it was terminated at 1.104 s (asked: not terminated within the time limit), with 10% of "
-        "the control steps saturated"
+        "it was terminated at 1.104 s (asked: not terminated within the time limit), with 10 % of "
+        "the control steps saturated."
     )
     label, reason = _label(Replays(home=True), **fall, goal_left=1.104, terminated=True)
     assert label == "discretization_error"
@@ -159,7 +160,7 @@ def test_planning():
     label, reason = _label()
     assert label == "planning_error"
     assert "never reached" in reason
-    assert "10%" in reason
+    assert "10 %" in reason
     label, reason = _label(goal_reached=9.0, goal_since=9.0)
     assert label == "planning_error"
     assert "too late" in reason

@@ -161,7 +161,7 @@ def test_a_planted_cause_is_told(confusion, kind):
 def test_the_sentence_tells_the_cause():
     said = {
         "unachievable": r"^a search over controls misses the goal's energy here",
-        "not_learned": r"^the policy succeeds from [\d.e+-]+% of its starts at home; it ",
+        "not_learned": r"^the policy succeeds from [\d.e+-]+ % of its starts at home; it ",
         "too_slow": r"from the same start in twice the time; it ",
         "discretization_error": r"from the same start on (its|a) training discretization",
         "perception_error": r"from the same start without observation noise, but with ",
@@ -173,5 +173,7 @@ def test_the_sentence_tells_the_cause():
     for kind in LABELS:
         for seed in range(COUNT):
             _, reason = failure_label(*_planted(kind, seed))
+            assert reason.endswith("."), reason
+            assert not reason.endswith("..")
             found = {label for label, words in said.items() if re.search(words, reason)}
             assert found == {kind} & set(said), reason

@@ -73,6 +73,11 @@ class Browser:
         ]
         self._call("Emulation.setEmulatedMedia", features=told)
 
+    def forces_colours(self) -> None:
+        """The reader has colours forced, as with high contrast."""
+        told = [{"name": "forced-colors", "value": "active"}]
+        self._call("Emulation.setEmulatedMedia", features=told)
+
     def value(self, script: str) -> Any:
         """Value of an expression, promises awaited.
 

@@ -68,7 +68,7 @@ def _trace(
         "control_period": 0.05,
         "success": label == "none",
         "failure_label": label,
-        "failure_reason": "" if label == "none" else f"it never came near on {cell}",
+        "failure_reason": "" if label == "none" else f"it never came near on {cell}.",
         "time_to_success": None if label != "none" else float(own.time[seed, episode]),
         "return": -100.0,
         "initial_state": [3.2, 0.1],

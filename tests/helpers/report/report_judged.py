@@ -22,13 +22,15 @@ DRAWS = 20_000
 """Draws of a verdict: enough that none of these is close."""
 
 REASONS = {
-    "evaluation_error": "the simulation diverged at 6.85 s",
+    "evaluation_error": "the simulation diverged at 6.85 s.",
     "unachievable": (
         "a search over controls misses the goal's energy here from most starts, in twice the time "
-        "too; it never came within 0.2 rad of upright"
+        "too; it never came within "
+        "0.2 rad of upright."
     ),
     "not_learned": (
-        "the policy succeeds from 0% of its starts at home; it never came within 0.2 rad of upright"
+        "the policy succeeds from 0 % of its starts at home; it never came within "
+        "0.2 rad of upright."
     ),
     "too_slow": (
         "the same policy succeeds from the same start in twice the time; it reached the goal at "

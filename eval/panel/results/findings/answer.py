@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from integ_gym.support import percent
+
 from ....verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
 from ...model import EngineAgreement
 from ..layout import PanelLayout
@@ -115,16 +117,16 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
     if rates[low] == rates[high]:
         return (
-            f"{row} succeeds in {rates[low]:.0%} of episodes on each of {len(rates)} "
+            f"{row} succeeds in {percent(rates[low])} of episodes on each of {len(rates)} "
             f"discretizations{', the reference among them' if layout.reference else ''}."
         )
     anchor, where = layout.reference, "the reference"
     if anchor is None:
         anchor, where = next(iter(layout.rows[0].shares), None), "its home"
     between = (
-        f"over {len(rates)} discretizations between {rates[low]:.0%} ({low}) and "
-        f"{rates[high]:.0%} ({high})."
+        f"over {len(rates)} discretizations between {percent(rates[low])} ({low}) and "
+        f"{percent(rates[high])} ({high})."
     )
     if anchor is None:
         return f"{row}, whose home is unknown, succeeds {between}"
-    return f"{row} succeeds in {rates[anchor]:.0%} of episodes on {where}; {between}"
+    return f"{row} succeeds in {percent(rates[anchor])} of episodes on {where}; {between}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from integ_gym.support import percent
+
 from ....statistics import unpaired_difference
 from ....verdict import FAIL_MARGIN, UNSOLVED, Loss
 from ...model import Estimate, Remedy, RemedyCell, RemedyLoss
@@ -97,6 +99,6 @@ def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
     if not singles:
         return []
     return [
-        f"On the reference they succeed in {truth[mixture]:.0%} of the episodes, policies of "
-        f"single discretizations in {min(singles):.0%} to {max(singles):.0%}."
+        f"On the reference they succeed in {percent(truth[mixture])} of the episodes, policies of "
+        f"single discretizations in {percent(min(singles))} to {percent(max(singles))}."
     ]
