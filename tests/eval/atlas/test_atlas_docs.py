@@ -1,0 +1,53 @@
+"""The atlas in the repository: what its page says is what its summaries give."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from house import ROOT
+from small_panel import every_format
+
+from integ_gym.eval import publish, read_atlas
+from integ_gym.eval.atlas.running import finished
+
+SUMMARIES = sorted(path.parent for path in (ROOT / "docs" / "atlas").glob("*/figures"))
+FIGURES = ("phases.png", "phases.svg", "phases.pdf", "losses.png", "losses.svg", "losses.pdf")
+
+
+def test_there_is_one():
+    assert "rod_pendulum" in [folder.name for folder in SUMMARIES]
+
+
+def test_summaries_take_at_most_5_mb():
+    files = [file for folder in SUMMARIES for file in folder.glob("*.parquet")]
+    assert files
+    assert sum(file.stat().st_size for file in files) < 5e6
+
+
+def test_the_page_has_the_tables_and_the_package_the_law():
+    page = (ROOT / "docs" / "explanation" / "atlas.md").read_text(encoding="utf-8")
+    figures = ROOT / "docs" / "atlas" / "rod_pendulum" / "figures"
+    for table in (figures / "tables.md").read_text(encoding="utf-8").strip().split("\n\n"):
+        assert table in page
+    assert (figures / "law.json").read_bytes() == (ROOT / "eval/atlas/law.json").read_bytes()
+
+
+@pytest.mark.parametrize("folder", SUMMARIES, ids=lambda folder: folder.name)
+def test_every_summary_is_of_its_specification(folder: Path):
+    atlas = read_atlas(ROOT / "specs" / "atlas" / f"{folder.name}.toml")
+    there = {f"{block.name}.parquet" for block, _ in finished(atlas, folder)}
+    assert there == {file.name for file in folder.glob("*.parquet")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", SUMMARIES, ids=lambda folder: folder.name)
+def test_figures_tables_and_law_come_from_the_summaries(folder: Path, tmp_path):
+    atlas = read_atlas(ROOT / "specs" / "atlas" / f"{folder.name}.toml")
+    with every_format():
+        publish(atlas, folder, tmp_path)
+    for name in ("tables.md", "law.json"):
+        assert (tmp_path / name).read_bytes() == (folder / "figures" / name).read_bytes()
+    for name in FIGURES:
+        assert (tmp_path / name).stat().st_size > 10_000
+        assert (folder / "figures" / name).exists()
