@@ -82,6 +82,8 @@ def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
         worker = _Worker(spec, directory, fleet, share)
         with suppress(Gone):  # whoever made the page cleared away what is no longer needed
             worker.work()
+        if not out.remote and not directory.desk.claims.exists():
+            directory.finish_work()  # of what one that slept wrote after that
         if out.remote and not directory.desk.was_finished:
             with in_time(directory):
                 raise Gone(str(out))

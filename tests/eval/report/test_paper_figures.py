@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from report_pages import panel_of
+from small_panel import every_format
 
 from integ_gym.eval.report.data import gap_forest, ladder_plots, success_matrix
 from integ_gym.eval.report.figures import write_figures
@@ -71,7 +72,8 @@ def test_ladders_label_their_axes():
 
 @pytest.mark.slow
 def test_all_figures_are_written_in_all_formats(tmp_path):
-    page = write_figures(panel_of("full"), tmp_path / "page")
-    paper = write_figures(panel_of("full"), tmp_path / "paper", "paper")
+    with every_format():
+        page = write_figures(panel_of("full"), tmp_path / "page")
+        paper = write_figures(panel_of("full"), tmp_path / "paper", "paper")
     assert [path.name for path in page] == [path.name for path in paper]
     assert {path.suffix for path in paper} == set(FORMATS)

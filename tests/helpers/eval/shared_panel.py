@@ -85,7 +85,7 @@ def assert_equal_records(run: Path, other: Path) -> None:
     found, expected = records_of(run), records_of(other)
     assert set(Counter(found.values())) == {1}
     assert found == expected
-    assert not [file for file in run.rglob(".*") if file.name != ".lock"]
+    assert [file.name for file in run.rglob(".*") if file.name != ".lock"] == []
 
 
 def two_processes() -> ProcessPoolExecutor:
