@@ -34,6 +34,7 @@ from .staging import DIVISION, DRIVEN, SHARED, WORK, Desk, clear, earlier, retir
 
 MANIFEST = "run.json"
 PANEL_FILE = "panel.json"
+FIGURES = "figures"
 LOCK = ".lock"
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
 """Packages whose version can change a result of the native engine."""
@@ -116,7 +117,8 @@ class RunDirectory:
         with self._held(DRIVEN, lease) as own:
             retire(self.storage, DRIVEN, SHARED, own=own)
             self.storage.fetch()
-            for folder in (self.path, self.evidence, self._units, *self.policies.iterdir()):
+            written = (self.path, self.evidence, self._units, self.path / FIGURES)
+            for folder in (*written, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
             self.recall_division()

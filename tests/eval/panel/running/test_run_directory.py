@@ -58,8 +58,10 @@ def test_a_damaged_manifest_is_named_with_the_remedy(directory, content):
 
 def test_what_an_interrupted_run_left_is_gone_when_it_goes_on(directory):
     folder = directory.policies / "a"
+    figures = directory.path / "figures"
     folder.mkdir()
-    places = (directory.path, directory.evidence, directory.path / "units", folder)
+    figures.mkdir()
+    places = (directory.path, directory.evidence, directory.path / "units", figures, folder)
     for place in places:
         (place / ".left.0123.tmp").write_text("half")
     with directory.opened():
