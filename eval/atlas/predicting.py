@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Any, Final
 
 import msgspec
 
-from integ_gym.envs import DISCRETIZATION, NATIVE, Discretization, testbed_of
+from integ_gym.envs import (
+    DISCRETIZATION,
+    ENVIRONMENTS,
+    INTEGRATORS,
+    NATIVE,
+    Discretization,
+    environment_setup,
+    testbed_of,
+)
 
 from ..panel import SpecError, map_of
 from .law import Curve
@@ -123,15 +131,16 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         env_id: of the environment.
         arguments: constructor arguments, the discretization among them.
     """
-    given = dict(arguments)
-    if "mixture" in given:
+    if env_id not in ENVIRONMENTS or "mixture" in arguments:
         return None
+    at = Discretization.of(environment_setup(env_id, arguments))
+    own = _native(at)
+    if own.integrator not in INTEGRATORS.names() and ":" not in own.integrator:
+        return None  # a map of an engine's that ours have no twin of
+    given = {name: value for name, value in arguments.items() if name not in DISCRETIZATION}
     try:
-        home = testbed_of(env_id, {}).home
-        own = {name: given.pop(name) for name in DISCRETIZATION if name in given}
-        at = replace(home, **own)
-        loss = law().curve(Quantities(env_id, given, _native(at)))
-    except (SpecError, AttributeError, ModuleNotFoundError):
+        loss = law().curve(Quantities(env_id, given, own))
+    except SpecError:
         return None
     if loss <= SAFE:
         return None

@@ -50,7 +50,7 @@ def print_plan(spec: PanelSpec, workers: int | None) -> None:
         right=(False, True, True, True, True, True),
     )  # fmt: skip
     for home in spec.train:
-        if len(home.shares) == 1:
+        if len(home.shares) == 1 and home != spec.reference:
             found = doubt(spec.env_id, {**spec.environment, **next(iter(home.shares)).arguments()})
             if found is not None:
                 say(f"Doubt: {found}", sys.stdout)
