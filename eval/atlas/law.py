@@ -44,6 +44,8 @@ GUESSES: Final[Mapping[str, Callable[[Quantities], float]]] = {
 }
 """What people go by, by name."""
 
+_NUMBERS: Final = {**CANDIDATES, **GUESSES}
+
 
 class Curve(msgspec.Struct, frozen=True):
     """A nondecreasing function of one number, constant beyond its ends.
@@ -93,7 +95,7 @@ class Trial:
 
 def number_of(name: str, quantities: Quantities) -> float:
     """A candidate or a guess, by name."""
-    return float({**CANDIDATES, **GUESSES}[name](quantities))
+    return float(_NUMBERS[name](quantities))
 
 
 def fit(name: str, seen: Sequence[Point]) -> Curve:

@@ -66,10 +66,8 @@ class Quantities:
     @cached_property
     def energy_share(self) -> float:
         """Numerics' share of the energy that a greedy swing-up gains there; negative: drained."""
-        start = middle_start(self._truth)[None]
-        horizon = self._truth.settings.duration
-        found = numerics.reach(self._there, start, horizon, self._required)
-        gained = self._required - numerics.energy_at(self._truth, start)[0]
+        found = self._swing_up(self._there)
+        gained = self._required - numerics.energy_at(self._truth, found.states[0])[0]
         return float(np.clip(found.residual[0] / gained, -1.0, 1.0))
 
     @property
@@ -104,10 +102,14 @@ class Quantities:
 
     @cached_property
     def _disturbance(self) -> numerics.Disturbance:
-        start, horizon = middle_start(self._truth)[None], self._truth.settings.duration
-        path = numerics.reach(self._truth, start, horizon, self._required)
+        path = self._swing_up(self._truth)
         states, controls = path.states[:-1, 0], path.controls[:, 0]
         return numerics.disturbance(self._truth, self._there, states, controls)
+
+    def _swing_up(self, setup: Any) -> numerics.Reach:
+        """The greedy one, from the middle of the starts."""
+        start, horizon = middle_start(self._truth)[None], self._truth.settings.duration
+        return numerics.reach(setup, start, horizon, self._required)
 
     def _critical(self, at: Discretization) -> float:
         return critical_limit(self._env_id, self._environment, self._argument, at)

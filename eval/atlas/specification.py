@@ -47,7 +47,6 @@ class Atlas:
     """A panel that is run at several limits of the control, each a block.
 
     Attributes:
-        name: of the atlas, as its files are called.
         panel: what all blocks have in common.
         argument: constructor argument that limits the control.
         ratios: its values over the critical one, ascending.
@@ -56,13 +55,17 @@ class Atlas:
         stated: critical value where the task has no search for it, N m or N.
     """
 
-    name: str
     panel: PanelSpec
     argument: str
     ratios: tuple[float, ...]
     held_out: tuple[float, ...] = ()
     seeds_per_block: int = 16
     stated: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the atlas."""
+        return self.panel.name
 
     @cached_property
     def critical(self) -> float:
@@ -111,7 +114,6 @@ def read_atlas(path: Path) -> Atlas:
     if axis.argument != name:
         raise SpecError(f"{path}: `{axis.argument}` does not limit the control; `{name}` does")
     return Atlas(
-        name=panel.name,
         panel=panel,
         argument=axis.argument,
         ratios=tuple(axis.ratios),
