@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .atlas import (
+        Agreement,
         Atlas,
         Block,
         Prediction,

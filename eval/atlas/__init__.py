@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .agreement import Agreement
     from .predicting import Prediction, doubt, predict
     from .publishing import Published, publish
     from .running import again, missing, run_blocks

@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 import msgspec
+import numpy as np
+import numpy.typing as npt
 
 from integ_gym.support import replace_file
 
+from ..statistics import Interval, mean_interval
 from .summary import Summary
 
 FILE = "agreements.json"
 """Beside the summaries."""
 
+MARGIN = 0.05
+"""Largest difference of mean success that is let pass as none."""
+
 
 class Agreement(msgspec.Struct, frozen=True):
-    """Code that gave the same outcomes as other code where both were run.
+    """Two versions of the code, and how a block that both ran came out.
 
     Attributes:
         codes: both versions.
         block: name of what was run again.
         policies: that were trained again.
         rows: policies times cells that were compared.
+        difference: of mean success over all rows, again less before, and its 95 % interval over
+            seeds; None: every outcome and every policy was the same.
     """
 
     codes: tuple[str, str]
     block: str
     policies: int
     rows: int
+    difference: tuple[float, float, float] | None = None
 
 
 def compare(name: str, first: Summary, again: Summary) -> Agreement:
     """Hold what was run again against what there was.
+
+    The same processor gives the same policies to the last bit. Another rounds otherwise, and
+    training does not forget it. A whole block then agrees if mean success differs by less than
+    `MARGIN`, and that of no training ground by more than chance.
 
     Args:
         name: of the block.
@@ -40,21 +56,70 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
         again: of all or some of the same policies.
 
     Raises:
-        ValueError: naming the first outcome that differs.
+        ValueError: naming the first outcome that differs, where not the whole block was run again;
+            else what differs by more than chance.
     """
+    told = first_difference(first, again)
+    before, after = first.rows.to_pylist(), again.rows.to_pylist()
+    codes = (first.origin.code, again.origin.code)
+    difference = None
+    if told is not None:
+        if {_key(row) for row in before} != {_key(row) for row in after}:
+            raise ValueError(f"block {name}, {told} differ between code {' and '.join(codes)}")
+        found = _by_chance(name, _success(before), _success(after))
+        difference = (found.estimate, found.low, found.high)
+    policies = len({(row["home"], row["seed"]) for row in after})
+    return Agreement(codes, name, policies, len(after), difference)
+
+
+def first_difference(first: Summary, again: Summary) -> str | None:
+    """The first outcome that is not what it was, in words; None: all that was run again is."""
     known = {_key(row): row for row in first.rows.to_pylist()}
-    rows = again.rows.to_pylist()
-    for row in rows:
-        before = known.get(_key(row))
-        different = [n for n in row if before is None or row[n] != before[n]]
+    for row in again.rows.to_pylist():
+        old = known.get(_key(row))
+        different = [name for name in row if old is None or row[name] != old[name]]
         if different:
-            raise ValueError(
-                f"block {name}, seed {row['seed']} of {row['home']} in {row['cell']}: "
-                f"{', '.join(different)} differ between code {first.origin.code} and "
-                f"{again.origin.code}; their summaries cannot be combined"
-            )
-    policies = len({(row["home"], row["seed"]) for row in rows})
-    return Agreement((first.origin.code, again.origin.code), name, policies, len(rows))
+            return f"seed {row['seed']} of {row['home']} in {row['cell']}: {', '.join(different)}"
+    return None
+
+
+def _success(rows: Sequence[Mapping[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
+    """Mean success over cells, by training ground, shape (seeds,)."""
+    found: dict[str, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        found[row["home"]][row["seed"]].append(row["successes"] / row["episodes"])
+    return {
+        home: np.array([fmean(seeds[seed]) for seed in sorted(seeds)])
+        for home, seeds in found.items()
+    }
+
+
+def _by_chance(
+    name: str,
+    before: Mapping[str, npt.NDArray[np.float64]],
+    after: Mapping[str, npt.NDArray[np.float64]],
+) -> Interval:
+    """Difference of mean success over all, with its interval over seeds.
+
+    Raises:
+        ValueError: where it, or that of one training ground, is more than chance.
+    """
+    changes = {home: after[home] - before[home] for home in before}
+    for home, values in changes.items():
+        found = _interval(values, 1.0 - 0.05 / len(changes))
+        if found.low > 0.0 or found.high < 0.0:
+            raise ValueError(f"block {name}, success of {home} is another: by {found}")
+    overall = _interval(np.mean(list(changes.values()), axis=0), 0.95)
+    if max(-overall.low, overall.high) > MARGIN:
+        raise ValueError(f"block {name}, success may be another: by {overall}")
+    return overall
+
+
+def _interval(values: npt.NDArray[np.float64], level: float) -> Interval:
+    found = mean_interval(values, level)
+    if found is None:
+        raise ValueError("one seed tells nothing of what another processor changes")
+    return found
 
 
 def note(agreement: Agreement, folder: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.eval import (
+    Agreement,
     Atlas,
     Block,
     Published,
@@ -32,7 +33,7 @@ examples:
                   --publish runs/rod_pendulum
                                   figures, tables and law, from the summaries alone
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again --again 1.7-seed2000
-                                  train its first seed once more, and compare every outcome
+                                  train it once more, and compare every outcome
 """
 
 
@@ -56,8 +57,8 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
     add(
         "--again", metavar="BLOCK",
-        help="run the first seed of a finished block anew, and note in the summaries' folder that "
-        "its outcomes are the same",
+        help="run a finished block anew, its first seed alone where that is the same to the last "
+        "bit, and note in the summaries' folder that its outcomes are the same",
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",
@@ -86,8 +87,7 @@ def main(argv: Sequence[str]) -> int:
     if given.again:
         block = _named(atlas.blocks(), given.again)
         agreement = again(atlas, block, given.out, folder, workers=given.workers)
-        told = f"{plural(agreement.policies, 'policy', 'policies')} trained again in {block.name}"
-        say(f"{told}: all {agreement.rows} outcomes are the same.", sys.stdout)
+        say(_agreed(agreement), sys.stdout)
         return 0
     chosen = [_named(atlas.blocks(), name) for name in given.only or ()]
     blocks = [one for one in waiting if not chosen or one in chosen]
@@ -99,6 +99,15 @@ def main(argv: Sequence[str]) -> int:
     left = len(missing(atlas, folder))
     print(f"{len(atlas.blocks()) - left} of {len(atlas.blocks())} blocks are in {folder}")
     return 0
+
+
+def _agreed(found: Agreement) -> str:
+    told = f"{plural(found.policies, 'policy', 'policies')} trained again in {found.block}"
+    if found.difference is None:
+        return f"{told}: all {found.rows} outcomes are the same."
+    mean, low, high = found.difference
+    by = f"mean success differs by {mean:z.3f} (95% interval {low:z.3f} to {high:z.3f})"
+    return f"{told}: other weights, but {by}, and by no more than chance on any training ground."
 
 
 def _print_published(found: Published) -> None:

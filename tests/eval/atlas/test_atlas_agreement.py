@@ -12,7 +12,14 @@ from integ_gym.eval.atlas.code_version import _bare, code_version
 from integ_gym.eval.atlas.summary import Origin, Summary
 
 ROWS = [
-    {"home": "rk4 dt=0.05", "seed": seed, "cell": cell, "successes": 2, "policy_hash": b"p"}
+    {
+        "home": "rk4 dt=0.05",
+        "seed": seed,
+        "cell": cell,
+        "episodes": 10,
+        "successes": 2,
+        "policy_hash": b"p",
+    }
     for seed in (3, 4)
     for cell in ("rk4 dt=0.05", "reference dt=0.05")
 ]
@@ -36,6 +43,39 @@ def test_an_outcome_that_differs_is_named(key, value):
     again = [{**ROWS[0], key: value}]
     with pytest.raises(ValueError, match=f"seed 3 of rk4 dt=0.05 .* {key} differ between code one"):
         compare("1.5-seed3", summary("one"), summary("two", again))
+
+
+def block(change):
+    """Rows of 16 seeds on two training grounds; successes as `change` says of (home, seed)."""
+    return [
+        {**ROWS[0], "home": home, "seed": seed, "successes": 5 + change(home, seed)}
+        for home in ("rk4 dt=0.05", "mixture")
+        for seed in range(16)
+    ]
+
+
+BEFORE = block(lambda home, seed: 0)
+
+
+def test_a_block_of_another_processor_agrees_where_it_differs_by_chance():
+    after = block(lambda home, seed: (-1) ** seed if home == "mixture" else 0)
+    found = compare("b", summary("one", BEFORE), summary("two", after))
+    assert found.difference is not None
+    mean, low, high = found.difference
+    assert mean == pytest.approx(0.0, abs=1e-12)
+    assert -0.05 < low < 0.0 < high < 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda home, seed: 1 + seed % 2 if home == "mixture" else 0, "success of mixture is"),
+        (lambda home, seed: 3 * (-1) ** seed, "success may be another"),
+    ],
+)
+def test_a_block_that_differs_by_more_is_refused(change, told):
+    with pytest.raises(ValueError, match=told):
+        compare("b", summary("one", BEFORE), summary("two", block(change)))
 
 
 def test_a_policy_that_was_not_there_is_no_agreement():

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
+import pyarrow as pa
 import pytest
 from small_atlas import written
 
 from integ_gym.cli import main
 from integ_gym.eval import missing, read_atlas, read_summary
+from integ_gym.eval.atlas.summary import write_summary
 from integ_gym.evidence import read_seal
 
 
@@ -65,6 +68,24 @@ def test_a_block_run_again_agrees(run, capsys):
         capsys.readouterr().out
     )
     assert (run / "runs" / "summaries" / "agreements.json").exists()
+
+
+@pytest.mark.slow
+def test_where_the_first_seed_differs_the_whole_block_is_run_again(run, tmp_path, capsys):
+    spec = written(tmp_path, seeds_per_block="seeds_per_block = 2")
+    command = ["atlas", str(spec), "--out", str(tmp_path / "runs"), "--only", "3-seed3"]
+    assert main([*command, "--no-progress"]) == 0
+    path = tmp_path / "runs" / "summaries" / "3-seed3.parquet"
+    summary = read_summary(path)
+    rows = summary.rows.to_pylist()
+    elsewhere = [{**row, "policy_hash": bytes(32)} for row in rows]
+    write_summary(replace(summary, rows=pa.Table.from_pylist(elsewhere)), path)
+    again = ["atlas", str(spec), "--out", str(tmp_path / "runs"), "--again", "3-seed3"]
+    assert main(again) == 0
+    assert (
+        "4 policies trained again in 3-seed3: other weights, but mean success differs by 0.000"
+        in (" ".join(capsys.readouterr().out.split()))
+    )
 
 
 @pytest.mark.slow
