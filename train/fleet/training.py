@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import FunctionalEnv, Mixture, functional, jax
+from integ_gym.envs import FunctionalEnv, Mixture, functional, jax, jnp
 from integ_gym.evidence import Layout
 from integ_gym.support import Cluster, report_work, require
 
@@ -173,11 +173,49 @@ def train_chunk(
     Raises:
         ValueError: if they are of different kinds.
     """
+    with jax.enable_x64(False):
+        trainer = _Trainer(_common_kind(configs), configs, evidence)
+        return trainer.outcomes(trainer.train(on_steps))
+
+
+def train_in_stages(
+    stages: Sequence[Sequence[PPOConfig]], on_steps: Callable[[int], None] | None = None
+) -> list[Outcome]:
+    """Train policies in one environment after another, in this process.
+
+    Each stage takes an equal share of the rollouts of a whole run. Networks, optimizer and learning
+    rate go on from where the stage before ended; episodes begin anew.
+
+    Args:
+        stages: the runs of each stage, in the same order; they differ in environment arguments
+            alone.
+        on_steps: see :func:`train_chunk`.
+
+    Returns:
+        What the last stage gave, with its time alone.
+
+    Raises:
+        ValueError: if there is no stage, or a stage's runs are of different kinds.
+    """
+    if not stages:
+        raise ValueError("there is no stage to train in")
+    learner: Learner | None = None
+    with jax.enable_x64(False):
+        for number, configs in enumerate(stages):
+            trainer = _Trainer(_common_kind(configs), configs)
+            begun, ended = (
+                round(place * trainer.rollouts / len(stages)) for place in (number, number + 1)
+            )
+            learner = trainer.train(on_steps, ended - begun, learner)
+            outcomes = trainer.outcomes(learner)
+    return outcomes
+
+
+def _common_kind(configs: Sequence[PPOConfig]) -> Kind:
     kinds = {kind_of(config) for config in configs}
     if len(kinds) != 1:
         raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
-    with jax.enable_x64(False):
-        return _Trainer(kinds.pop(), configs, evidence).train(on_steps)
+    return kinds.pop()
 
 
 @dataclass
@@ -211,9 +249,13 @@ class _Trainer:
     """One chunk on its way."""
 
     def __init__(
-        self, kind: Kind, configs: Sequence[PPOConfig], evidence: Sequence[TrainingEvidence] | None
+        self,
+        kind: Kind,
+        configs: Sequence[PPOConfig],
+        evidence: Sequence[TrainingEvidence] | None = None,
     ) -> None:
         self._kind = kind
+        self._seconds = 0.0
         self._configs = configs
         envs = [functional.make(c.env_id, **c.env_arguments) for c in configs]
         self._setups = [env.setup for env in envs]
@@ -228,14 +270,30 @@ class _Trainer:
             if layout is not None
         ]
 
-    def train(self, on_steps: Callable[[int], None] | None) -> list[Outcome]:
-        """All rollouts; the host takes one in while the next is computed."""
+    @property
+    def rollouts(self) -> int:
+        """In a whole run."""
+        return self._kind.rollouts
+
+    def train(
+        self,
+        on_steps: Callable[[int], None] | None,
+        rollouts: int | None = None,
+        learner: Learner | None = None,
+    ) -> Learner:
+        """Some rollouts, by default all; the host takes one in while the next is computed.
+
+        Args:
+            on_steps: told the decisions of all policies after each rollout.
+            rollouts: how many.
+            learner: what goes on learning, in episodes that begin anew; None: a new one.
+        """
         started = time.perf_counter()
         knobs = self._knobs()
-        learner = self._begin()
+        learner = self._begin(learner)
         decisions = len(self._configs) * self._kind.algorithm.rollout
         trail: Trail | None = None
-        for _ in range(self._kind.rollouts):
+        for _ in range(self.rollouts if rollouts is None else rollouts):
             learner, next_trail = self._program.iterate(learner, knobs, self._params)
             if trail is not None:
                 self._take(trail)
@@ -246,18 +304,32 @@ class _Trainer:
             self._take(trail)
         for assembler in self._assemblers:
             assembler.commit()
-        seconds = (time.perf_counter() - started) / len(self._configs)
+        self._seconds = (time.perf_counter() - started) / len(self._configs)
+        return learner
+
+    def outcomes(self, learner: Learner) -> list[Outcome]:
+        """What training gave, of every policy."""
         stack = jax.tree.map(np.asarray, learner.stack)
         return [
             Outcome(
                 state_dict(stack, place),
-                seconds,
+                self._seconds,
                 episode_summary(of_policy.returns, of_policy.successes),
             )
             for place, of_policy in enumerate(self._returns)
         ]
 
-    def _begin(self) -> Learner:
+    def _begin(self, before: Learner | None) -> Learner:
+        begun = self._new()
+        if before is None:
+            return begun
+        # A learner of its own: what a program is given it may use up.
+        stack, adam, iteration = jax.tree.map(
+            jnp.copy, (before.stack, before.adam, before.iteration)
+        )
+        return begun._replace(stack=stack, adam=adam, iteration=iteration)
+
+    def _new(self) -> Learner:
         configs = self._configs
         task = self._setups[0].task
         noise = None if task.discrete else [config.log_std_init for config in configs]

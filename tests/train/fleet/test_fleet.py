@@ -28,7 +28,12 @@ from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet.network import ACTIVATIONS, log_prob_and_entropy, outputs
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
-from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet.training import (
+    train_chunk,
+    train_fleet,
+    train_in_stages,
+    write_outcome,
+)
 from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet.update import permutations, update
 from integ_gym.train.policy.network import ACTIVATIONS as POLICY_ACTIVATIONS
@@ -269,14 +274,41 @@ def test_policies_learn_the_same_in_turn_and_at_once(overrides):
     stacks = []
     for in_turn in (True, False):
         program = FleetProgram(env, algorithm, in_turn=in_turn)
-        learner = trainer._begin()
+        learner = trainer._new()
         for _ in range(2):
             learner, _ = program.iterate(learner, trainer._knobs(), trainer._params)
         stacks.append(learner.stack)
-    begun = trainer._begin().stack
+    begun = trainer._new().stack
     for one, other, start in zip(*(jax.tree.leaves(s) for s in (*stacks, begun)), strict=True):
         np.testing.assert_allclose(one, other, atol=2e-6)
         assert np.abs(one - start).max() > 1e-4
+
+
+def test_one_stage_is_a_whole_run(pair):
+    configs, outcomes = pair
+    for staged, outcome in zip(train_in_stages([configs]), outcomes, strict=True):
+        assert staged.last_episodes == outcome.last_episodes
+        for name, value in outcome.weights.items():
+            np.testing.assert_array_equal(staged.weights[name], value, err_msg=name)
+
+
+def test_stages_go_on_where_the_stage_before_ended(pair):
+    """The first stage is the beginning of a whole run, and the next moves on from its weights."""
+    config = pair[0][0]
+    rollouts = kind_of(config).rollouts
+    assert rollouts >= 2
+    heavier = replace(config, env_arguments={**config.env_arguments, "mass": 3.0})
+    (one,), (other,) = (train_in_stages([[config], [second]]) for second in (config, heavier))
+    begun = fleet._Trainer(kind_of(config), [config])
+    learner = begun.train(None, round(rollouts / 2))
+    on = fleet._Trainer(kind_of(heavier), [heavier])
+    learner = on.train(None, rollouts - round(rollouts / 2), learner)
+    assert int(learner.iteration) == rollouts
+    for name, value in on.outcomes(learner)[0].weights.items():
+        np.testing.assert_array_equal(other.weights[name], value, err_msg=name)
+    assert any(not np.array_equal(one.weights[name], other.weights[name]) for name in one.weights)
+    with pytest.raises(ValueError, match="no stage"):
+        train_in_stages([])
 
 
 def test_files_open_everywhere_and_act_the_same(pair, tmp_path):
