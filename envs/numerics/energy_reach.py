@@ -55,6 +55,7 @@ def goal_energy(setup: Setup) -> float | None:
     return float(setup.system.energy(ARRAY, edge, (0.0,) * len(edge)))
 
 
+@np.errstate(all="ignore")
 def reach(
     setup: Setup, starts: Array, horizon: float, required: float, limits: Array | None = None
 ) -> Reach:
@@ -85,8 +86,7 @@ def reach(
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
         q, v = split_state(tuple(np.repeat(states, len(CONTROLS), axis=0).T))
-        with np.errstate(all="ignore"):
-            motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
+        motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
         ends = np.stack(join_state(motion.q, motion.v), axis=-1)
         energies = np.nan_to_num(energy_at(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)

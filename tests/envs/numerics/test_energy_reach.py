@@ -76,3 +76,14 @@ def test_dissipating_numerics_cost_torque_and_pumping_ones_give() -> None:
 def test_what_cannot_be_reached_is_said() -> None:
     with pytest.raises(ValueError, match=r"not reached within 8 s with 0\.2"):
         numerics.critical_limit(setup(1.0), HANGING, 8.0, 0.05, 0.2)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_search_in_which_forces_diverge_warns_of_nothing() -> None:
+    given = {"integrator": "explicit_euler", "dt": 0.04, "control_period": 0.04}
+    made = environment_setup("IntegCartPoleSwingUp-v0", given)
+    starts = np.tile([0.0, 0.0, math.pi, 0.0], (64, 1))
+    limits = np.geomspace(1e-4, 1.0, 64)
+    found = numerics.reach(made, starts, 20.0, 0.97, limits)
+    assert not np.isfinite(found.states).all()
+    assert np.isfinite(found.time).any()
