@@ -90,7 +90,8 @@ def largest_steps(name: str, truth: Array, seconds: float) -> tuple[dict[str, fl
         try:
             error = error_of(name, steps, truth, deadline)
         except TimeoutError:
-            return found, f"none down to {DURATION / OUTPUTS / steps:.2g} s within {seconds:g} s of processor time"
+            finest = DURATION / OUTPUTS / steps
+            return found, f"none down to {finest:.2g} s within {seconds:g} s of processor time"
         for precision, limit in LIMITS.items():
             if error <= limit:
                 found.setdefault(precision, DURATION / OUTPUTS / steps)
@@ -117,7 +118,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", nargs="+", help="integrators and engines; default: all")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of processor time, for each integrator")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="of processor time, for each integrator"
+    )
     parser.add_argument("--json", type=Path, help="write what was found")
     given = parser.parse_args()
     truth, rows, found = exact(), [], {}

@@ -1,0 +1,140 @@
+"""Experiments that train policies: units of several seeds, run in processes, kept in a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from tqdm import tqdm
+
+from integ_gym import PPOConfig
+from integ_gym.eval.statistics import rate_interval
+from integ_gym.support import replace_file
+from integ_gym.train.fleet import preparation
+from integ_gym.train.fleet.training import Outcome
+from integ_gym.train.policy_files import actor_of
+
+STARTS = 20
+"""That every policy is judged from."""
+
+TOGETHER = 8
+"""Seeds that are trained at once."""
+
+Done = dict[str, list[int]]
+"""Successes of the seeds of a unit, by its name."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one process does at a time: seeds of one arm at one value."""
+
+    value: float
+    arm: str
+    first_seed: int
+
+    @property
+    def name(self) -> str:
+        """Its key in the file."""
+        return f"{self.arm} at {self.value:g}, seeds from {self.first_seed}"
+
+    @property
+    def seeds(self) -> range:
+        """Of its policies."""
+        return range(self.first_seed, self.first_seed + TOGETHER)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Arms that are held against each other at several values.
+
+    Attributes:
+        values: of what is varied.
+        arms: names.
+        seeds: of every arm at every value, a multiple of `TOGETHER`.
+    """
+
+    values: tuple[float, ...]
+    arms: tuple[str, ...]
+    seeds: range
+
+    def units(self) -> list[Unit]:
+        """All there are, the first seeds of all arms first."""
+        return [
+            Unit(value, arm, first)
+            for first in self.seeds[::TOGETHER]
+            for value in self.values
+            for arm in self.arms
+        ]
+
+    def rates(self, done: Done, value: float, arm: str) -> list[float]:
+        """Success rate of every seed that was run."""
+        own = [unit for unit in self.units() if (unit.value, unit.arm) == (value, arm)]
+        return [count / STARTS for unit in own for count in done.get(unit.name, [])]
+
+    def run_missing(self, run: Callable[[Unit], list[int]], path: Path, workers: int) -> None:
+        """Run what the file has not; each unit is written as it is done."""
+        done = read(path)
+        left = [unit for unit in self.units() if unit.name not in done]
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), preparation("cpu"), (0,))
+        with pool, tqdm(total=len(left), unit="unit") as bar:
+            futures = {pool.submit(run, unit): unit for unit in left}
+            for future in as_completed(futures):
+                done[futures[future].name] = future.result()
+                self._write(done, path)
+                bar.update()
+
+    def _write(self, done: Done, path: Path) -> None:
+        names = [unit.name for unit in self.units() if unit.name in done]
+        lines = ",\n".join(f" {json.dumps(name)}: {done[name]}" for name in names)
+        replace_file(path, f"{{\n{lines}\n}}\n".encode())
+
+    def table(self, done: Done, what: str) -> list[str]:
+        """Success with 95 % intervals over seeds, as Markdown; empty: not run."""
+        lines = [f"| {what} | {' | '.join(self.arms)} |", "|---" * (1 + len(self.arms)) + "|"]
+        for value in self.values:
+            cells = [_told(self.rates(done, value, arm)) for arm in self.arms]
+            lines.append(f"| {value:g} | {' | '.join(cells)} |")
+        return lines
+
+
+def _told(rates: list[float]) -> str:
+    if not rates:
+        return ""
+    found = rate_interval(rates)
+    return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
+
+
+def read(path: Path) -> Done:
+    """Successes by unit, of a file that need not be there."""
+    found: Done = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return found
+
+
+def successes(config: PPOConfig, outcome: Outcome, judged: Mapping[str, Any]) -> int:
+    """Of a policy, from `STARTS` starts of its seed's own.
+
+    Args:
+        config: how it was trained.
+        outcome: of its training.
+        judged: arguments of the environment that it is judged in.
+    """
+    envs = gym.make_vec(config.env_id, num_envs=STARTS, **judged)
+    space, hidden = envs.single_action_space, len(config.net_arch)
+    policy = actor_of(outcome.weights, hidden, config.activation, space)
+    first = 1_000_000 + STARTS * config.seed
+    observed, _ = envs.reset(seed=list(range(first, first + STARTS)))
+    succeeded = ended = np.zeros(STARTS, dtype=bool)
+    while not ended.all():
+        observed, _, terminated, truncated, info = envs.step(policy.act(observed))
+        ending = (terminated | truncated) & ~ended
+        succeeded = succeeded | (ending & info["success"])
+        ended = ended | ending
+    envs.close()
+    return int(succeeded.sum())
