@@ -49,9 +49,9 @@ bench: $(READY)
 	$(BIN)/python benchmarks/bounds.py runs/bench
 
 atlas-figures: $(LIGHT)
-	@for spec in specs/atlas/*.toml; do \
-	  name=$$(basename $$spec .toml); \
-	  $(BIN)/integ-gym atlas $$spec --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
+	@for folder in docs/atlas/*/; do \
+	  name=$$(basename $$folder); \
+	  $(BIN)/integ-gym atlas specs/atlas/$$name.toml --summaries $$folder --publish $$folder/figures || exit 1; \
 	done
 	@cp docs/atlas/rod_pendulum/figures/law.json eval/atlas/law.json
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.envs import Discretization
 
-from ..panel import Home
+from ..panel import Home, SpecError
 from .agreement import Agreement, check_agree
 from .quantities import Quantities
 from .specification import Atlas, Block
@@ -30,7 +30,8 @@ class Point:
     Attributes:
         ratio: limit of the control over the critical one of the truth.
         home: what they were trained on.
-        quantities: known before training; None for a mixture.
+        quantities: known before training; None for a mixture, and where the task names no goal at
+            rest.
         seeds: training seeds.
         at_home: success rate there, shape (seeds,).
         on_truth: the same on the truth.
@@ -95,14 +96,21 @@ def _points(atlas: Atlas, blocks: Sequence[tuple[Block, Summary]]) -> Iterator[P
         yield Point(
             block.ratio,
             home,
-            Quantities(atlas.panel.env_id, block.panel.environment, home)
-            if isinstance(home, Discretization)
-            else None,
+            _quantities(atlas.panel.env_id, block.panel.environment, home),
             seeds,
             _rates(outcomes, home.name, seeds, of, "successes"),
             _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "successes"),
             _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "recovered"),
         )
+
+
+def _quantities(env_id: str, environment: Mapping[str, Any], home: Home) -> Quantities | None:
+    if not isinstance(home, Discretization):
+        return None
+    try:
+        return Quantities(env_id, environment, home)
+    except SpecError:
+        return None
 
 
 def _rates(

@@ -25,7 +25,7 @@ from .law import Curve
 from .quantities import Quantities
 
 LAW: Final = "law.json"
-"""Made of the atlas's summaries by ``integ-gym atlas --law``."""
+"""Made of the atlas's summaries by ``integ-gym atlas --publish``."""
 
 SAFE: Final = 0.1
 """Loss up to which a step is called safe: the margin of a panel's verdicts."""
@@ -39,15 +39,20 @@ class Law(msgspec.Struct, frozen=True):
 
     Attributes:
         atlas: its name.
-        curve: loss by one number.
+        curves: loss by one number, each; that of the number that was chosen first.
         margins: smallest and largest limit of the control over the critical one that it saw.
         seals: of the runs.
     """
 
     atlas: str
-    curve: Curve
+    curves: tuple[Curve, ...]
     margins: tuple[float, float]
     seals: tuple[str, ...]
+
+    @property
+    def curve(self) -> Curve:
+        """Of the number that was chosen."""
+        return self.curves[0]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from .agreement import noted_in
 from .figures import draw_losses, draw_phases
 from .law import CANDIDATES, GUESSES, LEVEL, Trial, fit, telling, trial
 from .points import Point, points
-from .predicting import LAW, Law
+from .predicting import LAW, Law, law
 from .running import finished
 from .specification import Atlas
 
@@ -28,12 +28,13 @@ class Published:
 
     Attributes:
         files: written.
-        law: fitted; None where there is nothing to fit.
-        trials: every candidate and guess on the limits that were held out, the chosen first.
+        law: fitted, or the package's own where no limit may be seen.
+        trials: every candidate and guess on the limits that were held out, the chosen first; none
+            where nothing is held out, or nothing can be predicted.
     """
 
     files: tuple[Path, ...]
-    law: Law | None
+    law: Law
     trials: tuple[Trial, ...]
 
 
@@ -41,7 +42,8 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     """Write phase diagram, losses, tables and law.
 
     The number that the law is made of is the one whose curve predicts each limit of those that may
-    be seen best from the others; limits that are held out have no part in it.
+    be seen best from the others; limits that are held out have no part in it. Where all are, the
+    law that comes with the package is held against them.
 
     Args:
         atlas: whose summaries they are.
@@ -59,19 +61,29 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     homes = [home.name for home in atlas.panel.train]
     files = write_figure(draw_phases(atlas.name, found, homes, atlas.ratios), out / "phases")
     seen = [point for point in found if point.ratio not in atlas.held_out]
-    curves = [fit(name, seen) for name in (*CANDIDATES, *GUESSES)]
-    chosen = min(curves[: len(CANDIDATES)], key=lambda curve: curve.seen_error)
-    files += write_figure(draw_losses(atlas.name, found, atlas.held_out, chosen), out / "losses")
-    ordered = [chosen, *(curve for curve in curves if curve is not chosen)]
-    held_out = telling([point for point in found if point.ratio in atlas.held_out])
-    trials = tuple(trial(curve, held_out) for curve in ordered) if held_out else ()
-    margins = [point.ratio for point in seen]
     seals = tuple(summary.origin.seal for _, summary in done)
-    law = Law(atlas.name, chosen, (min(margins), max(margins)), seals)
-    told = "\n".join([*_phase_table(found), "", *_trial_table(trials)])
-    files.append(replace_file(out / TABLES, (told + "\n").encode()))
-    files.append(replace_file(out / LAW, msgspec.json.format(msgspec.json.encode(law)) + b"\n"))
-    return Published(tuple(files), law, trials)
+    known = _fitted(atlas.name, seen, seals) if seen else law()
+    if seen:
+        content = msgspec.json.format(msgspec.json.encode(known)) + b"\n"
+        files.append(replace_file(out / LAW, content))
+    trials: tuple[Trial, ...] = ()
+    if telling(found):
+        drawn = draw_losses(atlas.name, found, atlas.held_out, known.curve)
+        files += write_figure(drawn, out / "losses")
+    if held_out := telling([point for point in found if point.ratio in atlas.held_out]):
+        trials = tuple(trial(curve, held_out) for curve in known.curves)
+    told = [*_phase_table(found), *(["", *_trial_table(trials)] if trials else [])]
+    files.append(replace_file(out / TABLES, ("\n".join(told) + "\n").encode()))
+    return Published(tuple(files), known, trials)
+
+
+def _fitted(name: str, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
+    """Every candidate's and guess's curve, that of the chosen number first."""
+    curves = [fit(number, seen) for number in (*CANDIDATES, *GUESSES)]
+    chosen = min(curves[: len(CANDIDATES)], key=lambda curve: curve.seen_error)
+    ordered = (chosen, *(curve for curve in curves if curve is not chosen))
+    margins = [point.ratio for point in seen]
+    return Law(name, ordered, (min(margins), max(margins)), seals)
 
 
 def _phase_table(found: Sequence[Point]) -> Iterator[str]:
