@@ -28,10 +28,14 @@ SHORT = {
 OF_A_RUN = {"closed_loops", "panel_tables"}
 """Tested beside what they read."""
 OF_FILES = {"bounds"}
+EXPERIMENTS = {"control_periods", "curriculum"}
+"""Tested beside the page that tells what they found."""
 
 
 def test_every_benchmark_is_run():
-    assert {file.stem for file in FOLDER.glob("*.py")} == set(SHORT) | OF_A_RUN | OF_FILES
+    assert {file.stem for file in FOLDER.glob("*.py")} == set(
+        SHORT
+    ) | OF_A_RUN | OF_FILES | EXPERIMENTS
 
 
 @pytest.mark.slow
