@@ -53,7 +53,7 @@ bench: $(READY)
 atlas-figures: $(LIGHT)
 	@for name in rod_pendulum $(filter-out rod_pendulum,$(ATLASES)); do \
 	  $(BIN)/integ-gym atlas specs/atlas/$$name.toml --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
-	  if [ $$name = rod_pendulum ]; then cp docs/atlas/$$name/figures/law.json eval/atlas/law.json; fi; \
+	  if [ $$name = rod_pendulum ]; then cp docs/atlas/$$name/figures/law.json eval/atlas/prediction/law.json; fi; \
 	done
 
 published: $(READY)

@@ -32,7 +32,7 @@ from typing import Any
 from measuring.trained import Done, Experiment, Unit, read, successes
 
 from integ_gym import Discretization, PPOConfig
-from integ_gym.eval.atlas.limits import critical_limit
+from integ_gym.eval.atlas.numbers import critical_limit
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.support import cores
 from integ_gym.train.fleet import train_in_stages

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .agreement import Agreement
-    from .predicting import Prediction, doubt, predict
+    from .prediction import Prediction, doubt, predict
     from .publishing import Published, publish
     from .running import again, missing, run_blocks
     from .specification import Atlas, Block, read_atlas
-    from .summary import read_summary
+    from .summaries import Agreement, read_summary
 else:
     __getattr__, __dir__ = lazy_door(__name__)

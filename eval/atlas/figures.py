@@ -27,8 +27,8 @@ from integ_gym.support import (
 )
 
 from ..scheme_style import styles_of
-from .law import Curve, number_of, telling
-from .points import Point
+from .prediction import Curve, number_of, telling
+from .summaries import Point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

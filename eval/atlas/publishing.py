@@ -11,13 +11,11 @@ import msgspec
 from integ_gym.support import NONE, fixed, make_folder, percent, replace_file, write_figure
 
 from ..statistics import draws_for, rate_interval
-from .agreement import noted_in
 from .figures import draw_losses, draw_phases
-from .law import CANDIDATES, GUESSES, LEVEL, Trial, fit, telling, trial
-from .points import Point, points
-from .predicting import LAW, Law, law
+from .prediction import CANDIDATES, GUESSES, LAW, LEVEL, Law, Trial, fit, law, telling, trial
 from .running import finished
 from .specification import Atlas
+from .summaries import Point, noted_in, points
 
 TABLES = "tables.md"
 

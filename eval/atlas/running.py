@@ -9,9 +9,17 @@ from pathlib import Path
 import msgspec
 
 from ..panel import run_panel
-from .agreement import Agreement, compare, first_difference, note
 from .specification import Atlas, Block
-from .summary import Summary, read_summary, summarize, write_summary
+from .summaries import (
+    Agreement,
+    Summary,
+    compare,
+    first_difference,
+    note,
+    read_summary,
+    summarize,
+    write_summary,
+)
 
 
 def summary_path(folder: Path, block: Block) -> Path:

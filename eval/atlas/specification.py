@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from ..panel import PanelSpec, SpecError, parse_spec, read_toml
-from .limits import control_argument, critical_limit
+from .numbers import control_argument, critical_limit
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.eval.atlas.agreement import Agreement, check_agree, compare, note, noted_in
-from integ_gym.eval.atlas.code_version import _bare, code_version
-from integ_gym.eval.atlas.summary import Origin, Summary
+from integ_gym.eval.atlas.summaries import (
+    Agreement,
+    Origin,
+    Summary,
+    check_agree,
+    compare,
+    note,
+    noted_in,
+)
+from integ_gym.eval.atlas.summaries.code_version import _bare, code_version
 
 ROWS = [
     {

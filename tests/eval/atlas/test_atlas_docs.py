@@ -30,7 +30,9 @@ def test_the_page_has_the_tables_and_the_package_the_law():
     figures = ROOT / "docs" / "atlas" / "rod_pendulum" / "figures"
     for table in (figures / "tables.md").read_text(encoding="utf-8").strip().split("\n\n"):
         assert table in page
-    assert (figures / "law.json").read_bytes() == (ROOT / "eval/atlas/law.json").read_bytes()
+    assert (figures / "law.json").read_bytes() == (
+        ROOT / "eval/atlas/prediction/law.json"
+    ).read_bytes()
 
 
 @pytest.mark.parametrize("folder", SUMMARIES, ids=lambda folder: folder.name)

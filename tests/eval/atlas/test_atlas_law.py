@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from integ_gym.envs import Discretization
-from integ_gym.eval.atlas.law import CANDIDATES, GUESSES, fit, number_of, trial
-from integ_gym.eval.atlas.points import Point
-from integ_gym.eval.atlas.quantities import Quantities
+from integ_gym.eval.atlas.numbers import Quantities
+from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, number_of, trial
+from integ_gym.eval.atlas.summaries import Point
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
 HOMES = [

@@ -7,10 +7,9 @@ import pytest
 from small_atlas import written
 
 from integ_gym.eval import publish, read_atlas
-from integ_gym.eval.atlas.law import CANDIDATES, GUESSES
-from integ_gym.eval.atlas.predicting import law
+from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, law
 from integ_gym.eval.atlas.running import summary_path
-from integ_gym.eval.atlas.summary import Origin, Summary, write_summary
+from integ_gym.eval.atlas.summaries import Origin, Summary, write_summary
 
 
 def planted(folder, held_out):

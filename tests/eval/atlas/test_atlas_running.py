@@ -11,7 +11,7 @@ from small_atlas import written
 
 from integ_gym.cli import main
 from integ_gym.eval import missing, read_atlas, read_summary
-from integ_gym.eval.atlas.summary import write_summary
+from integ_gym.eval.atlas.summaries import write_summary
 from integ_gym.evidence import read_seal
 
 

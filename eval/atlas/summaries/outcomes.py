@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from integ_gym.envs import Discretization
 
-from ..panel import Home, SpecError
+from ...panel import Home, SpecError
+from ..numbers import Quantities
+from ..specification import Atlas, Block
 from .agreement import Agreement, check_agree
-from .quantities import Quantities
-from .specification import Atlas, Block
 from .summary import Summary
 
 Rates = npt.NDArray[np.float64]

@@ -11,9 +11,9 @@ import msgspec
 from integ_gym.evidence import open_run, read_seal
 from integ_gym.support import package_version, read_bounded, replace_file
 
-from ..panel import FILE_NAME, read_panel
+from ...panel import FILE_NAME, read_panel
+from ..specification import Block
 from .code_version import code_version
-from .specification import Block
 
 KEY = b"integ-gym atlas"
 """Of the description in the file's metadata."""

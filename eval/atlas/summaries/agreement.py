@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from integ_gym.support import replace_file
 
-from ..statistics import Interval, mean_interval
+from ...statistics import Interval, mean_interval
 from .summary import Summary
 
 FILE = "agreements.json"

@@ -10,7 +10,7 @@ import numpy as np
 
 from integ_gym.envs import Discretization, numerics
 
-from ..panel import SpecError
+from ...panel import SpecError
 from .limits import control_argument, critical_limit, middle_start, setup_of
 
 UNREACHED = 1e3

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from .points import Point
-from .quantities import Quantities
+from ..numbers import Quantities
+from ..summaries import Point
 
 Array = npt.NDArray[np.float64]
 

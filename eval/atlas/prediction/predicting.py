@@ -20,9 +20,9 @@ from integ_gym.envs import (
     testbed_of,
 )
 
-from ..panel import SpecError, map_of
-from .law import Curve
-from .quantities import Quantities
+from ...panel import SpecError, map_of
+from ..numbers import Quantities
+from .fitting import Curve
 
 LAW: Final = "law.json"
 """Made of the atlas's summaries by ``integ-gym atlas --publish``."""

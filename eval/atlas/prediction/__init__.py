@@ -1,0 +1,14 @@
+"""The law that is fitted to an atlas, and what it lets expect of a policy that nobody has trained.
+
+Knows points of an atlas and their numbers; never how they were run.
+"""
+
+from typing import TYPE_CHECKING
+
+from integ_gym.support import lazy_door
+
+if TYPE_CHECKING:
+    from .fitting import CANDIDATES, GUESSES, LEVEL, Curve, Trial, fit, number_of, telling, trial
+    from .predicting import LAW, Law, Prediction, doubt, law, predict
+else:
+    __getattr__, __dir__ = lazy_door(__name__)
