@@ -23,13 +23,19 @@ def tables(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import panel_tables
 
-    yield panel_tables.tables
+    yield panel_tables
     sys.modules.pop("panel_tables")
 
 
 def test_the_tables_are_those_of_the_saved_run(tables):
     text = (ROOT / "docs" / "reference" / "panel.md").read_text(encoding="utf-8")
-    assert "\n".join(tables(SUMMARY)) in text
+    assert "\n".join(tables.tables(SUMMARY)) in text
+
+
+@pytest.mark.slow
+def test_what_was_predicted_is_told_beside_it(tables):
+    text = (ROOT / "docs" / "explanation" / "atlas.md").read_text(encoding="utf-8")
+    assert "\n".join(tables.predicted(SUMMARY)) in text
 
 
 def test_the_saved_run_is_of_the_panel_that_is_built_in():
