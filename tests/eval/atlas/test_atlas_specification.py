@@ -7,7 +7,13 @@ from small_atlas import written
 
 from integ_gym.envs import Discretization
 from integ_gym.eval import read_atlas
-from integ_gym.eval.atlas.numbers import control_argument, critical_limit, middle_start, setup_of
+from integ_gym.eval.atlas.numbers import (
+    Quantities,
+    control_argument,
+    critical_limit,
+    middle_start,
+    setup_of,
+)
 from integ_gym.eval.panel import SpecError
 
 RK4 = Discretization("rk4", 0.05, 0.05)
@@ -38,6 +44,17 @@ def test_the_critical_torque_lifts_and_less_does_not():
     )
     pumping = Discretization("explicit_euler", 0.05, 0.05)
     assert critical_limit("IntegPendulum-v0", given, "max_torque", pumping) < 0.1
+
+
+def test_margins_are_those_of_the_truth_at_a_tenth_of_its_cost():
+    environment = {"start": "hanging", "duration": 10.0, "max_torque": 0.7}
+    home = Discretization("symplectic_euler", 0.05, 0.05)
+    truth = Discretization("reference", 0.05, 0.05)
+    exact = critical_limit("IntegPendulum-v0", environment, "max_torque", truth)
+    found = Quantities("IntegPendulum-v0", environment, home)
+    assert found.margin == pytest.approx(0.7 / exact, rel=1e-6)
+    there = critical_limit("IntegPendulum-v0", environment, "max_torque", home)
+    assert found.critical_ratio == pytest.approx(there / exact, rel=1e-6)
 
 
 @pytest.mark.parametrize(
