@@ -15,8 +15,8 @@ from ...panel import SpecError
 from .limits import control_argument, critical_limit, middle_start, setup_of
 
 FINE = 0.05
-"""Step times fastest rate from which on RK4 has the truth's critical limits: to the bisection's last
-digit on a pendulum, to 0.5 % on a cart-pole that strikes the ends of its track."""
+"""Step times fastest rate at which RK4 has the truth's critical limits: to the last digit of the
+search on a pendulum, to 0.5 % on a cart-pole that strikes the ends of its track."""
 
 UNREACHED = 1e3
 """Critical ratio of a discretization in which no limit suffices that was tried."""
