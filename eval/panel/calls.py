@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from .existing import (
 )
 from .model import Panel
 from .results import write_artefact
-from .running import RunDirectory, complete, memory_of, opened
+from .running import RunDirectory, as_there, complete, memory_of, opened
 from .sharing import Share, complete_on, processes, work_on, write_pages
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
 
@@ -94,13 +94,13 @@ def run_panel(
     require("report", "evidence")
     check_spawning()
     _check_lease(lease)
-    given, taken = specified(spec), None if policies is None else Path(policies)
-    asked = replace(resources or Resources(), workers=workers, memory_gib=given.memory_gib)
-    with (
-        cluster_of(executor, address, asked) as cluster,
-        stored(out) as place,
-        _opened(given, place, cluster, workers, taken, lease) as directory,
-    ):
+    asked, taken = specified(spec), None if policies is None else Path(policies)
+    wanted = replace(resources or Resources(), workers=workers, memory_gib=asked.memory_gib)
+    with ExitStack() as stack:
+        cluster = stack.enter_context(cluster_of(executor, address, wanted))
+        place = stack.enter_context(stored(out))
+        given = as_there(asked, place)
+        directory = stack.enter_context(_opened(given, place, cluster, workers, taken, lease))
         shared = cluster.remote or place.remote
         count = cluster.workers if shared else workers or cores()
         for stage in stages(given):
@@ -181,7 +181,7 @@ def work_on_panel(
     _check_lease(lease)
     share = Share(workers or cores(), gpus, lease, progress, command)
     with stored(out) as place:
-        return work_on(specified(spec), place, share)
+        return work_on(as_there(specified(spec), place), place, share)
 
 
 def evaluate(

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from integ_gym.support import (
@@ -112,8 +113,10 @@ class _Worker:
         phases: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
             "training": lambda: planning.training_and_division(spec, directory, fleet, memory),
             "trying what can be done": lambda: (planning.trying(spec, directory), None),
-            "evaluating": lambda: (planning.evaluating(spec, directory, fleet.count), None),
         }
+        for part in spec.parts():
+            told = f"evaluating from {part.latest.start}" if part.latest.start else "evaluating"
+            phases[told] = partial(self._evaluating, part)
         for number, (phase, plan) in enumerate(phases.items()):
             self._phase(str(number), phase, plan)
         last = str(len(phases))
@@ -121,6 +124,9 @@ class _Worker:
         self._desk.planned(last)
         for claim in self._taken(last, [PAGES]):
             self._write_pages(claim)
+
+    def _evaluating(self, part: PanelSpec) -> tuple[Sequence[SharedUnit], None]:
+        return planning.evaluating(part, self._directory, self._fleet.count), None
 
     def _write_pages(self, claim: Claim) -> None:
         """Write all that is made of the records; who is overtaken leaves it as another made it."""
