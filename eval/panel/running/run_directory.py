@@ -163,10 +163,27 @@ class RunDirectory:
         with self._held(SHARED, lease) as own:
             if own is None:
                 retire(self.storage, DRIVEN)
-            self.storage.fetch(MANIFEST)
+            self.storage.fetch(MANIFEST, SEAL_FILE)
             self._check()
+            self._lift_seal_to_grow()
             self._write_manifest()
             yield
+
+    def _lift_seal_to_grow(self) -> None:
+        """Put the seal of a finished run aside before its manifest tells more than it did.
+
+        Of several who do so at once, one is first; what it writes is no damage to the others.
+        """
+        if self._is_as_specified() or not (self.path / SEAL_FILE).exists():
+            return
+        self.storage.fetch()
+        self.desk.open()
+        try:
+            self.lift_seal(self.desk.root)
+        except RunDirectoryError:
+            self.storage.fetch(MANIFEST)
+            if not self._is_as_specified():
+                raise
 
     def _begin(self) -> None:
         """Refuse what is no run before anything is written; make the folders of one."""
@@ -224,10 +241,13 @@ class RunDirectory:
     def is_finished(self) -> bool:
         """Whether the run was sealed as it is specified now; its files are not looked at."""
         self.storage.fetch(MANIFEST, SEAL_FILE)
+        return (self.path / SEAL_FILE).exists() and self._is_as_specified()
+
+    def _is_as_specified(self) -> bool:
+        """Whether the manifest tells what is specified now."""
         manifest = self.path / MANIFEST
-        if not (self.path / SEAL_FILE).exists() or not manifest.exists():
-            return False
-        return bool(read_manifest(manifest)["specification"] == self._specification)
+        held = read_manifest(manifest)["specification"] if manifest.exists() else None
+        return bool(held == self._specification)
 
     def lift_seal(self, into: Path | None = None) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
