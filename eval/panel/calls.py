@@ -152,6 +152,7 @@ def work_on_panel(
     gpus: bool = False,
     lease: float = LEASE,
     progress: bool = True,
+    policies: str | os.PathLike[str] | None = None,
     command: str = "integ_gym.work_on_panel",
 ) -> int:
     """Take part in a panel that any number of processes finish, on a directory that all see.
@@ -166,6 +167,8 @@ def work_on_panel(
         gpus: whether this process has a GPU to train on.
         lease: time after which a unit whose process is silent is taken over, s.
         progress: show bars on stderr.
+        policies: directory of a finished panel, seen by all processes, whose policies are taken
+            instead of training.
         command: how to run this again, for the page.
 
     Returns:
@@ -179,7 +182,8 @@ def work_on_panel(
     """
     require("report", "evidence")
     _check_lease(lease)
-    share = Share(workers or cores(), gpus, lease, progress, command)
+    taken = None if policies is None else Path(policies)
+    share = Share(workers or cores(), gpus, lease, progress, command, taken)
     with stored(out) as place:
         return work_on(as_there(specified(spec), place), place, share)
 

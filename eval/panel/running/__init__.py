@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         unit_of_cell,
     )
     from .panel import as_there, check_spec, complete, opened, subject_of
+    from .reuse import bring, finished_policies
     from .run_directory import (
         MANIFEST,
         RunDirectory,

@@ -97,7 +97,6 @@ def opened(
     with directory.opened(lease):
         if source is not None:
             bring(source, directory, spec)
-            directory.storage.keep("evidence", "policies", "units")
         yield directory
 
 

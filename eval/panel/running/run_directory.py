@@ -499,6 +499,15 @@ class RunDirectory:
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
         write_json(self._marker(unit), {"key": key, **times, **found, **facts})
 
+    def adopt_policy(self, other: RunDirectory, policy: str) -> None:
+        """Take a policy's files from another directory, file by file, each in one step."""
+        files = {file.name: file for file in (other.policies / policy).iterdir()}
+        for remains in (self.policies / policy).glob("*"):
+            if remains.name not in files:
+                self._discard(remains)
+        for name, file in files.items():
+            replace_file(self.policies / policy / name, file.read_bytes())
+
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
         if other.has_records(unit):

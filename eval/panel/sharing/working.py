@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from integ_gym.support import (
@@ -30,7 +31,16 @@ from integ_gym.support import (
 from integ_gym.train import Workers, preparation
 
 from ..results import write_artefact
-from ..running import UNITS, PanelError, RunDirectory, check_spec, memory_of, note_division
+from ..running import (
+    UNITS,
+    PanelError,
+    RunDirectory,
+    bring,
+    check_spec,
+    finished_policies,
+    memory_of,
+    note_division,
+)
 from ..specification import PanelSpec
 from . import planning
 from .driving import PAGES, commit_pages, in_time
@@ -47,6 +57,7 @@ class Share:
         lease: time after which a unit whose process is silent is taken over, s.
         progress: show bars.
         command: how to run this again, for the page.
+        policies: directory of a finished panel whose policies are taken instead of training.
     """
 
     workers: int
@@ -54,6 +65,7 @@ class Share:
     lease: float = LEASE
     progress: bool = True
     command: str = "integ_gym.run_panel"
+    policies: Path | None = None
 
 
 def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
@@ -77,10 +89,11 @@ def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     if directory.is_finished():
         return 0
+    source = None if share.policies is None else finished_policies(share.policies, spec)
     with directory.joined(share.lease):
         if not out.remote:
             out.check()
-        worker = _Worker(spec, directory, fleet, share)
+        worker = _Worker(spec, directory, fleet, share, source)
         with suppress(Gone):  # whoever made the page cleared away what is no longer needed
             worker.work()
         if not out.remote and not directory.desk.claims.exists():
@@ -95,12 +108,18 @@ class _Worker:
     """This process's part in a panel."""
 
     def __init__(
-        self, spec: PanelSpec, directory: RunDirectory, fleet: Workers, share: Share
+        self,
+        spec: PanelSpec,
+        directory: RunDirectory,
+        fleet: Workers,
+        share: Share,
+        source: RunDirectory | None,
     ) -> None:
         self._spec = spec
         self._directory = directory
         self._fleet = fleet
         self._share = share
+        self._source = source
         self._desk = directory.desk
         self._rng = random.Random()
         self.done = 0
@@ -176,6 +195,8 @@ class _Worker:
             directory.end_others()
             directory.lift_seal(self._desk.root)
         directory.storage.fetch()
+        if name == "0" and self._source is not None:
+            bring(self._source, directory, self._spec)
         units, division = plan()
         if self._desk.plan(name, [unit.plain() for unit in units], BLOCK, division):
             note_division(directory, division)

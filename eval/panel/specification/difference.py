@@ -52,7 +52,8 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
         for lost in _lacking(name, held, now):
             yield f"it has {lost}, which is missing now"
     one, other = _parts(held), _parts(now)
-    if not one or other[: len(one)] != one:
+    differ = any(held.get(name) != now.get(name) for name in EPISODES)
+    if differ and not (one and other[: len(one)] == one):
         yield f"`episodes` {_summed(one)} (now {_summed(other)})"
     same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
