@@ -22,9 +22,9 @@ from integ_gym.cli import main
         ),
         (
             ["--engine", "mujoco", "--integrator", "rk5"],
-            "unknown integrator of mujoco 'rk5'. Valid choices: Euler, RK4, discrete, implicit",
+            "unknown integrator of mujoco 'rk5'. Did you mean 'RK4'? Valid choices: Euler, RK4,",
         ),
-        (["--integrator", "Euler"], "unknown integrator 'Euler'. Did you mean"),
+        (["--integrator", "Euler"], "unknown integrator 'Euler'. Valid choices: explicit_euler,"),
         (["--engine", "ode", "--integrator", "Euler"], "unknown engine 'ode'"),
     ],
 )

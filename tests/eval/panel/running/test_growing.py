@@ -140,17 +140,17 @@ def test_a_panel_given_episodes_seeds_and_a_perturbation_is_the_panel_that_had_t
     assert whole["warnings"] == []
 
 
-def _lean(observation):
+def leaning(observation):
     """Push where the pole leans: it holds for a moment, from some starts."""
     return int(observation[2] > 0)
 
 
 _BY_PART = """
 SELECT episode_index >= 6 AS later, count(DISTINCT episode_index) AS episodes,
-       count(*) FILTER (success AND cell LIKE 'explicit_euler dt=0.02') AS succeeded,
+       count(*) FILTER (success AND cell = 'explicit_euler dt=0.02') AS succeeded,
        min(home_success) AS low, max(home_success) AS high,
        count(*) FILTER (failure_label = 'not_learned') > 0 AS not_learned
-FROM records WHERE policy_id = '_lean' GROUP BY ALL ORDER BY later
+FROM records WHERE policy_id = 'leaning' GROUP BY ALL ORDER BY later
 """
 
 
@@ -158,7 +158,7 @@ FROM records WHERE policy_id = '_lean' GROUP BY ALL ORDER BY later
 def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
     for episodes in (6, 10):
         panel = calls.evaluate(
-            _lean, "IntegCartPole-v0", tmp_path / "out", episodes=episodes, progress=False,
+            leaning, "IntegCartPole-v0", tmp_path / "out", episodes=episodes, progress=False,
             home={"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02},
             integrators=["explicit_euler"], dts=[0.02], environment={"duration": 0.8},
         )  # fmt: skip
