@@ -93,7 +93,7 @@ def test_fewer_episodes_or_other_parts_contradict(held, asked, told):
     assert list(contradictions(before, continued(spec, before).to_json())) == [told]
 
 
-@pytest.mark.parametrize("damaged", [None, "3", [3], 3.0, True])
+@pytest.mark.parametrize("damaged", [None, "3", [3], 3.5, True])
 def test_damaged_episodes_are_not_gone_on_with(damaged):
     before, spec = {**_plain(), "episodes": damaged}, parse_spec(SMALL, "small")
     there = continued(spec, before)
