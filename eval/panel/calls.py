@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from .existing import (
 )
 from .model import Panel
 from .results import write_artefact
-from .running import RunDirectory, complete, memory_of, opened
+from .running import RunDirectory, as_there, complete, memory_of, opened
 from .sharing import Share, complete_on, processes, work_on, write_pages
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
 
@@ -94,13 +94,13 @@ def run_panel(
     require("report", "evidence")
     check_spawning()
     _check_lease(lease)
-    given, taken = specified(spec), None if policies is None else Path(policies)
-    asked = replace(resources or Resources(), workers=workers, memory_gib=given.memory_gib)
-    with (
-        cluster_of(executor, address, asked) as cluster,
-        stored(out) as place,
-        _opened(given, place, cluster, workers, taken, lease) as directory,
-    ):
+    asked, taken = specified(spec), None if policies is None else Path(policies)
+    wanted = replace(resources or Resources(), workers=workers, memory_gib=asked.memory_gib)
+    with ExitStack() as stack:
+        cluster = stack.enter_context(cluster_of(executor, address, wanted))
+        place = stack.enter_context(stored(out))
+        given = as_there(asked, place)
+        directory = stack.enter_context(_opened(given, place, cluster, workers, taken, lease))
         shared = cluster.remote or place.remote
         count = cluster.workers if shared else workers or cores()
         for stage in stages(given):
@@ -152,6 +152,7 @@ def work_on_panel(
     gpus: bool = False,
     lease: float = LEASE,
     progress: bool = True,
+    policies: str | os.PathLike[str] | None = None,
     command: str = "integ_gym.work_on_panel",
 ) -> int:
     """Take part in a panel that any number of processes finish, on a directory that all see.
@@ -166,6 +167,8 @@ def work_on_panel(
         gpus: whether this process has a GPU to train on.
         lease: time after which a unit whose process is silent is taken over, s.
         progress: show bars on stderr.
+        policies: directory of a finished panel, seen by all processes, whose policies are taken
+            instead of training.
         command: how to run this again, for the page.
 
     Returns:
@@ -179,9 +182,10 @@ def work_on_panel(
     """
     require("report", "evidence")
     _check_lease(lease)
-    share = Share(workers or cores(), gpus, lease, progress, command)
+    taken = None if policies is None else Path(policies)
+    share = Share(workers or cores(), gpus, lease, progress, command, taken)
     with stored(out) as place:
-        return work_on(specified(spec), place, share)
+        return work_on(as_there(specified(spec), place), place, share)
 
 
 def evaluate(

@@ -20,7 +20,9 @@ from integ_gym.eval import (
     run_blocks,
     total_cost,
 )
-from integ_gym.support import CommandParser, plural, print_aligned, say, seconds, whole_number
+from integ_gym.support import CommandParser, plural, print_aligned, say, seconds
+
+from .work_options import add_work, workers_of
 
 EXAMPLES = """\
 examples:
@@ -64,14 +66,14 @@ def parser() -> argparse.ArgumentParser:
         "--publish", type=Path, metavar="DIR",
         help="run nothing: write phase diagram, losses, tables and law from the summaries",
     )  # fmt: skip
-    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_work(made)
     return made
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    workers = workers_of(given)
     atlas = read_atlas(given.spec)
     reads = given.plan or given.publish
     if given.out is None and not (reads and given.summaries):
@@ -86,14 +88,14 @@ def main(argv: Sequence[str]) -> int:
         return 0
     if given.again:
         block = _named(atlas.blocks(), given.again)
-        agreement = again(atlas, block, given.out, folder, workers=given.workers)
+        agreement = again(atlas, block, given.out, folder, workers=workers)
         say(_agreed(agreement), sys.stdout)
         return 0
     chosen = [_named(atlas.blocks(), name) for name in given.only or ()]
     blocks = [one for one in waiting if not chosen or one in chosen]
     progress = not given.no_progress
     for block, summary in run_blocks(
-        atlas, blocks, given.out, folder, workers=given.workers, progress=progress
+        atlas, blocks, given.out, folder, workers=workers, progress=progress
     ):
         print(f"{block.name}: {summary.rows.num_rows} rows, seal {summary.origin.seal}", flush=True)
     left = len(missing(atlas, folder))

@@ -17,8 +17,9 @@ from integ_gym.support import (
     require,
     say,
     told_command,
-    whole_number,
 )
+
+from .work_options import add_work, workers_of
 
 EXAMPLES = """\
 examples:
@@ -70,8 +71,7 @@ def parser() -> argparse.ArgumentParser:
         "--all", action="store_true",
         help="print every line: measured, expected, tolerance, and whether it holds",
     )  # fmt: skip
-    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_work(made)
     return made
 
 
@@ -86,14 +86,12 @@ def main(argv: Sequence[str]) -> int:
     require("report", "evidence")
     if given.example:
         return _example(given)
-    if given.workers is not None and given.workers < 1:
-        raise ValueError(f"--workers must be 1 or above, got {given.workers}")
     request = Request(given.env, given.plant, given.integrator, given.dt)
     result = diagnose(
         request,
         given.out,
         told_command(["integ-gym", "diagnose", *argv]),
-        given.workers or cores(),
+        workers_of(given) or cores(),
         progress=not given.no_progress,
     )
     print_diagnosis(result, sys.stdout, every_line=given.all)

@@ -11,7 +11,7 @@ from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
 from integ_gym.support import CommandParser, named_value, run_place, say, told_command, whole_number
 
-from .engine_options import add_engine, resources_of, told_page
+from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\
 examples:
@@ -93,8 +93,7 @@ def parser() -> argparse.ArgumentParser:
         help="load the classes that the side-car names as module:Class",
     )  # fmt: skip
     add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
-    add("--workers", type=whole_number, metavar="N", help="processes; 1: this one")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_work(made, "1: this one")
     add_engine(made)
     return made
 
@@ -127,7 +126,7 @@ def main(argv: Sequence[str]) -> int:
         obs_stats=given.obs_stats,
         home=given.home,
         own_code=given.own_code,
-        workers=given.workers,
+        workers=workers_of(given),
         progress=not given.no_progress,
         on_home=lambda line: say(line, sys.stdout),
         on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from integ_gym.eval import (
     BUILT_IN,
@@ -33,8 +34,8 @@ from integ_gym.support import (
     width_of,
 )
 
-from .engine_options import add_engine, resources_of, told_page
 from .printed import print_plan, print_power, print_verdicts
+from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\
 examples:
@@ -113,7 +114,7 @@ def parser() -> argparse.ArgumentParser:
         "--sign", type=Path, metavar="KEY",
         help="sign the seal with this private key, as ssh-keygen -t ed25519 makes them",
     )  # fmt: skip
-    add("--workers", type=whole_number, metavar="N", help="processes; default: one per core")
+    add_work(made)
     add_engine(made)
     add(
         "--worker", action="store_true",
@@ -125,7 +126,6 @@ def parser() -> argparse.ArgumentParser:
         help="with --worker, or in an object store: a process that has been silent for so long is "
         f"taken for dead, and another does what it did, s (default: {LEASE:g})",
     )  # fmt: skip
-    add("--no-progress", action="store_true", help="show no progress bar")
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
     return made
 
@@ -133,8 +133,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     arguments = parser().parse_args(argv)
-    if arguments.workers is not None and arguments.workers < 1:
-        raise ValueError(f"--workers must be 1 or above, got {arguments.workers}")
     spec = specified(arguments.spec or BUILT_IN[0])
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     if arguments.trainer:
@@ -160,7 +158,7 @@ def main(argv: Sequence[str]) -> int:
         print_power(spec, arguments.out)
         return 0
     if arguments.plan:
-        print_plan(spec, arguments.workers)
+        print_plan(spec, workers_of(arguments))
         return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")
@@ -173,11 +171,12 @@ def main(argv: Sequence[str]) -> int:
     command = told_command([*words, "--out", str(arguments.out)])
     if arguments.worker:
         _take_part(spec, arguments, command)
+        _sign(arguments.out, key)
         return 0
     panel = run_panel(
         spec,
         arguments.out,
-        workers=arguments.workers,
+        workers=workers_of(arguments),
         progress=not arguments.no_progress,
         policies=arguments.policies,
         command=command,
@@ -203,14 +202,19 @@ def main(argv: Sequence[str]) -> int:
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
-    if key is not None:
-        print(f"Signed by {sign(arguments.out, key).fingerprint}")
+    _sign(arguments.out, key)
     return 0
+
+
+def _sign(out: Path, key: Any) -> None:
+    """Sign the seal of a finished panel, if there is a key to do it with."""
+    if key is not None:
+        print(f"Signed by {sign(out, key).fingerprint}")
 
 
 def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> None:
     """Be one of several processes that finish a panel together."""
-    for name in ("executor", "address", "policies", "sign"):
+    for name in ("executor", "address"):
         if getattr(arguments, name) not in (None, "local"):
             raise ValueError(f"--{name} is not for --worker; leave one of them out")
     if arguments.cores_per_worker != 1:
@@ -220,10 +224,11 @@ def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> 
     done = work_on_panel(
         spec,
         arguments.out,
-        workers=arguments.workers,
+        workers=workers_of(arguments),
         gpus=bool(arguments.gpus_per_worker),
         lease=arguments.lease,
         progress=not arguments.no_progress,
+        policies=arguments.policies,
         command=command,
     )
     print(f"{plural(done, 'unit')} done here; all of the panel is finished.")

@@ -12,6 +12,7 @@ import msgspec
 
 from integ_gym.envs import (
     DISCRETIZATION,
+    ENGINES,
     ENVIRONMENTS,
     INTEGRATORS,
     NATIVE,
@@ -19,6 +20,7 @@ from integ_gym.envs import (
     environment_setup,
     testbed_of,
 )
+from integ_gym.support import unknown_name
 
 from ...panel import SpecError, map_of
 from ..numbers import Quantities
@@ -111,11 +113,13 @@ def predict(
         environment: other constructor arguments.
 
     Raises:
-        SpecError: where the task names no goal at rest, or the truth cannot reach it.
+        SpecError: where the task names no goal at rest, the truth cannot reach it, or the engine
+            applies a map that none of our integrators applies.
         TypeError, ValueError: for arguments that are not possible.
     """
     period = control_period or testbed_of(env_id, environment).home.control_period
     at = Discretization(integrator, dt, period, engine)
+    _check_twin(at)
     known, numbers = law(), Quantities(env_id, environment, _native(at))
     low, high = known.margins
     return Prediction(
@@ -140,8 +144,8 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         return None
     at = Discretization.of(environment_setup(env_id, arguments))
     own = _native(at)
-    if own.integrator not in INTEGRATORS.names() and ":" not in own.integrator:
-        return None  # a map of an engine's that ours have no twin of
+    if not _is_ours(own.integrator):
+        return None
     given = {name: value for name, value in arguments.items() if name not in DISCRETIZATION}
     try:
         loss = law().curve(Quantities(env_id, given, own))
@@ -168,6 +172,34 @@ def _finer(at: Discretization) -> Iterator[Discretization]:
     while steps <= FINEST:
         yield Discretization(at.integrator, at.control_period / steps, at.control_period, at.engine)
         steps *= 2
+
+
+def _is_ours(applied: str) -> bool:
+    """Whether our own engine applies a map: most are called as its integrators are."""
+    return applied in INTEGRATORS.names() or ":" in applied
+
+
+def _check_twin(at: Discretization) -> None:
+    """Refuse a map of an engine's that our own engine does not apply.
+
+    Raises:
+        SpecError: with the engine's integrators whose maps it applies, and what to do.
+        ValueError: for an unknown engine.
+    """
+    if at.engine == NATIVE or ":" in at.integrator:
+        return
+    maps: Mapping[str, str] = ENGINES.load(at.engine).maps
+    if at.integrator not in maps:
+        raise SpecError(unknown_name(f"integrator of {at.engine}", at.integrator, maps))
+    if _is_ours(map_of(at)):
+        return
+    alike = " and ".join(name for name, applied in maps.items() if _is_ours(applied))
+    raise SpecError(
+        f"nothing is predicted for {at.engine} {at.integrator}: the law was made on our own "
+        f"engine, none of whose integrators applies its map, {map_of(at)}; give "
+        f"{f'{alike} of {at.engine} or ' if alike else ''}an integrator of the native engine, or "
+        "measure it by a panel (integ-gym panel)"
+    )
 
 
 def _native(at: Discretization) -> Discretization:

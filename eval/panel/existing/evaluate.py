@@ -26,9 +26,10 @@ from ..results import (
 from ..running import (
     RunDirectory,
     Subject,
+    all_seconds,
+    as_there,
     baseline_of,
     evaluate_all,
-    evaluation_seconds,
 )
 from ..sharing import evaluate_on, write_pages
 from ..specification import PanelSpec
@@ -69,7 +70,7 @@ def evaluate_existing(
         SpawnError: where worker processes cannot be started, before anything is created.
         PanelError: if an evaluation fails; what was finished stays.
     """
-    row, home = existing.policy.policy_id, existing.home
+    row, home, spec = existing.policy.policy_id, existing.home, as_there(spec, out)
     content = {**spec.to_json(), "policy": existing.policy.content_hash, "home": existing.told}
     directory = RunDirectory(out, content, spec.engine_versions())
     subjects = [
@@ -79,7 +80,7 @@ def evaluate_existing(
     shared = cluster is not None and (cluster.remote or directory.storage.remote)
     elsewhere = cluster if shared else None
     if elsewhere is None:
-        processes = _processes(workers, evaluation_seconds(spec, subjects))
+        processes = _processes(workers, all_seconds(spec, subjects))
     else:
         processes = elsewhere.workers
     if processes:

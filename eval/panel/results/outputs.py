@@ -99,17 +99,17 @@ def trained(
 
 
 def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
-    """Numbers of seeds at which verdicts have been seen."""
-    looks = directory.looked(len(spec.seeds))
-    if len(looks) == 1 or not spec.family:
-        return {"looks": tuple(looks)}
-    return {
-        "looks": tuple(looks),
-        "warnings": (
-            f"Seeds were added after verdicts had been seen on {looks[-2]} of them: every look is "
-            "a chance of its own to be wrong.",
-        ),
-    }
+    """Numbers of seeds at which verdicts have been seen, and a warning of every second look."""
+    first = spec.parts()[0].episodes
+    seeds, episodes = directory.looked(len(spec.seeds), spec.episodes, first)
+    added = {"Seeds": (seeds, "of them"), "Episodes": (episodes, "of each seed")}
+    warnings = (
+        f"{what} were added after verdicts had been seen on {seen[-2]} {whose}: every look is a "
+        "chance of its own to be wrong."
+        for what, (seen, whose) in added.items()
+        if len(seen) > 1 and spec.family
+    )
+    return {"looks": tuple(seeds), "warnings": tuple(warnings)}
 
 
 def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:

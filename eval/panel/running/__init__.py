@@ -14,11 +14,13 @@ if TYPE_CHECKING:
         Evaluated,
         Subject,
         Tried,
+        all_seconds,
         batches_of,
         evaluate_all,
         evaluate_batch,
         evaluated,
         evaluation_seconds,
+        knowing_home,
         not_evaluated,
         not_tried,
         statuses,
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
         unit_of,
         unit_of_cell,
     )
-    from .panel import check_spec, complete, opened, subject_of
+    from .panel import as_there, check_spec, complete, opened, subject_of
+    from .reuse import bring, finished_policies
     from .run_directory import (
         MANIFEST,
         RunDirectory,

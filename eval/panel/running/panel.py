@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.support import LEASE, Storage, cores
+from integ_gym.support import LEASE, Storage, as_storage, cores
 from integ_gym.train import Workers, fleet_workers, read_trained, readable_file
 
-from ..specification import PanelSpec, SpecError
+from ..specification import PanelSpec, SpecError, continued
 from .costs import check_cost
 from .evaluation import Subject, evaluate_all, evaluated
 from .reuse import bring, finished_policies
-from .run_directory import RunDirectory
+from .run_directory import MANIFEST, RunDirectory, read_manifest
 from .training import check_training, train_units
 from .units import Unit, baseline_of, is_card_of, units_of
 from .work import PanelError
@@ -50,6 +50,24 @@ def check_spec(
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
+def as_there(spec: PanelSpec, out: Path | Storage) -> PanelSpec:
+    """The same panel with its episodes in the parts in which a directory has them; see `parts`.
+
+    Args:
+        spec: the panel.
+        out: its directory, or where else it is kept.
+
+    Raises:
+        RunDirectoryError: if what the directory says of its run is damaged.
+    """
+    storage = as_storage(out)
+    storage.fetch(MANIFEST)
+    manifest = storage.path / MANIFEST
+    if not manifest.exists():
+        return spec
+    return continued(spec, read_manifest(manifest)["specification"])
+
+
 @contextmanager
 def opened(
     spec: PanelSpec,
@@ -79,7 +97,6 @@ def opened(
     with directory.opened(lease):
         if source is not None:
             bring(source, directory, spec)
-            directory.storage.keep("evidence", "policies", "units")
         yield directory
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -44,6 +43,8 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
 def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
     """Copy every policy that is not there yet; its marker comes last.
 
+    Whoever does so again, or beside another who is taken for dead, writes the same.
+
     Args:
         source: what :func:`finished_policies` found.
         directory: held by the caller.
@@ -52,10 +53,9 @@ def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> Non
     for unit in trained_units(spec):
         if not is_there(spec, directory, unit):
             directory.discard_remains(unit.training)
-            target = directory.policies / unit.policy
-            shutil.rmtree(target, ignore_errors=True)
-            shutil.copytree(source.policies / unit.policy, target)
+            directory.adopt_policy(source, unit.policy)
             directory.adopt(source, unit.training)
+    directory.storage.keep("evidence", "policies", "units")
 
 
 def _check(source: RunDirectory, unit: Unit, key: str) -> None:

@@ -43,6 +43,12 @@ PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "to
 RECORDS = "records"
 """Of a marker: SHA-256 of the unit's records; null where no training episode came to its end."""
 
+FIRST = "first"
+"""Of a marker: the first episode of what was evaluated or tried."""
+
+_LOOKS, _EPISODE_LOOKS = "looks", "episode_looks"
+"""Of a manifest: numbers of seeds, and of episodes of each, at which verdicts were seen."""
+
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
     "train": {"policy": str, RECORDS: (str, type(None))},
@@ -70,7 +76,7 @@ class RunDirectory:
     Args:
         path: the directory, or where else the run is kept.
         specification: what the run is; another one in the same directory is refused, but for
-            one with more seeds, rows, cells or perturbations.
+            one with more seeds, episodes, rows, cells or perturbations.
         engines: versions of the distributions behind foreign engines; so are others of them.
     """
 
@@ -157,10 +163,27 @@ class RunDirectory:
         with self._held(SHARED, lease) as own:
             if own is None:
                 retire(self.storage, DRIVEN)
-            self.storage.fetch(MANIFEST)
+            self.storage.fetch(MANIFEST, SEAL_FILE)
             self._check()
+            self._lift_seal_to_grow()
             self._write_manifest()
             yield
+
+    def _lift_seal_to_grow(self) -> None:
+        """Put the seal of a finished run aside before its manifest tells more than it did.
+
+        Of several who do so at once, one is first; what it writes is no damage to the others.
+        """
+        if self._is_as_specified() or not (self.path / SEAL_FILE).exists():
+            return
+        self.storage.fetch()
+        self.desk.open()
+        try:
+            self.lift_seal(self.desk.root)
+        except RunDirectoryError:
+            self.storage.fetch(MANIFEST)
+            if not self._is_as_specified():
+                raise
 
     def _begin(self) -> None:
         """Refuse what is no run before anything is written; make the folders of one."""
@@ -218,10 +241,13 @@ class RunDirectory:
     def is_finished(self) -> bool:
         """Whether the run was sealed as it is specified now; its files are not looked at."""
         self.storage.fetch(MANIFEST, SEAL_FILE)
+        return (self.path / SEAL_FILE).exists() and self._is_as_specified()
+
+    def _is_as_specified(self) -> bool:
+        """Whether the manifest tells what is specified now."""
         manifest = self.path / MANIFEST
-        if not (self.path / SEAL_FILE).exists() or not manifest.exists():
-            return False
-        return bool(read_manifest(manifest)["specification"] == self._specification)
+        held = read_manifest(manifest)["specification"] if manifest.exists() else None
+        return bool(held == self._specification)
 
     def lift_seal(self, into: Path | None = None) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
@@ -254,12 +280,24 @@ class RunDirectory:
                 os.replace(self.path / SEAL_FILE, into / SEAL_FILE)
         self.storage.drop_missing()
 
-    def looked(self, seeds: int) -> list[int]:
-        """Note that verdicts on so many seeds are about to be seen; all such numbers so far."""
+    def looked(self, seeds: int, episodes: int, first: int) -> tuple[list[int], list[int]]:
+        """Note that verdicts on so many seeds and episodes of each are about to be seen.
+
+        Args:
+            seeds: how many there are.
+            episodes: how many each has.
+            first: how many each had in the beginning, which were seen where only seeds are noted.
+
+        Returns:
+            All numbers so far: of seeds, and of episodes.
+        """
         manifest = read_manifest(self.path / MANIFEST)
-        looks = sorted({*manifest.get("looks", ()), seeds})
-        if looks != manifest.get("looks"):
-            write_json(self.path / MANIFEST, {**manifest, "looks": looks})
+        before = manifest.get(_LOOKS, [])
+        of_episodes = manifest.get(_EPISODE_LOOKS, [first] if before else [])
+        looks = sorted({*before, seeds}), sorted({*of_episodes, episodes})
+        told = {**manifest, _LOOKS: looks[0], _EPISODE_LOOKS: looks[1]}
+        if told != manifest:
+            write_json(self.path / MANIFEST, told)
         return looks
 
     def _write_manifest(self) -> None:
@@ -461,6 +499,15 @@ class RunDirectory:
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
         write_json(self._marker(unit), {"key": key, **times, **found, **facts})
 
+    def adopt_policy(self, other: RunDirectory, policy: str) -> None:
+        """Take a policy's files from another directory, file by file, each in one step."""
+        files = {file.name: file for file in (other.policies / policy).iterdir()}
+        for remains in (self.policies / policy).glob("*"):
+            if remains.name not in files:
+                self._discard(remains)
+        for name, file in files.items():
+            replace_file(self.policies / policy / name, file.read_bytes())
+
     def adopt(self, other: RunDirectory, unit: str) -> None:
         """Take a finished unit's records, and then its marker, from another directory."""
         if other.has_records(unit):
@@ -515,6 +562,16 @@ def _few(values: Sequence[Any]) -> str:
     return f"{values[0]} to {values[-1]}" if values else "none"
 
 
+def first_of(marker: Mapping[str, Any]) -> int:
+    """First episode of a unit; 0 of one from before there could be others."""
+    return int(marker.get(FIRST, 0))
+
+
+def told_first(episode: int) -> str:
+    """End of the name of a unit whose episodes begin with one; nothing for those from the start."""
+    return f"-from-{episode}" if episode else ""
+
+
 def key_of(engines: Mapping[str, str], **parts: Any) -> str:
     """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
     text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
@@ -541,7 +598,11 @@ def _is_cut_off(file: Path) -> bool:
 
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
-    return _read(path, _noted(path.stem), "remove it to do the unit again")
+    remedy = "remove it to do the unit again"
+    held = _read(path, _noted(path.stem), remedy)
+    if type(held.get(FIRST, 0)) is not int:
+        raise RunDirectoryError(f"{path} is damaged: {FIRST!r} must be a whole number; {remedy}")
+    return held
 
 
 def _noted(unit: str) -> Kinds:

@@ -33,6 +33,7 @@ from ..running import (
     RunDirectory,
     Subject,
     Work,
+    all_seconds,
     evaluated,
     evaluation_seconds,
     memory_of,
@@ -111,15 +112,19 @@ def _evaluate(
     progress: bool,
     own: bool,
 ) -> None:
-    seconds = evaluation_seconds(spec, subjects)
-    waiting = not_evaluated(spec, directory, subjects)
+    seconds = all_seconds(spec, subjects)
+    left = sum(
+        evaluation_seconds(part, not_evaluated(part, directory, subjects)) for part in spec.parts()
+    )
     bar = panel_bar(label, seconds, progress)
     with working_on(cluster, bar, _prepare(cluster, spec)) as work:
-        work.skip(seconds - evaluation_seconds(spec, waiting))
+        work.skip(seconds - left)
         cells = planning.trying(spec, directory)
         _do_all(directory, work, "trying what can be done", dict.fromkeys(cells))
-        batches = planning.batches(spec, directory, subjects, cluster.workers)
-        _do_all(directory, work, "evaluating", {unit: None if own else b for unit, b in batches})
+        for part in spec.parts():
+            batches = planning.batches(part, directory, subjects, cluster.workers)
+            given = {unit: None if own else batch for unit, batch in batches}
+            _do_all(directory, work, "evaluating", given)
 
 
 def _prepare(cluster: Cluster, spec: PanelSpec) -> Callable[[int], None] | None:

@@ -13,6 +13,7 @@ from ..running import (
     Unit,
     batches_of,
     divide,
+    knowing_home,
     not_evaluated,
     not_tried,
     subject_of,
@@ -47,12 +48,17 @@ def _together(chunks: Sequence[Sequence[Unit]]) -> list[SharedUnit]:
 
 def trying(spec: PanelSpec, directory: RunDirectory) -> list[SharedUnit]:
     """Cells in which it is not known what can be done."""
-    cells = not_tried(spec, directory)
-    return [SharedUnit("try", unit_of_cell(cell), cell=cell.name) for cell in cells]
+    return [
+        SharedUnit("try", unit_of_cell(part, cell), cell=cell.name, first=part.latest.start)
+        for part, cell in not_tried(spec, directory)
+    ]
 
 
 def evaluating(spec: PanelSpec, directory: RunDirectory, workers: int) -> list[SharedUnit]:
-    """Batches of policies that are evaluated side by side; all are trained."""
+    """Batches of policies that are evaluated side by side from the starts that came last.
+
+    All are trained, and evaluated from the starts before.
+    """
     subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
     return [unit for unit, _ in batches(spec, directory, subjects, workers)]
 
@@ -60,8 +66,8 @@ def evaluating(spec: PanelSpec, directory: RunDirectory, workers: int) -> list[S
 def batches(
     spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject], workers: int
 ) -> list[tuple[SharedUnit, tuple[Subject, ...]]]:
-    """Batches of given policies."""
-    waiting = not_evaluated(spec, directory, subjects)
+    """Batches of given policies, from the starts that came last."""
+    waiting = knowing_home(spec, directory, not_evaluated(spec, directory, subjects))
     return [
         (
             SharedUnit(
@@ -69,6 +75,12 @@ def batches(
                 unit_of(spec, batch)[0],
                 policies=tuple(subject.policy.policy_id for subject in batch),
                 recorded=tuple(sorted(batch[0].recorded)),
+                first=spec.latest.start,
+                at_home=tuple(
+                    (subject.policy.policy_id, home, *counts)
+                    for subject in batch
+                    for home, counts in subject.at_home.items()
+                ),
             ),
             batch,
         )

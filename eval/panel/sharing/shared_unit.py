@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -42,6 +42,9 @@ class SharedUnit:
         policies: that are trained together, or evaluated together.
         recorded: cells of these policies that there are records of.
         cell: that is tried.
+        first: the first of the episodes that it is done from, which are those that came at a time.
+        at_home: policies' earlier episodes at home: policy, cell, of how many of how many it
+            succeeded.
     """
 
     kind: Kind
@@ -49,12 +52,15 @@ class SharedUnit:
     policies: tuple[str, ...] = ()
     recorded: tuple[str, ...] = ()
     cell: str = ""
+    first: int = 0
+    at_home: tuple[tuple[str, str, int, int], ...] = ()
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> SharedUnit:
         """From plain data, as :func:`dataclasses.asdict` gives it and JSON keeps it."""
         lists = {name: tuple(plain[name]) for name in ("policies", "recorded")}
-        return cls(**{**plain, **lists})
+        at_home = tuple(tuple(told) for told in plain["at_home"])
+        return cls(**{**plain, **lists, "at_home": at_home})
 
     def plain(self) -> dict[str, Any]:
         """As plain data."""
@@ -97,12 +103,14 @@ def _do(run: Storage, staged: Path, unit: SharedUnit, subjects: Sequence[Subject
     there.make_folders()
     if unit.kind == "train":
         _train(spec, directory, there, unit.policies)
-    elif unit.kind == "try":
+        return
+    (part,) = (part for part in spec.parts() if part.latest.start == unit.first)
+    if unit.kind == "try":
         (cell,) = (cell for cell in spec.columns() if cell.name == unit.cell)
-        try_and_note(spec, there, cell)
+        try_and_note(part, there, cell)
     else:
-        given = subjects or _subjects(spec, directory, unit)
-        evaluate_batch(spec, there, given, statuses(directory))
+        given = subjects or _subjects(part, directory, unit)
+        evaluate_batch(part, there, given, statuses(part, directory))
 
 
 def _train(
@@ -121,7 +129,13 @@ def _train(
 def _subjects(spec: PanelSpec, directory: RunDirectory, unit: SharedUnit) -> list[Subject]:
     found = {one.policy: one for one in units_of(spec) if one.policy in unit.policies}
     subjects = [subject_of(spec, directory, found[policy]) for policy in unit.policies]
-    return [subject.waiting(unit.recorded) for subject in subjects]
+    told: dict[str, dict[str, tuple[int, int]]] = {}
+    for policy, home, *counts in unit.at_home:
+        told.setdefault(policy, {})[home] = counts[0], counts[1]
+    return [
+        replace(subject.waiting(unit.recorded), at_home=told.get(subject.policy.policy_id, {}))
+        for subject in subjects
+    ]
 
 
 def _inputs(spec: PanelSpec, run: Storage, unit: SharedUnit) -> Iterator[str]:
@@ -132,7 +146,8 @@ def _inputs(spec: PanelSpec, run: Storage, unit: SharedUnit) -> Iterator[str]:
         if unit.kind == "train":
             yield f"evidence/train-{policy}.parquet"
     if unit.kind == "evaluate":
-        names = (f"units/{unit_of_cell(cell)}.json" for cell in spec.columns())
+        cells = ((part, cell) for part in spec.parts() for cell in part.columns())
+        names = (f"units/{unit_of_cell(part, cell)}.json" for part, cell in cells)
         yield from (name for name in names if not (run.path / name).exists())
 
 

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from integ_gym.support import (
@@ -29,7 +31,16 @@ from integ_gym.support import (
 from integ_gym.train import Workers, preparation
 
 from ..results import write_artefact
-from ..running import UNITS, PanelError, RunDirectory, check_spec, memory_of, note_division
+from ..running import (
+    UNITS,
+    PanelError,
+    RunDirectory,
+    bring,
+    check_spec,
+    finished_policies,
+    memory_of,
+    note_division,
+)
 from ..specification import PanelSpec
 from . import planning
 from .driving import PAGES, commit_pages, in_time
@@ -46,6 +57,7 @@ class Share:
         lease: time after which a unit whose process is silent is taken over, s.
         progress: show bars.
         command: how to run this again, for the page.
+        policies: directory of a finished panel whose policies are taken instead of training.
     """
 
     workers: int
@@ -53,6 +65,7 @@ class Share:
     lease: float = LEASE
     progress: bool = True
     command: str = "integ_gym.run_panel"
+    policies: Path | None = None
 
 
 def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
@@ -76,10 +89,11 @@ def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     if directory.is_finished():
         return 0
+    source = None if share.policies is None else finished_policies(share.policies, spec)
     with directory.joined(share.lease):
         if not out.remote:
             out.check()
-        worker = _Worker(spec, directory, fleet, share)
+        worker = _Worker(spec, directory, fleet, share, source)
         with suppress(Gone):  # whoever made the page cleared away what is no longer needed
             worker.work()
         if not out.remote and not directory.desk.claims.exists():
@@ -94,12 +108,18 @@ class _Worker:
     """This process's part in a panel."""
 
     def __init__(
-        self, spec: PanelSpec, directory: RunDirectory, fleet: Workers, share: Share
+        self,
+        spec: PanelSpec,
+        directory: RunDirectory,
+        fleet: Workers,
+        share: Share,
+        source: RunDirectory | None,
     ) -> None:
         self._spec = spec
         self._directory = directory
         self._fleet = fleet
         self._share = share
+        self._source = source
         self._desk = directory.desk
         self._rng = random.Random()
         self.done = 0
@@ -112,8 +132,10 @@ class _Worker:
         phases: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
             "training": lambda: planning.training_and_division(spec, directory, fleet, memory),
             "trying what can be done": lambda: (planning.trying(spec, directory), None),
-            "evaluating": lambda: (planning.evaluating(spec, directory, fleet.count), None),
         }
+        for part in spec.parts():
+            told = f"evaluating from {part.latest.start}" if part.latest.start else "evaluating"
+            phases[told] = partial(self._evaluating, part)
         for number, (phase, plan) in enumerate(phases.items()):
             self._phase(str(number), phase, plan)
         last = str(len(phases))
@@ -121,6 +143,9 @@ class _Worker:
         self._desk.planned(last)
         for claim in self._taken(last, [PAGES]):
             self._write_pages(claim)
+
+    def _evaluating(self, part: PanelSpec) -> tuple[Sequence[SharedUnit], None]:
+        return planning.evaluating(part, self._directory, self._fleet.count), None
 
     def _write_pages(self, claim: Claim) -> None:
         """Write all that is made of the records; who is overtaken leaves it as another made it."""
@@ -170,6 +195,8 @@ class _Worker:
             directory.end_others()
             directory.lift_seal(self._desk.root)
         directory.storage.fetch()
+        if name == "0" and self._source is not None:
+            bring(self._source, directory, self._spec)
         units, division = plan()
         if self._desk.plan(name, [unit.plain() for unit in units], BLOCK, division):
             note_division(directory, division)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         training_arguments,
     )
     from .checks import TRAINERS
-    from .difference import GROWING, additions, contradictions
+    from .difference import GROWING, additions, continued, contradictions
     from .growth import grown, inputs, stages
     from .panel_spec import ALGORITHM, PanelSpec
     from .planned import names_code, planned_home, planned_spec, texts_of

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from integ_gym.envs import Discretization
+from integ_gym.support import plural
+
+from .panel_spec import PanelSpec
 
 GROWING: Final = "seeds"
 """List to which more may be added at the end."""
+
+EPISODES: Final = ("episodes", "episode_parts")
+"""How many starts there are, to which more may be added, and how many came at a time."""
 
 WORDS: Final = ("question", "sources")
 """What may be another: words for people, and what follows from the lists."""
@@ -27,6 +34,9 @@ def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
     if new:
         yield f"{GROWING} {', '.join(map(str, new))}"
+    more = sum(_parts(now)) - sum(_parts(held))
+    if more:
+        yield f"{plural(more, 'more episode')}{' a seed' if now.get(GROWING) else ''}"
     if held.get("question") != now.get("question"):
         yield "question"
 
@@ -41,8 +51,38 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     for name in _LISTS:
         for lost in _lacking(name, held, now):
             yield f"it has {lost}, which is missing now"
-    same = {name: now.get(name) for name in (GROWING, *WORDS, *_LISTS)}
+    one, other = _parts(held), _parts(now)
+    differ = any(held.get(name) != now.get(name) for name in EPISODES)
+    if differ and not (one and other[: len(one)] == one):
+        yield f"`episodes` {_summed(one)} (now {_summed(other)})"
+    same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
+
+
+def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
+    """The same panel with its episodes in the parts in which a directory has them, and then more.
+
+    Args:
+        spec: what is asked for there, unchanged if it says the parts itself or has fewer.
+        held: what the directory was begun with, as plain data.
+    """
+    parts = _parts(held)
+    more = spec.episodes - sum(parts)
+    if spec.episode_parts or more < 0:
+        return spec
+    grown = (*parts, more) if more and parts else parts
+    return replace(spec, episode_parts=grown if len(grown) > 1 else ())
+
+
+def _parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
+    """How many episodes a plan has, in parts; none of one that is damaged."""
+    told = plan.get("episode_parts") or [plan.get("episodes")]
+    whole = isinstance(told, list) and all(type(part) is int for part in told)
+    return tuple(told) if whole else ()
+
+
+def _summed(parts: Sequence[int]) -> str:
+    return " + ".join(map(str, parts)) or "none"
 
 
 def _lacking(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
@@ -37,6 +38,9 @@ ALGORITHM = "algorithm"
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
+_LATER = ("sweeps", "episode_parts")
+"""Attributes that are told where there is something to tell; specifications of before lack them."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PanelSpec:
@@ -67,6 +71,9 @@ class PanelSpec:
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20
+    """Starts of every seed."""
+    episode_parts: tuple[int, ...] = ()
+    """How many of them came at a time, in order, where they did not come all at once."""
     episode_seed: int = 1000
     trace_every: int = 1
     """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
@@ -89,6 +96,28 @@ class PanelSpec:
     def reference(self) -> Discretization | None:
         """The truth column: the plant solved to rounding under the same zero-order hold."""
         return self.testbed.truth(self.control_period)
+
+    @property
+    def latest(self) -> range:
+        """Episodes that came last: all, where they came at once."""
+        return range(self.episodes - (self.episode_parts or (self.episodes,))[-1], self.episodes)
+
+    def parts(self) -> tuple[PanelSpec, ...]:
+        """The panel with the episodes that came first, with those after them, and whole.
+
+        How many starts a network answers at once shows in the last bits of its actions, so what is
+        evaluated is what is :attr:`latest` in one of these, and depends on nothing that came later.
+        """
+        totals = [*accumulate(self.episode_parts)]
+        return (
+            *(self._after(place + 1, total) for place, total in enumerate(totals[:-1])),
+            self,
+        )
+
+    def _after(self, parts: int, episodes: int) -> PanelSpec:
+        """The same with the first parts of its episodes alone."""
+        own = self.episode_parts[:parts] if parts > 1 else ()
+        return replace(self, episodes=episodes, episode_parts=own)
 
     def start_seed(self, starts: int, episode: int) -> int:
         """Seed of a start, the same in every cell.
@@ -198,7 +227,8 @@ class PanelSpec:
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
-        silent = _NO_RESULT if self.sweeps else (*_NO_RESULT, "sweeps")
+        empty = (name for name in _LATER if not getattr(self, name))
+        silent = (*_NO_RESULT, *empty)
         told = [f.name for f in fields(self) if f.name not in silent]
         plain = {name: _plain(getattr(self, name)) for name in told}
         return {**plain, "trainer": self._trainer(), "sources": self._sources()}

@@ -38,6 +38,7 @@ class _Plan(msgspec.Struct, kw_only=True):
     compare: list[tuple[str, str]]
     ladder: bool
     episodes: int
+    episode_parts: list[int] = []
     episode_seed: int
     trace_every: int
 
@@ -56,6 +57,8 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
         held = msgspec.structs.asdict(told)
         own: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in held.items()}
         own |= {"trainer": str(told.trainer["name"]), "train": tuple(map(_home, told.train))}
+        if told.episode_parts and sum(told.episode_parts) != told.episodes:
+            raise SpecError("its specification is damaged: `episode_parts` do not add up")
         return PanelSpec(**own)
     except (KeyError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None

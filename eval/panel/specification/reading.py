@@ -24,7 +24,18 @@ from .cells import (
 )
 from .checks import check_environment, check_parts
 from .panel_spec import PanelSpec
-from .values import SpecError, check_keys, flag, integer, list_of, pair_of, positive, table, text
+from .values import (
+    SpecError,
+    check_keys,
+    flag,
+    integer,
+    list_of,
+    many,
+    pair_of,
+    positive,
+    table,
+    text,
+)
 
 BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
@@ -37,7 +48,6 @@ _VALUES: dict[str, Callable[[str, Any], Any]] = {
     "trainer": text,
     "memory_gib": positive,
     "ladder": flag,
-    "episodes": integer,
     "episode_seed": integer,
     "exploratory_seeds": integer,
     "trace_every": integer,
@@ -56,7 +66,8 @@ LARGEST_FILE = 1 << 20
 """Bytes of a specification, at most."""
 
 _KEYS = (
-    *_VALUES, *_LISTS, "environment", "training", "train", "evaluate", "perturbations", "sweep",
+    *_VALUES, *_LISTS, "episodes", "environment", "training", "train", "evaluate", "perturbations",
+    "sweep",
 )  # fmt: skip
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
 
@@ -132,6 +143,8 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     for key, read in _LISTS.items():
         if key in data:
             given[key] = tuple(read(key, value) for value in list_of(data, key))
+    if "episodes" in data:
+        given |= _episodes(data["episodes"])
     given |= {key: dict(table(data, key)) for key in ("environment", "training")}
     check_environment(given["environment"])
     testbed = testbed_of(given["env_id"], given["environment"])
@@ -147,3 +160,11 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         sweeps=sweeps_of(data, nominal),
         left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
     )
+
+
+def _episodes(value: Any) -> dict[str, Any]:
+    """How many there are, and in which parts, where there are several."""
+    parts = tuple(integer("episodes", part) for part in many(value))
+    if 0 in parts or not parts:
+        raise SpecError(f"`episodes` must be 1 or above, or a list of such parts, got {value!r}")
+    return {"episodes": sum(parts), "episode_parts": parts if len(parts) > 1 else ()}

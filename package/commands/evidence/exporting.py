@@ -9,6 +9,8 @@ from pathlib import Path
 from integ_gym.evidence import EXPORT_FORMATS, TEXT_FORMATS, EvidenceError, EvidenceStore, export
 from integ_gym.support import plural
 
+from ..work_options import add_progress
+
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The options of `export`."""
@@ -28,7 +30,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--where", metavar="SQL", default="TRUE",
         help="export records that meet this condition (default: all)",
     )  # fmt: skip
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_progress(command)
 
 
 def run(store: EvidenceStore, given: argparse.Namespace) -> int:

@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from .subjects import Subject
     from .units import (
         Evaluated,
+        all_seconds,
         batches_of,
         evaluate_all,
         evaluate_batch,
         evaluated,
         evaluation_seconds,
+        knowing_home,
         not_evaluated,
         statuses,
         unit_of,

@@ -1,14 +1,17 @@
 """What can be done in a cell at all, tried before any policy is judged in it.
 
 A hand-made controller acts from the starts of the first training seeds; where it fails, a search
-over controls tells whether the goal's energy can be reached. Each cell is a unit of work.
+over controls tells whether the goal's energy can be reached. Each cell is a unit of work, with the
+starts that came at a time.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -25,7 +28,7 @@ from ...specification import (
     file_name,
     inputs,
 )
-from ..run_directory import RunDirectory, key_of
+from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..units import baseline_of
 from ..work import Work
 from .subjects import Subject, second_horizon, success_of
@@ -62,40 +65,52 @@ class Tried:
         return achieved([*others, *own], self.search)
 
 
-def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> dict[str, Tried]:
-    """Try every cell of the matrix that has not been tried, each a unit; all, by cell."""
-    waiting = {cell.name: (spec, directory, cell) for cell in not_tried(spec, directory)}
+def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> None:
+    """Try every cell of the matrix that has not been tried, each a unit."""
+    waiting = {
+        unit_of_cell(part, cell): (part, directory, cell)
+        for part, cell in not_tried(spec, directory)
+    }
     work.do("trying what can be done", try_and_note, waiting)
-    return tried(directory)
 
 
-def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[Cell]:
-    """Cells of the matrix that have not been tried.
+def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec, Cell]]:
+    """Cells of the matrix that have not been tried, each with the part of the panel that it is of.
 
     Raises:
         RunDirectoryError: if one was tried under another specification or version.
     """
     return [
-        cell
-        for cell in spec.columns()
-        if directory.finished(unit_of_cell(cell), _key(spec, cell), records=False) is None
+        (part, cell)
+        for part in spec.parts()
+        for cell in part.columns()
+        if directory.finished(unit_of_cell(part, cell), _key(part, cell), records=False) is None
     ]
 
 
-def tried(directory: RunDirectory) -> dict[str, Tried]:
-    """What was tried, by cell."""
-    return {marker["cell"]: _read(marker) for marker in directory.markers(PREFIX).values()}
+def tried(directory: RunDirectory, episodes: float = math.inf) -> dict[str, Tried]:
+    """What was tried, by cell.
+
+    Args:
+        directory: of the run.
+        episodes: how many starts of a seed are looked at.
+    """
+    markers = sorted(directory.markers(PREFIX).values(), key=first_of)
+    found: dict[str, list[Tried]] = {}
+    for marker in markers:
+        if first_of(marker) < episodes:
+            found.setdefault(marker["cell"], []).append(_read(marker))
+    return {cell: _together(parts) for cell, parts in found.items()}
 
 
 def try_cell(spec: PanelSpec, cell: Cell) -> Tried:
-    """What can be done in a cell."""
+    """What can be done in a cell, from the starts that came last."""
     success, recovered = (), ()
     if HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller):
         controller = baseline_of(spec, HANDMADE)
         subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
-        episodes = range(spec.episodes)
-        found = success_of(spec, cell, subjects, episodes)
-        later = second_horizon(spec, cell, subjects, episodes, found)
+        found = success_of(spec, cell, subjects, spec.latest)
+        later = second_horizon(spec, cell, subjects, spec.latest, found)
         success = tuple(found.ravel().astype(float).tolist())
         recovered = success if later is None else tuple(later.ravel().astype(float).tolist())
     solved = bool(recovered) and float(np.mean(recovered)) >= ACHIEVED
@@ -106,8 +121,8 @@ def _search(spec: PanelSpec, cell: Cell) -> Search | None:
     """What a search over controls reaches from the first starts; None where there is none."""
     if spec.testbed.horizon is None:
         return None
-    environments = environments_of(spec.testbed, cell, spec.episodes)
-    seeds = [spec.start_seed(spec.start_sets[0], episode) for episode in range(spec.episodes)]
+    environments = environments_of(spec.testbed, cell, len(spec.latest))
+    seeds = [spec.start_seed(spec.start_sets[0], episode) for episode in spec.latest]
     environments.reset(seed=seeds)  # type: ignore[arg-type]
     starts = np.stack(environments.state_components, axis=-1)
     setup = environments.setups[0]
@@ -126,7 +141,7 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
     found = try_cell(spec, cell)
     search = None if found.search is None else vars(found.search)
     directory.finish(
-        unit_of_cell(cell), _key(spec, cell), start,
+        unit_of_cell(spec, cell), _key(spec, cell), start, first=spec.latest.start,
         cell=cell.name, success=found.success, recovered=found.recovered, search=search,
     )  # fmt: skip
 
@@ -140,9 +155,23 @@ def _read(marker: Mapping[str, Any]) -> Tried:
     )
 
 
-def unit_of_cell(cell: Cell) -> str:
-    """Name of the unit that tries a cell."""
-    return f"{PREFIX}{file_name(cell.name)}"
+def _together(parts: Sequence[Tried]) -> Tried:
+    """What was tried from all starts; a search rules the goal out where it was made from all."""
+    searches = [own.search for own in parts if own.search is not None]
+    search = None
+    if len(searches) == len(parts):
+        highest = tuple(chain.from_iterable(own.highest for own in searches))
+        search = replace(searches[0], highest=highest)
+    return Tried(
+        tuple(chain.from_iterable(own.success for own in parts)),
+        tuple(chain.from_iterable(own.recovered for own in parts)),
+        search,
+    )
+
+
+def unit_of_cell(spec: PanelSpec, cell: Cell) -> str:
+    """Name of the unit that tries a cell from the starts that came last."""
+    return f"{PREFIX}{file_name(cell.name)}{told_first(spec.latest.start)}"
 
 
 def _key(spec: PanelSpec, cell: Cell) -> str:

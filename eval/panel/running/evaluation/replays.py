@@ -38,6 +38,8 @@ class Successes:
         whole: whether every policy's episodes at home are all here, so that its success there is
             known.
         homeless: policies that were trained nobody says where.
+        before: of every policy, of how many of how many earlier episodes at home it succeeded, by
+            cell.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class Successes:
         statuses: Mapping[str, str] | None = None,
         whole: bool = True,
         homeless: Collection[int] = (),
+        before: Sequence[Mapping[str, tuple[int, int]]] = (),
     ) -> None:
         self._homes = homes
         self._environment = environment
@@ -56,6 +59,7 @@ class Successes:
         self._statuses = statuses or {}
         self._whole = whole
         self._homeless = homeless
+        self._before = before
         self._awaited = [{_key(cell) for cell in own} for own in cells]
         self._known: dict[tuple[int, Key], Flags] = {}
         self._recovered: dict[tuple[int, Key], Flags | None] = {}
@@ -97,8 +101,18 @@ class Successes:
         home = self._homes[place]
         shares = {} if home is None or not self._whole else home.shares
         rates = {d: self._known.get((place, (d, None))) for d in shares}
-        known = [shares[d] * float(flags.mean()) for d, flags in rates.items() if flags is not None]
+        known = [
+            shares[d] * self._rate(place, d, flags)
+            for d, flags in rates.items()
+            if flags is not None
+        ]
         return sum(known) if known and len(known) == len(shares) else None
+
+    def _rate(self, place: int, home: Discretization, flags: Flags) -> float:
+        """Share of a policy's episodes at home that succeeded, earlier ones among them."""
+        told = self._before[place] if self._before else {}
+        succeeded, episodes = told.get(home.name, (0, 0))
+        return (succeeded + int(flags.sum())) / (episodes + flags.size)
 
     def _needed(self, cell: Cell, place: int) -> set[Key]:
         return _rests_on(cell, self._homes[place])

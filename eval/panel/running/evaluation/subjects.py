@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +40,8 @@ class Subject:
         home_known: whether ``home`` tells all; False for what was trained nobody says where.
         recorded: cells, by name, of which there are records; they are run again only where
             labels in others rest on them.
+        at_home: earlier episodes in what it was trained on: of how many of how many it succeeded,
+            by cell.
     """
 
     policy: Policy
@@ -49,6 +51,7 @@ class Subject:
     starts: int = 0
     home_known: bool = True
     recorded: frozenset[str] = frozenset()
+    at_home: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def missing(self) -> tuple[Cell, ...]:
@@ -76,12 +79,12 @@ class _Played(NamedTuple):
 
 
 def divided(spec: PanelSpec, parts: int) -> list[range]:
-    """The episodes of a panel in parts of about one size.
+    """The episodes of a panel that came last, in parts of about one size.
 
     Only where lanes are run one by one does a record not depend on the division: how many
     observations a network is given at once shows in the last bits of its actions.
     """
-    shares = np.array_split(np.arange(spec.episodes), min(parts, spec.episodes))
+    shares = np.array_split(spec.latest, min(parts, len(spec.latest)))
     return [range(own[0], own[-1] + 1) for own in shares]
 
 
@@ -113,6 +116,7 @@ def evaluate(
         episodes.start,
         statuses,
         whole=spec.testbed.batched,
+        before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
     )
     waiting: list[_Played] = []

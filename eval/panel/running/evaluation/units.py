@@ -1,7 +1,8 @@
 """Evaluation as units of work: batches of policies, each finished by one atomic commit.
 
 Which policies share a batch depends on cores and memory. A batch's marker lists its policies with
-their hashes, so that another division goes on where an interrupted one ended.
+their hashes, so that another division goes on where an interrupted one ended. A batch has the
+starts that came at a time (:meth:`PanelSpec.parts`): where a panel is meant, its last part is.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from integ_gym.evidence import EvidenceStore, Layout
 
 from ...specification import Cell, PanelSpec, engine_versions, inputs
 from ..costs import cell_seconds, cell_timing
-from ..run_directory import RunDirectory, key_of
+from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..work import Work, working
 from .achievability import Tried, tried, try_cells
 from .subjects import Subject, divided, evaluate
@@ -57,16 +59,20 @@ class Evaluated(NamedTuple):
         return tuple(f"evidence/{unit}.parquet" for unit in self.units)
 
 
-def evaluated(directory: RunDirectory, *, lost: bool = False) -> dict[str, Evaluated]:
+def evaluated(
+    directory: RunDirectory, *, lost: bool = False, first: int | None = None
+) -> dict[str, Evaluated]:
     """The evaluations that are there, by policy.
 
     Args:
         directory: of the run.
         lost: also those of units whose records are gone.
+        first: only those whose episodes begin with this one.
     """
     found: dict[str, Evaluated] = {}
     for unit, marker in directory.markers(PREFIX).items():
-        if not (lost or directory.has_records(unit)):
+        other = first is not None and first_of(marker) != first
+        if other or not (lost or directory.has_records(unit)):
             continue
         for policy, policy_hash in marker["policies"].items():
             before = found.get(policy, Evaluated((), policy_hash, frozenset()))
@@ -78,7 +84,9 @@ def evaluated(directory: RunDirectory, *, lost: bool = False) -> dict[str, Evalu
 def not_evaluated(
     spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
 ) -> list[Subject]:
-    """Subjects with cells that are not evaluated; what killed or damaged units left is removed.
+    """Subjects with cells that are not evaluated from the starts that came last.
+
+    What killed or damaged units left is removed.
 
     Raises:
         RunDirectoryError: if one was evaluated under another specification, version or hash.
@@ -86,18 +94,42 @@ def not_evaluated(
     hashes = _hashes(subjects)
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     for unit, marker in directory.markers(PREFIX).items():
+        if first_of(marker) != spec.latest.start:
+            continue
         held_by = {policy: hashes.get(policy, held) for policy, held in marker["policies"].items()}
         names = dict.fromkeys(name for own in marker["cells"].values() for name in own)
         places = [cells[name] for name in names if name in cells]
         if directory.finished(unit, _key(spec, held_by, places)) is None:
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
-    done = evaluated(directory)
+    done = evaluated(directory, first=spec.latest.start)
     waiting = []
     for subject in subjects:
         there = done.get(subject.policy.policy_id)
         waiting.append(subject if there is None else subject.waiting(there.cells))
     return [subject for subject in waiting if subject.missing]
+
+
+def knowing_home(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
+) -> list[Subject]:
+    """Subjects, each told how it did at home in earlier episodes, all of which are on record."""
+    if not subjects or not spec.latest.start:
+        return list(subjects)
+    rows = EvidenceStore(directory.evidence).query(_EARLIER.format(spec.latest.start)).to_pylist()
+    found = {(row["policy_id"], row["cell"]): (row["succeeded"], row["episodes"]) for row in rows}
+    told = []
+    for subject in subjects:
+        homes = () if subject.home is None else subject.home.shares
+        policy = subject.policy.policy_id
+        told.append(replace(subject, at_home={d.name: found[policy, d.name] for d in homes}))
+    return told
+
+
+_EARLIER = """
+SELECT policy_id, cell, count(*) FILTER (success) AS succeeded, count(*) AS episodes FROM records
+WHERE phase = 'evaluation' AND perturbation IS NULL AND episode_index < {} GROUP BY ALL
+"""
 
 
 def batches_of(
@@ -141,20 +173,32 @@ def evaluate_all(
         workers: processes; 0: in this one.
         progress: show a bar with the remaining time.
     """
-    waiting, seconds = not_evaluated(spec, directory, subjects), evaluation_seconds(spec, subjects)
-    parts = max(1, workers)
-    batches = batches_of(spec, waiting, parts)
+    waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
+    seconds = all_seconds(spec, subjects)
     with working(label, seconds, workers, progress) as work:
-        work.skip(seconds - evaluation_seconds(spec, waiting))
+        work.skip(seconds - sum(evaluation_seconds(*own) for own in waiting))
         try_cells(spec, directory, work)
-        can = statuses(directory)
-        if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
-            tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
-            work.do("evaluating", evaluate_batch, tasks)
-            return
-        for batch in batches:
-            tables = _divided(spec, directory, batch, can, work, parts)
-            evaluate_batch(spec, directory, batch, can, tables)
+        for part, own in waiting:
+            _evaluate_part(part, directory, knowing_home(part, directory, own), work, workers)
+
+
+def _evaluate_part(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    waiting: Sequence[Subject],
+    work: Work,
+    workers: int,
+) -> None:
+    """Evaluate subjects from the starts that came last, each batch finished by one commit."""
+    parts = max(1, workers)
+    batches, can = batches_of(spec, waiting, parts), statuses(spec, directory)
+    if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
+        tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
+        work.do("evaluating", evaluate_batch, tasks)
+        return
+    for batch in batches:
+        tables = _divided(spec, directory, batch, can, work, parts)
+        evaluate_batch(spec, directory, batch, can, tables)
 
 
 def evaluate_batch(
@@ -176,14 +220,20 @@ def evaluate_batch(
     hashes, start = _hashes(batch), time.time()
     unit, key = unit_of(spec, batch)
     store = EvidenceStore(directory.evidence)
-    store.commit_all(unit, tables or evaluate(spec, batch, range(spec.episodes), store, can))
+    store.commit_all(unit, tables or evaluate(spec, batch, spec.latest, store, can))
     names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
-    directory.finish(unit, key, start, policies=hashes, cells=names)
+    directory.finish(unit, key, start, first=spec.latest.start, policies=hashes, cells=names)
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
-    """Time that the evaluation of all subjects takes one worker, s."""
-    return sum(cell_seconds(spec, cell) for subject in subjects for cell in subject.cells)
+    """Time that the evaluation of subjects from the starts that came last takes one worker, s."""
+    share = len(spec.latest) / spec.episodes
+    return share * sum(cell_seconds(spec, cell) for subject in subjects for cell in subject.cells)
+
+
+def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    """Time that the evaluation of subjects from all their starts takes one worker, s."""
+    return sum(evaluation_seconds(part, subjects) for part in spec.parts())
 
 
 def _listed(*given: Any) -> list[Any]:
@@ -214,13 +264,14 @@ def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
     cells = {cell.name: cell for subject in batch for cell in subject.missing}
     key = _key(spec, hashes, cells.values())
     first, others = next(iter(hashes)), len(hashes) - 1
-    unit = f"{PREFIX}{first}-and-{others}-more" if others else f"{PREFIX}{first}"
+    named = f"{first}-and-{others}-more" if others else first
+    unit = f"{PREFIX}{named}{told_first(spec.latest.start)}"
     return (f"{unit}-added-{key[:8]}" if batch[0].recorded else unit), key
 
 
-def statuses(directory: RunDirectory) -> dict[str, str]:
+def statuses(spec: PanelSpec, directory: RunDirectory) -> dict[str, str]:
     """Whether each cell that was tried can be solved, by its name."""
-    found = tried(directory)
+    found = tried(directory, spec.episodes)
     return {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
 
 
@@ -244,8 +295,9 @@ def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
         return 1
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
-    seconds = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
-    most_bytes = COPIES * spec.episodes * max(_bytes(spec, cell) for cell in cells.values())
+    whole = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
+    seconds = whole * len(spec.latest) / spec.episodes
+    most_bytes = COPIES * len(spec.latest) * max(_bytes(spec, cell) for cell in cells.values())
     return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
 
 

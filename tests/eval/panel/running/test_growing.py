@@ -104,16 +104,85 @@ def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, panel_directo
     assert main(["evidence", "verify", str(copy)]) == 0
 
 
+@pytest.mark.slow
+def test_a_panel_given_episodes_seeds_and_a_perturbation_is_the_panel_that_had_them_in_those_parts(
+    spec, tmp_path, panel_directory, capsys
+):
+    """Nothing is trained or evaluated twice, and the records are the same."""
+    copy, once = tmp_path / "copy", tmp_path / "once"
+    shutil.copytree(panel_directory, copy)
+    files = {p: p.stat().st_mtime_ns for p in copy.glob("[uep]*/**/*") if p.is_file()}
+    before = {row["record_id"]: row["content_hash"] for row in _hashes(copy)}
+    stiffer = '[[perturbations]]\nname = "damped"\nenvironment = { damping = 0.1 }\n'
+    larger = TOML.replace("seeds = [0, 1]", "seeds = [0, 1, 2]") + stiffer
+    spec.write_text(larger.replace("episodes = 3", "episodes = 5"), encoding="utf-8")
+    command = ["panel", str(spec), "--no-progress", "--out"]
+    assert main([*command, str(copy)]) == 0
+    told = "perturbation 'damped' (damping = 0.1); seeds 2; 2 more episodes a seed. All else is"
+    assert f"New in {copy}: {told} kept.\n" in capsys.readouterr().err
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert before.items() <= {r["record_id"]: r["content_hash"] for r in _hashes(copy)}.items()
+    assert main(["evidence", "verify", str(copy)]) == 0
+    panel = json.loads((copy / "panel.json").read_text())
+    assert {entry["episodes"] for entry in panel["matrix"] if entry["row"] == "zero"} == {5}
+    assert (panel["spec"]["episodes"], panel["spec"]["episode_parts"]) == (5, [3, 2])
+    seed_told, episodes_told = panel["warnings"]
+    assert "seen on 2 of them" in seed_told
+    assert "seen on 3 of each seed" in episodes_told
+    assert main([*command, str(copy)]) == 0, "the same again"
+    assert "New in" not in capsys.readouterr().err
+    assert json.loads((copy / "panel.json").read_text()) == panel
+    spec.write_text(larger.replace("episodes = 3", "episodes = [3, 2]"), encoding="utf-8")
+    assert main([*command, str(once), "--policies", str(copy)]) == 0
+    assert _hashes(once) == _hashes(copy)
+    whole = json.loads((once / "panel.json").read_text())
+    assert _matrix(whole) == _matrix(panel)
+    assert whole["warnings"] == []
+
+
+def leaning(observation):
+    """Push where the pole leans: it holds for a moment, from some starts."""
+    return int(observation[2] > 0)
+
+
+_BY_PART = """
+SELECT episode_index >= 6 AS later, count(DISTINCT episode_index) AS episodes,
+       count(*) FILTER (success AND cell = 'explicit_euler dt=0.02') AS succeeded,
+       min(home_success) AS low, max(home_success) AS high,
+       count(*) FILTER (failure_label = 'not_learned') > 0 AS not_learned
+FROM records WHERE policy_id = 'leaning' GROUP BY ALL ORDER BY later
+"""
+
+
+@pytest.mark.slow
+def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
+    for episodes in (6, 10):
+        panel = calls.evaluate(
+            leaning, "IntegCartPole-v0", tmp_path / "out", episodes=episodes, progress=False,
+            home={"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02},
+            integrators=["explicit_euler"], dts=[0.02], environment={"duration": 0.8},
+        )  # fmt: skip
+    first, later = EvidenceStore(tmp_path / "out" / "evidence").query(_BY_PART).to_pylist()
+    assert (first["episodes"], later["episodes"]) == (6, 4)
+    assert first["low"] == first["high"] == first["succeeded"] / 6 < 0.5
+    assert later["low"] == later["high"] == (first["succeeded"] + later["succeeded"]) / 10 >= 0.5
+    assert (first["not_learned"], later["not_learned"]) == (True, False)
+    (row,) = (row for row in panel.rows if row.kind == "given")
+    assert row.home_success.estimate == later["high"]
+    assert main(["evidence", "verify", str(tmp_path / "out")]) == 0
+
+
 @pytest.mark.parametrize(
     ("was", "now", "sentence"),
     [
         (LATER, "", "it has perturbation 'latency .*, which is missing now; .* started with$"),
         ("mass = 1.2", "mass = 1.3", r"perturbation '.*' \(mass = 1.2\), which is missing now;"),
         ('["rk4 dt=0.05", "reference dt=0.05"]', '["rk4 dt=0.05", "rk4 dt=0.0125"]', "`family`"),
-        ("episodes = 3", "episodes = 4", r"`episodes` 3 \(now 4\); .* \(--policies .*copy takes"),
+        ("episodes = 3", "episodes = 2", r"`episodes` 3 \(now 2\); .* \(--policies .*copy takes"),
+        ("episodes = 3", "episodes = [2, 2]", r"`episodes` 3 \(now 2 \+ 2\); .* --out \(--pol"),
         ("max_torque = 1.0", "max_torque = 1.1", "`environment.max_torque` 1.0"),
     ],
-    ids=["removed", "changed", "family", "episodes", "environment"],
+    ids=["removed", "changed", "family", "fewer episodes", "other parts", "environment"],
 )
 def test_what_contradicts_is_refused(spec, tmp_path, panel_directory, capsys, was, now, sentence):
     assert was in TOML

@@ -71,6 +71,18 @@ def test_a_driver_is_killed_and_another_engines_goes_on(
     assert f"Page: {bucket}/report.html" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("engine", ["dask", "ray"])
+def test_two_processes_of_an_engine_give_the_same_records(
+    tmp_path, undisturbed, bucket, object_server, engine
+):
+    """Each works in a copy of its own, with the credentials of the environment."""
+    command = _command(tmp_path, bucket, "--executor", engine)
+    assert ended(started(command, **object_server)) == 0
+    with fetched(bucket) as run:
+        assert_equal_records(run, undisturbed)
+        assert (run / "seal.json").exists()
+
+
 def test_workers_of_which_one_is_killed_and_one_sleeps_beyond_its_lease(
     tmp_path, undisturbed, bucket, object_server
 ):

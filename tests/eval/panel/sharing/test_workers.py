@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 
 import pytest
-from shared_panel import assert_equal_records, ended, holders, kill_group, started, until, words
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
+from shared_panel import (
+    TOML,
+    assert_equal_records,
+    ended,
+    holders,
+    kill_group,
+    started,
+    until,
+    words,
+)
 
 from integ_gym.cli import main
 
@@ -62,11 +79,40 @@ def test_a_worker_that_comes_late_finds_nothing_to_do(tmp_path, undisturbed, cap
     assert (undisturbed / "seal.json").read_bytes() == seal
 
 
+@pytest.mark.slow
+def test_workers_let_a_finished_panel_grow_take_its_policies_and_sign_what_they_made(
+    tmp_path, undisturbed, capsys
+):
+    """Two that find a sealed panel let it grow; two make the same of its policies elsewhere."""
+    run, once, key = tmp_path / "run", tmp_path / "once", tmp_path / "key"
+    made = Ed25519PrivateKey.generate()
+    openssh, public = PrivateFormat.OpenSSH, tmp_path / "key.pub"
+    key.write_bytes(made.private_bytes(Encoding.PEM, openssh, NoEncryption()))
+    public.write_bytes(made.public_key().public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH))
+    shutil.copytree(undisturbed, run)
+    files = {p: p.stat().st_mtime_ns for p in run.glob("[uep]*/**/*") if p.is_file()}
+
+    def work(out, episodes, *more):
+        command = words(tmp_path, out, "--worker", *more)
+        larger = TOML.replace("episodes = 3", f"episodes = {episodes}")
+        (tmp_path / "shared.toml").write_text(larger, encoding="utf-8")
+        assert [ended(one) for one in [started(command), started(command)]] == [0, 0]
+
+    work(run, 5)
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert main(["evidence", "verify", str(run)]) == 0
+    work(once, [3, 2], "--policies", str(run), "--sign", str(key))
+    assert_equal_records(once, run)
+    capsys.readouterr()
+    assert main(["evidence", "verify", str(once), "--public-key", str(public)]) == 0
+    assert "signed: by SHA256:" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("more", "told"),
     [
         (("--executor", "ray"), "--executor is not for --worker"),
-        (("--policies", "runs/panel"), "--policies is not for --worker"),
+        (("--policies", "runs/none"), "runs/none holds no panel; give --policies"),
         (("--lease", "0"), "a lease takes 1 s or more"),
     ],
 )

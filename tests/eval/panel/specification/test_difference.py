@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from small_panel import small_data
 
-from integ_gym.eval.panel.specification.difference import additions, contradictions
+from integ_gym.eval.panel.specification.difference import additions, continued, contradictions
 from integ_gym.eval.panel.specification.reading import parse_spec
 
 SWEEP = {"argument": "action_latency", "values": [0.0, 0.05, 0.1]}
@@ -56,6 +56,48 @@ def test_of_a_sweep_the_values_are_told():
     assert list(contradictions(more, one)) == [
         "it has sweep of `action_latency` at 0.05, which is missing now"
     ]
+
+
+@pytest.mark.parametrize(
+    ("held", "asked", "parts"),
+    [
+        (3, 3, ()),
+        (3, 5, (3, 2)),
+        ([3, 2], 5, (3, 2)),
+        ([3, 2], 9, (3, 2, 4)),
+        (3, [3, 2], (3, 2)),
+        ([3, 2], [3, 2, 4], (3, 2, 4)),
+    ],
+)
+def test_more_episodes_are_a_part_of_their_own(held, asked, parts):
+    before, spec = _plain(episodes=held), parse_spec(small_data(episodes=asked), "small")
+    there = continued(spec, before)
+    assert (there.episodes, there.episode_parts) == (spec.episodes, parts)
+    more = there.episodes - before["episodes"]
+    told = [f"{more} more episodes a seed"] if more else []
+    assert list(additions(before, there.to_json())) == told
+    assert list(contradictions(before, there.to_json())) == []
+
+
+@pytest.mark.parametrize(
+    ("held", "asked", "told"),
+    [
+        (3, 2, "`episodes` 3 (now 2)"),
+        ([3, 2], 4, "`episodes` 3 + 2 (now 4)"),
+        ([3, 2], [2, 3], "`episodes` 3 + 2 (now 2 + 3)"),
+        (5, [3, 2], "`episodes` 5 (now 3 + 2)"),
+    ],
+)
+def test_fewer_episodes_or_other_parts_contradict(held, asked, told):
+    before, spec = _plain(episodes=held), parse_spec(small_data(episodes=asked), "small")
+    assert list(contradictions(before, continued(spec, before).to_json())) == [told]
+
+
+@pytest.mark.parametrize("damaged", [None, "3", [3], 3.5, True])
+def test_damaged_episodes_are_not_gone_on_with(damaged):
+    before, spec = {**_plain(), "episodes": damaged}, parse_spec(SMALL, "small")
+    there = continued(spec, before)
+    assert list(contradictions(before, there.to_json())) == ["`episodes` none (now 3)"]
 
 
 def test_the_same_adds_nothing():

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from small_panel import small_data
 
 from integ_gym.eval.panel.specification.growth import MOST_SEEDS, STAGES, grown, inputs, stages
+from integ_gym.eval.panel.specification.planned import planned_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 
@@ -34,6 +37,28 @@ def test_records_do_not_depend_on_how_many_seeds_there_are():
     assert own != inputs(spec, cells[1:])
     assert own != inputs(parse_spec(small_data(episodes=4), "small"), cells)
     assert own != inputs(parse_spec(small_data(seeds=[1, 2]), "small"), cells)
+
+
+def test_parts_of_the_episodes_are_the_panel_as_it_was_with_each():
+    whole = parse_spec(small_data(episodes=[3, 2, 4]), "small")
+    first, second, last = whole.parts()
+    assert [list(part.latest) for part in whole.parts()] == [[0, 1, 2], [3, 4], [5, 6, 7, 8]]
+    assert last is whole
+    assert (whole.episodes, whole.episode_parts) == (9, (3, 2, 4))
+    assert second.to_json() == parse_spec(small_data(episodes=[3, 2]), "small").to_json()
+    once = parse_spec(small_data(), "small")
+    assert first.to_json() == once.to_json()
+    assert "episode_parts" not in once.to_json()
+    assert once.parts() == (once,)
+    assert planned_spec(json.loads(json.dumps(whole.to_json()))).to_json() == whole.to_json()
+    with pytest.raises(SpecError, match="`episode_parts` do not add up"):
+        planned_spec({**whole.to_json(), "episodes": 8})
+
+
+@pytest.mark.parametrize("episodes", [0, [3, 0], []])
+def test_parts_without_episodes_are_refused(episodes):
+    with pytest.raises(SpecError, match="`episodes` must be 1 or above, or a list of such parts"):
+        parse_spec(small_data(episodes=episodes), "small")
 
 
 @pytest.mark.parametrize("count", [1, 5, 10, 11, 40, 41, 200])

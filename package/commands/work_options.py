@@ -1,4 +1,4 @@
-"""Options of commands whose work can be given to an engine that runs on many machines."""
+"""Options of commands that give their work to several processes, or to an engine's."""
 
 from __future__ import annotations
 
@@ -6,6 +6,34 @@ import argparse
 from pathlib import Path
 
 from integ_gym.support import EXECUTORS, Resources, whole_number
+
+
+def add_work(parser: argparse.ArgumentParser, default: str = "default: one per core") -> None:
+    """Add to a command's options how many processes work, and whether a bar is shown.
+
+    Args:
+        parser: of the command.
+        default: what happens without ``--workers``, or at a number, in words.
+    """
+    parser.add_argument("--workers", type=whole_number, metavar="N", help=f"processes; {default}")
+    add_progress(parser)
+
+
+def add_progress(parser: argparse.ArgumentParser) -> None:
+    """Add to a command's options whether a bar is shown."""
+    parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
+
+
+def workers_of(arguments: argparse.Namespace) -> int | None:
+    """How many processes are asked for; None: as many as the command thinks good.
+
+    Raises:
+        ValueError: for none.
+    """
+    count: int | None = arguments.workers
+    if count is not None and count < 1:
+        raise ValueError(f"--workers must be 1 or above, got {count}")
+    return count
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,41 @@
+"""What cannot be predicted is said in one sentence, with what can be."""
+
+from __future__ import annotations
+
+import pytest
+
+from integ_gym.cli import main
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            ["--engine", "mujoco", "--integrator", "Euler"],
+            "nothing is predicted for mujoco Euler: the law was made on our own engine, none of "
+            "whose integrators applies its map, symplectic_euler_implicit_damping; give RK4 of "
+            "mujoco or an integrator of the native engine, or measure it by a panel",
+        ),
+        (
+            ["--engine", "dart", "--integrator", "semi_implicit_euler"],
+            "give an integrator of the native engine, or measure it by a panel",
+        ),
+        (
+            ["--engine", "mujoco", "--integrator", "rk5"],
+            "unknown integrator of mujoco 'rk5'. Did you mean 'RK4'? Valid choices: Euler, RK4,",
+        ),
+        (["--integrator", "Euler"], "unknown integrator 'Euler'. Valid choices: explicit_euler,"),
+        (["--engine", "ode", "--integrator", "Euler"], "unknown engine 'ode'"),
+    ],
+)
+def test_a_map_without_a_twin_of_ours_is_refused(given, told, capsys):
+    assert main(["predict", *given, "--dt", "0.05"]) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_map_that_is_ours_is_predicted_alike_on_any_engine(capsys):
+    own = ["--env-arg", "max_torque=0.7", "--env-arg", "start=hanging", "--dt", "0.05"]
+    assert main(["predict", "--integrator", "rk4", *own]) == 0
+    native = capsys.readouterr().out
+    assert main(["predict", "--engine", "mujoco", "--integrator", "RK4", *own]) == 0
+    assert capsys.readouterr().out == native.replace("rk4 dt=0.05", "mujoco RK4 dt=0.05")
