@@ -98,7 +98,7 @@ def _taken_out(trace: Trace, place: int) -> Any:
 
 def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     source = _source(trace, arguments, result)
-    space = {**trace.dialect.names, **trace.functions}
+    space = {**trace.dialect.names, **trace.functions, **trace.held}
     exec(compile(source, "<traced>", "exec"), space)
     made: Function = space["traced"]
     made.__doc__ = source

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,15 @@ class Dialect:
         """How an operation on so many operands is written."""
         return self.written.get(operation, called(operation, count))
 
+    def expected_after(self, limits: Sequence[float]) -> str:
+        """How `expect` of lanes is written where sums of squares up to ``limits`` are enough.
+
+        The operands are the condition and what is squared.
+        """
+        sums = (f"dot({{{k}}}, {{{k}}}) <= {limit!r}" for k, limit in enumerate(limits, 1))
+        refusal = self.template("expect").removeprefix("if ")
+        return f"if not ({' and '.join(sums)}) and {refusal}"
+
 
 def called(name: str, count: int) -> str:
     """Template of a call with so many arguments."""
@@ -81,6 +90,7 @@ ARRAYS = Dialect(
     names={
         **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
+        "dot": np.dot,
         "all_lanes": np.all,
         "own": _own,
         "Unusual": Unusual,

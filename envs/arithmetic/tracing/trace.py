@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from itertools import compress
 from typing import Any
 
+import numpy as np
+
 from ..ops import Carry
 from ..trees import leaves_of, rebuilt
+from .bounds import sums_of_squares
 from .dialects import Dialect, called
 from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
@@ -70,6 +73,9 @@ class Trace:
         self.block = Block(None)
         self.functions: dict[str, Callable[..., Any]] = {}
         """What is called as it stands, by the name that it is called by."""
+        self.held: dict[str, Any] = {}
+        """Arrays of constants, by the name that they are written by."""
+        self._held_by: dict[str, str] = {}
         self._names = 0
 
     def new_name(self) -> str:
@@ -99,9 +105,21 @@ class Trace:
             return bool(condition)
         key = ("expected", id(condition))
         if self.block.find(key) is None:
-            template = self.dialect.template("expect")
-            self.block.add(key, Symbol(self, template, (condition,), statement=True))
+            template, operands = self.dialect.template("expect"), (condition,)
+            bounds = sums_of_squares(condition) if self.dialect.lanes else None
+            if bounds is not None:
+                template = self.dialect.expected_after([limit for _, limit in bounds])
+                operands = (condition, *(symbol for symbol, _ in bounds))
+            self.block.add(key, Symbol(self, template, operands, statement=True))
         return True
+
+    def hold(self, numbers: float | list[float]) -> str:
+        """The name of constants that are made an array once, which operations take sooner."""
+        key = repr(numbers)
+        if key not in self._held_by:
+            self._held_by[key] = name = f"k{len(self.held)}"
+            self.held[name] = np.array(numbers)
+        return self._held_by[key]
 
     def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
         """The symbol of a call that is made as it stands, every time."""

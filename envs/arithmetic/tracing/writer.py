@@ -15,6 +15,11 @@ from .trace import Block, Loop, Trace
 _DEEPEST: Final = 12
 """Expressions nested deeper than this are given a name."""
 
+_OF_PYTHON_NUMBERS: Final = ("{0} ** {1}",)
+"""Operations that NumPy does otherwise where a constant is an array."""
+
+_WHERE: Final = "where({0}, {1}, {2})"
+
 
 class Writer:
     """Writes blocks down, leaving out what nobody uses and naming what is used twice."""
@@ -97,7 +102,13 @@ class Writer:
         return [*head, *syntax.forever([*inside, *ending])]
 
     def _expression(self, symbol: Symbol) -> str:
-        return symbol.template.format(*(self._operand(a) for a in symbol.arguments))
+        operands = symbol.arguments
+        if not self._trace.dialect.lanes or symbol.template in _OF_PYTHON_NUMBERS:
+            return symbol.template.format(*map(self._operand, operands))
+        if symbol.template == _WHERE and type(operands[1]) is type(operands[2]) is float:
+            return f"{self._trace.hold([operands[2], operands[1]])}.take({self._operand(operands[0])})"
+        held = (self._trace.hold(a) if type(a) is float else self._operand(a) for a in operands)
+        return symbol.template.format(*held)
 
     def _operand(self, value: Any, bare: bool = False) -> str:
         if not isinstance(value, Symbol):
