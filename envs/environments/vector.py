@@ -21,12 +21,10 @@ from ..episode import (
     LaneStarts,
     Setup,
     check_options,
-    checked_state,
     draw_start,
     initial_state,
     make_mixture,
     numbers_per_start,
-    possible,
     quiet_status,
     sensed,
 )
@@ -193,9 +191,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             self._control = info["control"].copy()
         observation = self._table(observed)
         if waiting.size:
-            self._begin(waiting, {}, info)
+            self._begin_again(waiting, info, observation)
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
-            self._look_anew(observation, waiting)
             sampled[waiting] = True
         self.status_codes = info["solver_status"]
         observation = self._with_noise(observation, sampled)
@@ -291,18 +288,28 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
         self._control[lanes] = 0.0
-        self._info.begin(info, lanes, self._state)
+        self._info.begin(info, lanes, fresh)
+
+    def _begin_again(self, lanes: Array, info: Info, observation: Array) -> None:
+        """The same after a step, whose arrays and observation, without noise, are written into."""
+        if self._starts is None or self._lanes_differ:
+            self._begin(lanes, {}, info)
+            self._look_anew(observation, lanes)
+            return
+        step = self._steps[0]
+        begun = self._starts.begin(lanes, step.first)
+        self._state = step.begin(self._current(), lanes, begun, self.num_envs)
+        observation[lanes] = begun.observation
+        self._done[lanes] = False
+        self._control[lanes] = 0.0
+        self._info.begin(info, lanes, begun.state)
 
     def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
         """Starts of some lanes, shape (len(lanes), n)."""
         check_options(self.setup, options, ("mixture_index",) if self.mixed else ())
         if self._starts is None or "state" in options:
             return np.array([self._draw_one(lane, options) for lane in lanes.tolist()])
-        starts = self._starts.draw(lanes, options)
-        fine = possible(self.setup, tuple(starts.T))
-        if not fine.all():
-            checked_state(self.setup, starts[np.argmin(fine)])
-        return starts
+        return self._starts.draw(lanes, options)
 
     def _draw_one(self, lane: int, options: Mapping[str, Any]) -> Components:
         rng = self._rngs[lane]
@@ -406,8 +413,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             final_obs[lane] = observation[lane].copy()
         final_info = self._info.told(kept(self._arrays(info), done), done)
         self.status_codes = self.status_codes.copy()
-        self._begin(lanes, {}, info)
-        self._look_anew(observation, lanes)
+        self._begin_again(lanes, info, observation)
         told = {
             **self._told(info, self._info.everyone),
             "final_obs": final_obs,

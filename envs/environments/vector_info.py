@@ -58,7 +58,7 @@ class LaneInfo:
         }
 
     def begin(self, info: Info, lanes: Array, state: EnvState) -> None:
-        """Tell about a reset of some lanes instead."""
+        """Tell about a reset of some lanes instead, whose components have one entry per reset."""
         for name, blank in self._blank.items():
             values = info[name]
             if not values.flags.writeable:
@@ -66,8 +66,8 @@ class LaneInfo:
                     continue
                 values = info[name] = values.copy()
             values[lanes] = blank
-        info["energy"][lanes] = state.energy[lanes]
-        info["goal_since"][lanes] = state.goal_since[lanes]
+        info["energy"][lanes] = state.energy
+        info["goal_since"][lanes] = state.goal_since
 
     def told(self, info: Info, mask: Array) -> dict[str, Array]:
         """What users see: the solver's status in words, and Gymnasium's `_key` masks.

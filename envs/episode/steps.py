@@ -12,6 +12,7 @@ from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves
 from ..arithmetic.tracing import ARRAYS, SCALARS, Repeated, Unusual, compiled, repeated
 from .control_period import EnvState, initial_state, quiet_status, transition
 from .info import reset_info, step_info
+from .lane_starts import Begun
 from .settings import Setup
 
 ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
@@ -99,6 +100,27 @@ class LanesStep:
         self._carried: Any = ()
         self._steps_to_trace = WARM_UP
 
+    @property
+    def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
+        """What the step takes from the call before, of a state that it has not returned."""
+        return _nothing if self._traced is None else self._traced.first
+
+    def begin(self, state: EnvState, lanes: Component, begun: Begun, count: int) -> EnvState:
+        """``state``, which the step has just returned, with episodes begun in some lanes.
+
+        Its arrays are written into.
+
+        Args:
+            state: of all lanes.
+            lanes: lane numbers.
+            begun: their starts, made with :attr:`first`.
+            count: of all lanes.
+        """
+        after = EnvState._make(_written(state, lanes, begun.state, count))
+        if state is self._last:
+            self._last, self._carried = after, _written(self._carried, lanes, begun.taken, count)
+        return after
+
     def __call__(
         self, state: EnvState, actions: Component
     ) -> tuple[EnvState, Components, dict[str, Any]]:
@@ -124,6 +146,26 @@ class LanesStep:
         after, observation, told, self._carried = traced.step(state, self._carried, actions)
         self._last = EnvState._make(after)
         return self._last, observation, told
+
+
+def _nothing(state: EnvState) -> tuple[Component, ...]:
+    return ()
+
+
+def _written(tree: Any, lanes: Component, values: Any, count: int) -> tuple[Any, ...]:
+    """``tree`` with ``values`` in some of so many lanes, in the same arrays where they are some."""
+    return tuple(
+        [
+            _written(old, lanes, new, count) if type(old) is tuple else _filled(old, lanes, new, count)
+            for old, new in zip(tree, values, strict=True)
+        ]
+    )
+
+
+def _filled(old: Component, lanes: Component, new: Component, count: int) -> Component:
+    array = old if isinstance(old, np.ndarray) else np.full(count, old)
+    array[lanes] = new
+    return array
 
 
 def _own(value: Component) -> Component:

@@ -8,7 +8,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
-from integ_gym.envs.episode.starts import AHEAD, GivenNumbers, LaneStarts, numbers_per_start
+from integ_gym.envs.episode.lane_starts import AHEAD, LaneStarts
+from integ_gym.envs.episode.starts import GivenNumbers, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 
 LANES = 3
