@@ -40,7 +40,6 @@ from .environment import (
 from .lanes import (
     Array,
     as_floats,
-    as_lanes,
     blank,
     check_lanes,
     fill,
@@ -182,11 +181,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{waiting.tolist()}"
             )
-        observed, told = self._advance(self._read_actions(actions, waiting))
+        observed, told, alike = self._advance(self._read_actions(actions, waiting))
         reward, terminated, truncated, sampled = (
-            as_lanes(told.pop(name), self.num_envs) for name in RESULTS
+            self._info.result(name, told, alike) for name in RESULTS
         )
-        info = self._info.of_step(told)
+        info = self._info.of_step(told, alike)
         if self.render_mode is not None:
             self._control = info["control"].copy()
         observation = self._table(observed)
@@ -288,7 +287,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
         self._control[lanes] = 0.0
-        self._info.begin(info, lanes, fresh)
+        self._info.begin(info, lanes, fresh.energy, fresh.goal_since)
 
     def _begin_again(self, lanes: Array, info: Info, observation: Array) -> None:
         """The same after a step, whose arrays and observation, without noise, are written into."""
@@ -298,11 +297,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             return
         step = self._steps[0]
         begun = self._starts.begin(lanes, step.first)
-        self._state = step.begin(self._current(), lanes, begun, self.num_envs)
+        self._state = step.begin(self._current(), lanes, begun)
         observation[lanes] = begun.observation
         self._done[lanes] = False
         self._control[lanes] = 0.0
-        self._info.begin(info, lanes, begun.state)
+        self._info.begin(info, lanes, begun.energy, begun.goal_since)
 
     def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
         """Starts of some lanes, shape (len(lanes), n)."""
@@ -350,14 +349,19 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 )
         return values
 
-    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any]]:
-        """Observations, without noise, and what a step tells; see :data:`ArrayStep`."""
+    def _advance(
+        self, actions: Array
+    ) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
+        """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
         if self.mixed:
             return self._advance_mixture(actions)
-        self._state, observed, told = self._steps[0](self._current(), actions)
-        return observed, told
+        step = self._steps[0]
+        self._state, observed, told = step(self._current(), actions)
+        return observed, told, step.alike
 
-    def _advance_mixture(self, actions: Array) -> tuple[Components, dict[str, Any]]:
+    def _advance_mixture(
+        self, actions: Array
+    ) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
         state = self._current()
         merged: dict[str, Any] = {}
@@ -369,12 +373,12 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             step = self._steps[index] if own is setup else LanesStep(own)
             after, _, told = step(take(state, lanes), actions[lanes])
             state = put(state, lanes, after, self.num_envs)
-            for name, value in told.items():
+            for name, value in {**step.alike, **told}.items():
                 if name not in merged:
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
         self._state = state
-        return self._observed(), merged
+        return self._observed(), merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
         return of_lanes(setup, lanes) if self._lanes_differ else setup

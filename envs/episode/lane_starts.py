@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import ARRAY, Component, leaves_of, map_leaves
+from ..arithmetic import ARRAY, Component, leaves_of
 from ..plants import split_state
 from .control_period import EnvState, initial_state
 from .settings import Setup
@@ -23,9 +24,12 @@ AHEAD = 32
 class Begun(NamedTuple):
     """Episodes at their starts; a component has one entry per episode, or is one for all."""
 
-    state: EnvState
-    taken: Any
-    """What a step takes from the call before, see :meth:`.steps.LanesStep.first`."""
+    values: tuple[Component, ...]
+    """All components of the state, and of what a step takes from the call before."""
+    energy: Array
+    """J."""
+    goal_since: Component
+    """See :class:`.control_period.EnvState`."""
     observation: Array
     """Without noise, shape (episodes, n)."""
 
@@ -130,7 +134,9 @@ class _Ready:
         self._observed = slice(len(arrays), self._table.shape[1])
         numbered = [*arrays, *[None] * (self._table.shape[1] - len(arrays)), *self._constants]
         places = {id(leaf): place for place, leaf in enumerate(numbered)}
-        self._pattern = map_leaves(lambda leaf: places[id(leaf)], tree)
+        state: EnvState = tree[0]
+        self._told = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
+        self._in_order = itemgetter(*(places[id(leaf)] for leaf in leaves_of(tree)))
 
     def at(self, places: Array) -> Begun:
         """Some of them."""
@@ -138,8 +144,8 @@ class _Ready:
             starts = _starts_of(self._setup, self._numbers[places], {})
             checked_state(self._setup, starts[np.argmin(self._fine[places])])
         rows = self._table.take(places, axis=0)
-        state, taken = _picked(self._pattern, [*rows.T, *self._constants])
-        return Begun(EnvState._make(state), taken, rows[:, self._observed])
+        values = [*rows.T, *self._constants]
+        return Begun(self._in_order(values), *self._told(values), rows[:, self._observed])
 
     def put(self, places: Array, numbers: Array) -> None:
         """Make others in the place of some."""
@@ -153,7 +159,7 @@ class _Ready:
         with np.errstate(all="ignore"):
             state = initial_state(ARRAY, setup, setup.system.confined(ARRAY, q), v)
             observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
-            tree = tuple(state), self.first(state)
+            tree = state, self.first(state)
         table = start_table((*_distinct(tree)[0], *observed), len(numbers))
         return tree, table, possible(setup, start)
 
@@ -173,8 +179,3 @@ def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:
     leaves = {id(leaf): leaf for leaf in leaves_of(tree)}.values()
     arrays = [leaf for leaf in leaves if isinstance(leaf, np.ndarray)]
     return arrays, [leaf for leaf in leaves if not isinstance(leaf, np.ndarray)]
-
-
-def _picked(pattern: Any, values: list[Any]) -> Any:
-    """A tree with values in the place of their numbers."""
-    return tuple([_picked(x, values) if type(x) is tuple else values[x] for x in pattern])
