@@ -52,6 +52,9 @@ from .lanes import (
 from .vector_info import Info, LaneInfo, kept
 
 
+_FLOATS = np.dtype(np.float64)
+
+
 class IntegVectorEnv(DiscretizedVectorEnv):
     """`num_envs` environments advanced together; equal to `SyncVectorEnv` of the single one.
 
@@ -104,6 +107,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.single_action_space = self.setup.action_space
         self.single_observation_space = observation_space(self.setup)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
         self._info = LaneInfo(num_envs, quiet_status(self.setup))
@@ -330,17 +334,17 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
         values = as_floats(actions)
-        if values.shape != self.action_space.shape:
-            raise ValueError(
-                f"actions must have shape {self.action_space.shape}, got {values.shape}"
-            )
+        if values.shape != self._action_shape:
+            raise ValueError(f"actions must have shape {self._action_shape}, got {values.shape}")
         if ignored.size:
             values[ignored] = 0.0
         count = self.setup.task.discrete
         if count is None:
             return values[:, 0]
-        known = (values >= 0.0) & (values < count) & (values == np.floor(values))
-        if not known.all():
+        known = (values >= 0.0) & (values < count)
+        if getattr(actions, "dtype", _FLOATS).kind not in "biu":
+            known &= values == np.floor(values)
+        if np.count_nonzero(known) < known.size:
             wrong = np.isfinite(values) & ~known
             if wrong.any():
                 raise ValueError(
@@ -388,8 +392,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
-        """Observations as float32, shape (num_envs, …)."""
-        return fill(np.empty((self.num_envs, len(observed)), dtype=np.float32), observed)
+        """Observations as float32, shape (num_envs, n); component by component in memory."""
+        return fill(np.empty((len(observed), self.num_envs), dtype=np.float32).T, observed)
 
     def _look_anew(self, observation: Array, lanes: Array) -> None:
         """Fill in the observations, without noise, of lanes that have just been reset."""

@@ -17,8 +17,8 @@ from .starts import GivenNumbers, checked_state, made_start, possible, start_tab
 
 Array = npt.NDArray[Any]
 
-AHEAD = 32
-"""Starts of a lane that are drawn ahead, at most."""
+AHEAD, MOST = 32, 1 << 17
+"""Starts that are drawn ahead, at most: of a lane, and of all."""
 
 
 class Begun(NamedTuple):
@@ -47,9 +47,10 @@ class LaneStarts:
         lanes = len(generators)
         self._setup = setup
         self._generators = generators
-        self._numbers = np.empty((lanes, AHEAD, size))
-        self._next = np.full(lanes, AHEAD)
-        self._first = np.arange(0, lanes * AHEAD, AHEAD)
+        self._ahead = max(2, min(AHEAD, MOST // lanes))
+        self._numbers = np.empty((lanes, self._ahead, size))
+        self._next = np.full(lanes, self._ahead)
+        self._first = np.arange(lanes) * self._ahead
         self._ready: _Ready | None = None
 
     def draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
@@ -82,22 +83,22 @@ class LaneStarts:
 
     def put_back(self) -> None:
         """Leave every generator as it would be had nothing been drawn ahead."""
-        for lane in np.flatnonzero(self._next < AHEAD).tolist():
+        for lane in np.flatnonzero(self._next < self._ahead).tolist():
             source = self._generators[lane].bit_generator
             state = source.state
             source.advance(-int(self._numbers[lane, self._next[lane] :].size))  # type: ignore[attr-defined]
             source.state = {**state, "state": source.state["state"]}
-        self._next[:] = AHEAD
+        self._next[:] = self._ahead
 
     def forget(self, lane: int) -> None:
         """Drop what was drawn ahead for a lane."""
-        self._next[lane] = AHEAD
+        self._next[lane] = self._ahead
 
     def _places(self, lanes: Array) -> Array:
         """Where the next start of each of some lanes is, which is then taken."""
         taken = self._next[lanes]
-        if taken.max(initial=0) == AHEAD:
-            self._fill_up((self._next > AHEAD // 2).nonzero()[0])
+        if taken.max(initial=0) == self._ahead:
+            self._fill_up((self._next > self._ahead // 2).nonzero()[0])
             taken = self._next[lanes]
         self._next[lanes] = taken + 1
         places: Array = self._first[lanes] + taken
@@ -107,12 +108,12 @@ class LaneStarts:
         """Draw for some lanes as many starts as there is room for."""
         for lane, taken in zip(lanes.tolist(), self._next[lanes].tolist(), strict=True):
             numbers = self._numbers[lane]
-            left = AHEAD - taken
+            left = self._ahead - taken
             numbers[:left] = numbers[taken:]
             self._generators[lane].random(out=numbers[left:])
         self._next[lanes] = 0
         if self._ready is not None:
-            places = (self._first[lanes, None] + np.arange(AHEAD)).ravel()
+            places = (self._first[lanes, None] + np.arange(self._ahead)).ravel()
             self._ready.put(places, _in_a_row(self._numbers[lanes]))
 
 
@@ -143,9 +144,9 @@ class _Ready:
         if not self._fine.take(places).all():
             starts = _starts_of(self._setup, self._numbers[places], {})
             checked_state(self._setup, starts[np.argmin(self._fine[places])])
-        rows = self._table.take(places, axis=0)
-        values = [*rows.T, *self._constants]
-        return Begun(self._in_order(values), *self._told(values), rows[:, self._observed])
+        columns = self._table.take(places, axis=0).T.copy()
+        values = [*columns, *self._constants]
+        return Begun(self._in_order(values), *self._told(values), columns[self._observed].T)
 
     def put(self, places: Array, numbers: Array) -> None:
         """Make others in the place of some."""

@@ -23,8 +23,8 @@ class Dialect:
     Attributes:
         names: what the source may refer to.
         written: templates of operations that are not written as a call of their name. `expect` is
-            a statement, which refuses to go on unless {0} holds; `own` a copy, where entries of
-            dictionaries must be objects of their own.
+            a statement, which refuses to go on unless {0} holds; `own` a copy of a number, and
+            `own truth` of a truth value, where entries of dictionaries must be objects of their own.
         lanes: whether components are arrays. Then numbers are taken to be finite, so that 0.0
             times one of them is 0.0, and the sign of a zero to mean nothing; and a loop goes on in
             the lanes where its condition holds, and in no other.
@@ -82,6 +82,7 @@ SCALARS = Dialect(
         "any": "{0}",
         "expect": "if not {0}: raise Unusual",
         "own": "{0}",
+        "own truth": "{0}",
     },
     raises=True,
 )
@@ -90,6 +91,7 @@ ARRAYS = Dialect(
     names={
         **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
+        "positive": np.positive,
         "dot": np.dot,
         "all_lanes": np.all,
         "own": _own,
@@ -100,6 +102,8 @@ ARRAYS = Dialect(
         "or": "{0} | {1}",
         "any": "any_lane({0})",
         "expect": "if not {0}.all(): raise Unusual",
+        "own": "positive({0})",
+        "own truth": "own({0})",
     },
     lanes=True,
 )
@@ -121,6 +125,7 @@ JAVASCRIPT = Dialect(
         "any": "{0}",
         "expect": "if (!{0}) return null;",
         "own": "{0}",
+        "own truth": "{0}",
     },
     syntax=JAVASCRIPT_SYNTAX,
 )

@@ -64,7 +64,10 @@ class Writer:
     def _entry(self, value: Any) -> str:
         text = self._display(value)
         shared = isinstance(value, Symbol) and (id(value) in self._shared or not value.template)
-        return self._trace.dialect.template("own").format(text) if shared else text
+        if not shared:
+            return text
+        own = "own truth" if value.boolean else "own"
+        return self._trace.dialect.template(own).format(text)
 
     def _operation(self, symbol: Symbol) -> list[str]:
         symbol.depth = 1 + max((a.depth for a in symbol.arguments if _inlined(a)), default=0)
