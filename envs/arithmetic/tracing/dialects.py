@@ -23,8 +23,9 @@ class Dialect:
     Attributes:
         names: what the source may refer to.
         written: templates of operations that are not written as a call of their name. `expect` is
-            a statement, which refuses to go on unless {0} holds; `own` a copy of a number, and
-            `own truth` of a truth value, where entries of dictionaries must be objects of their own.
+            a statement, which refuses to go on unless {0} holds; `own` a copy, where
+            entries of dictionaries must be objects of their own, and `own computed` the same of
+            what was computed and not given; `and rarely` where {0} holds in few lanes, if in any.
         lanes: whether components are arrays. Then numbers are taken to be finite, so that 0.0
             times one of them is 0.0, and the sign of a zero to mean nothing; and a loop goes on in
             the lanes where its condition holds, and in no other.
@@ -82,7 +83,7 @@ SCALARS = Dialect(
         "any": "{0}",
         "expect": "if not {0}: raise Unusual",
         "own": "{0}",
-        "own truth": "{0}",
+        "own computed": "{0}",
     },
     raises=True,
 )
@@ -91,7 +92,7 @@ ARRAYS = Dialect(
     names={
         **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
-        "positive": np.positive,
+        "count_nonzero": np.count_nonzero,
         "dot": np.dot,
         "all_lanes": np.all,
         "own": _own,
@@ -102,8 +103,8 @@ ARRAYS = Dialect(
         "or": "{0} | {1}",
         "any": "any_lane({0})",
         "expect": "if not {0}.all(): raise Unusual",
-        "own": "positive({0})",
-        "own truth": "own({0})",
+        "and rarely": "{0} & {1} if count_nonzero({0}) else {0}.copy()",
+        "own computed": "{0}.copy()",
     },
     lanes=True,
 )
@@ -125,7 +126,7 @@ JAVASCRIPT = Dialect(
         "any": "{0}",
         "expect": "if (!{0}) return null;",
         "own": "{0}",
-        "own truth": "{0}",
+        "own computed": "{0}",
     },
     syntax=JAVASCRIPT_SYNTAX,
 )

@@ -113,6 +113,12 @@ class Trace:
             self.block.add(key, Symbol(self, template, operands, statement=True))
         return True
 
+    def rarely(self, condition: Any) -> Any:
+        """``condition``, marked for :meth:`both`."""
+        if not self.dialect.lanes or not isinstance(condition, Symbol):
+            return condition
+        return self.note(_RARE, condition, boolean=True)
+
     def hold(self, numbers: float | list[float]) -> str:
         """The name of constants that are made an array once, which operations take sooner."""
         key = repr(numbers)
@@ -137,6 +143,9 @@ class Trace:
                 return known if known is absorbing else other
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
+        if a.template == _RARE and not absorbing:
+            template = self.dialect.template("and rarely", 2)
+            return self.note(template, *a.arguments, b, boolean=True)
         template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
 
@@ -176,6 +185,9 @@ class Trace:
         self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
         return rebuilt(carry, held)  # type: ignore[no-any-return]
 
+
+_RARE = "({0})"
+"""A condition that holds in few lanes, if in any."""
 
 _NEUTRAL = {
     "{0} + {1}": (0.0, 0.0),

@@ -66,7 +66,7 @@ class Writer:
         shared = isinstance(value, Symbol) and (id(value) in self._shared or not value.template)
         if not shared:
             return text
-        own = "own truth" if value.boolean else "own"
+        own = "own computed" if value.template else "own"
         return self._trace.dialect.template(own).format(text)
 
     def _operation(self, symbol: Symbol) -> list[str]:
@@ -110,7 +110,9 @@ class Writer:
             return symbol.template.format(*map(self._operand, operands))
         if symbol.template == _WHERE and type(operands[1]) is type(operands[2]) is float:
             return f"{self._trace.hold([operands[2], operands[1]])}.take({self._operand(operands[0])})"
-        held = (self._trace.hold(a) if type(a) is float else self._operand(a) for a in operands)
+        held = (
+            self._trace.hold(a) if type(a) in (int, float) else self._operand(a) for a in operands
+        )
         return symbol.template.format(*held)
 
     def _operand(self, value: Any, bare: bool = False) -> str:
