@@ -97,7 +97,7 @@ class LaneStarts:
     def _places(self, lanes: Array) -> Array:
         """Where the next start of each of some lanes is, which is then taken."""
         taken = self._next[lanes]
-        if taken.max(initial=0) == self._ahead:
+        if np.count_nonzero(taken == self._ahead):
             self._fill_up((self._next > self._ahead // 2).nonzero()[0])
             taken = self._next[lanes]
         self._next[lanes] = taken + 1
@@ -131,6 +131,7 @@ class _Ready:
         self._setup = setup
         self._numbers = numbers
         tree, self._table, self._fine = self._made(numbers)
+        self._all_fine = bool(self._fine.all())
         arrays, self._constants = _distinct(tree)
         self._observed = slice(len(arrays), self._table.shape[1])
         numbered = [*arrays, *[None] * (self._table.shape[1] - len(arrays)), *self._constants]
@@ -141,7 +142,7 @@ class _Ready:
 
     def at(self, places: Array) -> Begun:
         """Some of them."""
-        if not self._fine.take(places).all():
+        if not (self._all_fine or self._fine[places].all()):
             starts = _starts_of(self._setup, self._numbers[places], {})
             checked_state(self._setup, starts[np.argmin(self._fine[places])])
         columns = self._table.take(places, axis=0).T.copy()
@@ -151,6 +152,7 @@ class _Ready:
     def put(self, places: Array, numbers: Array) -> None:
         """Make others in the place of some."""
         _, self._table[places], self._fine[places] = self._made(numbers)
+        self._all_fine = bool(self._fine.all())
 
     def _made(self, numbers: Array) -> tuple[Any, Array, Array]:
         """State and what a step takes; all its arrays, and observations; which are possible."""
