@@ -51,7 +51,6 @@ from .lanes import (
 )
 from .vector_info import Info, LaneInfo, kept
 
-
 _FLOATS = np.dtype(np.float64)
 
 
@@ -353,9 +352,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 )
         return values
 
-    def _advance(
-        self, actions: Array
-    ) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
+    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
         """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
         if self.mixed:
             return self._advance_mixture(actions)

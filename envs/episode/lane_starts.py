@@ -147,7 +147,8 @@ class _Ready:
             checked_state(self._setup, starts[np.argmin(self._fine[places])])
         columns = self._table.take(places, axis=0).T.copy()
         values = [*columns, *self._constants]
-        return Begun(self._in_order(values), *self._told(values), columns[self._observed].T)
+        energy, goal_since = self._told(values)
+        return Begun(self._in_order(values), energy, goal_since, columns[self._observed].T)
 
     def put(self, places: Array, numbers: Array) -> None:
         """Make others in the place of some."""

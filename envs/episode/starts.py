@@ -18,6 +18,7 @@ from .settings import Setup
 
 Array = npt.NDArray[Any]
 
+
 def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
     """A start in state order, drawn or given as option ``state``."""
     check_options(setup, options)

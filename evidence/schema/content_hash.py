@@ -110,8 +110,8 @@ def _flatten(column: Any) -> _Flat:
     ends = _ends(lengths)
     values = array.flatten()
     if values.null_count:
-        valid = values.is_valid().to_numpy(zero_copy_only=False)
-        ends = _ends(valid)[ends]
+        nulls = values.is_null().to_numpy(zero_copy_only=False).nonzero()[0]
+        ends = ends - np.searchsorted(nulls, ends)
         values = values.drop_null()
     numbers = values.to_numpy(zero_copy_only=False)
     numbers = np.ascontiguousarray(numbers, dtype=numbers.dtype.newbyteorder("<"))

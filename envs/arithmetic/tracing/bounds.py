@@ -18,7 +18,7 @@ def sums_of_squares(condition: Any) -> list[tuple[Symbol, float]] | None:
     A sum that is larger, or not finite, says nothing.
 
     Returns:
-        None where the condition is not made of bounds on magnitudes and of ``isfinite``, by ``and``.
+        None where the condition is not made by ``and`` of bounds on magnitudes and ``isfinite``.
     """
     if not isinstance(condition, Symbol):
         return None

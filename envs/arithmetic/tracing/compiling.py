@@ -123,9 +123,7 @@ def _putting(state: Any, taken: Any) -> Function:
 
 
 def _tuple_of(names: Any) -> str:
-    return PYTHON_SYNTAX.together(
-        [_tuple_of(x) if isinstance(x, tuple) else x for x in names]
-    )
+    return PYTHON_SYNTAX.together([_tuple_of(x) if isinstance(x, tuple) else x for x in names])
 
 
 def _in_lanes(value: Any, like: Any) -> Any:

@@ -105,12 +105,12 @@ class Trace:
             return bool(condition)
         key = ("expected", id(condition))
         if self.block.find(key) is None:
-            template, operands = self.dialect.template("expect"), (condition,)
+            template, operands = self.dialect.template("expect"), [condition]
             bounds = sums_of_squares(condition) if self.dialect.lanes else None
             if bounds is not None:
                 template = self.dialect.expected_after([limit for _, limit in bounds])
-                operands = (condition, *(symbol for symbol, _ in bounds))
-            self.block.add(key, Symbol(self, template, operands, statement=True))
+                operands += [symbol for symbol, _ in bounds]
+            self.block.add(key, Symbol(self, template, tuple(operands), statement=True))
         return True
 
     def rarely(self, condition: Any) -> Any:

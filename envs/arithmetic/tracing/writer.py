@@ -109,11 +109,12 @@ class Writer:
         if not self._trace.dialect.lanes or symbol.template in _OF_PYTHON_NUMBERS:
             return symbol.template.format(*map(self._operand, operands))
         if symbol.template == _WHERE and type(operands[1]) is type(operands[2]) is float:
-            return f"{self._trace.hold([operands[2], operands[1]])}.take({self._operand(operands[0])})"
-        held = (
-            self._trace.hold(a) if type(a) in (int, float) else self._operand(a) for a in operands
-        )
-        return symbol.template.format(*held)
+            choices = self._trace.hold([operands[2], operands[1]])
+            return f"{choices}.take({self._operand(operands[0])})"
+        return symbol.template.format(*map(self._held_operand, operands))
+
+    def _held_operand(self, value: Any) -> str:
+        return self._trace.hold(value) if type(value) in (int, float) else self._operand(value)
 
     def _operand(self, value: Any, bare: bool = False) -> str:
         if not isinstance(value, Symbol):
