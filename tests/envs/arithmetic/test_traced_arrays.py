@@ -197,7 +197,7 @@ def test_values_are_put_into_the_arrays_of_some_lanes():
     """Of a constant and of what was given they are made; what is there twice is written once."""
 
     def function(ops, state, push):
-        (x, kept), flag, twice = state
+        (x, kept), *_ = state
         after = x + ops.sin(x) * push
         return ((after, kept), False, after), {"sine": ops.sin(after), "one": 1.0}
 
@@ -205,7 +205,7 @@ def test_values_are_put_into_the_arrays_of_some_lanes():
     assert made.alike == {"one": 1.0}
     x = np.array([0.1, 0.2, 0.3])
     state = (x, 5.0), True, x
-    state, told, taken = made.step(state, made.first(state), 1.0)
+    state, _, taken = made.step(state, made.first(state), 1.0)
     before = state[0][0]
     lanes, values = np.array([0, 2]), (np.array([7.0, 8.0]), 9.0, True, np.array([7.0, 8.0]), -1.0)
     ((x, kept), flag, twice), (sine,) = made.put(state, taken, lanes, values)
