@@ -5,8 +5,9 @@
 Peers: Gymnasium, and with `pip install --group bench` EnvPool and gymnax; without them their rows
 say so. Random actions, drawn before the clock starts; resets, and in ours the whole `info`,
 included. Environments of one task and number of lanes take turns, and a rate is that of a fast
-turn. Ratios are to Gymnasium's environment of the same kind and number of lanes, and to EnvPool's
-with 1024 lanes and a thread per core; a second table has what is wanted of them.
+turn. Ratios are to Gymnasium's environment of the same kind and number of lanes, to EnvPool's of
+that number of lanes (of compiled ones: with 1024) with a thread per core, and to the fastest of
+EnvPool's, which also runs with one thread; a second table has what is wanted of them.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ INTEGRATORS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint",
 SCANNED = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint")
 SCAN_LANES, SCAN_STEPS = 4096, 2000
 """Per process."""
+
+FASTEST = "fastest envpool"
+PEERS = ("gymnasium", "envpool", FASTEST)
 
 KINDS = ("single", "vector", "scan")
 PACKAGES = ("integ-gym", "gymnasium", "numpy", "jax", "jaxlib", "envpool", "gymnax")
@@ -87,12 +91,12 @@ def vector_rows(task: str, seconds: float) -> Iterator[Row]:
         if lanes < MANY or gym.spec(task).vector_entry_point is not None:
             stock = gym.make_vec(task, num_envs=lanes)
             contenders["gymnasium", task, ""] = vector(stock, lanes)
-        if lanes == MANY:
-            pool = envpool(task, lanes, cores())
+        for threads in sorted({1, cores()}):
+            pool = envpool(task, lanes, threads)
             if pool is None:
                 yield Row("vector", "envpool", task, "", lanes, None)
-            else:
-                contenders["envpool", task, f"{cores()} threads"] = pool
+                break
+            contenders["envpool", task, "1 thread" if threads == 1 else f"{threads} threads"] = pool
         for integrator in INTEGRATORS:
             environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator)
             contenders["integ-gym", ours, integrator] = vector(environment, lanes)
@@ -133,13 +137,18 @@ def measure(kinds: list[str], seconds: float) -> Iterator[Row]:
 def compared(rows: list[Row]) -> list[Row]:
     """The rows with their ratios."""
     stock = {(r.kind, r.environment, r.lanes): r for r in rows if r.package == "gymnasium"}
-    pools = {r.environment: r for r in rows if r.package == "envpool"}
+    pools: dict[tuple[str, int], list[Row]] = {}
+    for row in rows:
+        if row.package == "envpool":
+            pools.setdefault((row.environment, row.lanes), []).append(row)
     tasks = {ours: task for task, ours in TASKS.items()}
     for row in rows:
         task = tasks.get(row.environment, row.environment)
         peers = {"gymnasium": stock.get((row.kind, task, row.lanes))}
         if row.kind != "single":
-            peers["envpool"] = pools.get(task)
+            pool = pools.get((task, min(row.lanes, MANY)), [])
+            peers["envpool"] = pool[-1] if pool else None
+            peers[FASTEST] = max(pool, key=lambda r: r.steps_per_second or 0.0, default=None)
         for name, peer in peers.items():
             if row.steps_per_second and peer is not None and peer.steps_per_second:
                 row.ratios[name] = row.steps_per_second / peer.steps_per_second
@@ -149,7 +158,7 @@ def compared(rows: list[Row]) -> list[Row]:
 def cells(row: Row) -> list[str]:
     """A row of the printed table."""
     rate = row.steps_per_second
-    ratios = [f"{row.ratios[n]:.2f}" if n in row.ratios else "" for n in ("gymnasium", "envpool")]
+    ratios = [f"{row.ratios[name]:.2f}" if name in row.ratios else "" for name in PEERS]
     return [
         row.kind, row.environment, row.package, row.detail, str(row.lanes),
         "not installed" if rate is None else f"{rate:,.0f}", *ratios,
@@ -165,7 +174,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = compared(list(measure(arguments.only, arguments.seconds)))
     header = (
-        "kind", "environment", "package", "", "lanes", "steps/s", "/ gymnasium", "/ envpool",
+        "kind", "environment", "package", "", "lanes", "steps/s", *(f"/ {name}" for name in PEERS),
     )  # fmt: skip
     results.print_table(header, map(cells, rows))
     content = {"rows": [asdict(row) for row in rows]}

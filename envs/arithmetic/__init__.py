@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .array_ops import ARRAY
     from .jax_ops import JaxOps, jax, jnp
     from .ops import FLOAT32_MAX, SCALAR, Carry, Component, Components, Ops, repeat
-    from .trees import map_leaves
+    from .trees import leaves_of, map_leaves
 else:
     __getattr__, __dir__ = lazy_door(__name__)

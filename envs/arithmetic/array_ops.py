@@ -33,6 +33,8 @@ class ArrayOps:
     def usually(condition: Array, /) -> Array:
         return condition
 
+    rarely = usually
+
     @staticmethod
     def while_loop(
         condition: Callable[[Carry], Array], body: Callable[[Carry], Carry], carry: Carry

@@ -46,6 +46,8 @@ class JaxOps:
         """The condition itself."""
         return condition
 
+    rarely = usually
+
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry
     ) -> Carry:

@@ -61,6 +61,12 @@ class Ops(Protocol):
         Code that is written for the usual case takes it for True, and hands the others back.
         """
 
+    def rarely(self, condition: Component, /) -> Component:
+        """``condition``, of which it is known that it holds in no lane but for rare cases.
+
+        What is wanted only where it holds, written as ``condition & …``, may then not be computed.
+        """
+
     def while_loop(
         self,
         condition: Callable[[Carry], Component],
@@ -131,6 +137,8 @@ class ScalarOps:
     @staticmethod
     def usually(condition: bool, /) -> bool:
         return condition
+
+    rarely = usually
 
     @staticmethod
     def where(condition: bool, a: float, b: float, /) -> float:

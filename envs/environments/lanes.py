@@ -16,11 +16,6 @@ from ..episode import Setup
 Array = npt.NDArray[Any]
 
 
-def as_lanes(value: Component, lanes: int) -> Array:
-    """``value`` itself if it is an array, else a fresh one of shape (lanes,)."""
-    return value if isinstance(value, np.ndarray) else np.full(lanes, value)
-
-
 def blank(tree: Any, num_envs: int) -> Any:
     """Zeros of shape (num_envs,) in place of the components of ``tree``."""
     return map_leaves(lambda x: np.zeros(num_envs, np.asarray(x).dtype), tree)
@@ -44,8 +39,8 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
 
 def fill(table: Array, components: Components, lanes: Any = slice(None)) -> Array:
     """``table``, shape (num_envs, n), with components, one number or one per lane, as columns."""
-    for column, values in enumerate(components):
-        table[lanes, column] = values
+    for column, values in zip(table.T, components, strict=True):
+        column[lanes] = values
     return table
 
 

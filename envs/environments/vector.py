@@ -21,12 +21,10 @@ from ..episode import (
     LaneStarts,
     Setup,
     check_options,
-    checked_state,
     draw_start,
     initial_state,
     make_mixture,
     numbers_per_start,
-    possible,
     quiet_status,
     sensed,
 )
@@ -42,7 +40,6 @@ from .environment import (
 from .lanes import (
     Array,
     as_floats,
-    as_lanes,
     blank,
     check_lanes,
     fill,
@@ -53,6 +50,8 @@ from .lanes import (
     varied,
 )
 from .vector_info import Info, LaneInfo, kept
+
+_FLOATS = np.dtype(np.float64)
 
 
 class IntegVectorEnv(DiscretizedVectorEnv):
@@ -107,6 +106,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.single_action_space = self.setup.action_space
         self.single_observation_space = observation_space(self.setup)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
         self._info = LaneInfo(num_envs, quiet_status(self.setup))
@@ -184,18 +184,17 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{waiting.tolist()}"
             )
-        observed, told = self._advance(self._read_actions(actions, waiting))
+        observed, told, alike = self._advance(self._read_actions(actions, waiting))
         reward, terminated, truncated, sampled = (
-            as_lanes(told.pop(name), self.num_envs) for name in RESULTS
+            self._info.result(name, told, alike) for name in RESULTS
         )
-        info = self._info.of_step(told)
+        info = self._info.of_step(told, alike)
         if self.render_mode is not None:
             self._control = info["control"].copy()
         observation = self._table(observed)
         if waiting.size:
-            self._begin(waiting, {}, info)
+            self._begin_again(waiting, info, observation)
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
-            self._look_anew(observation, waiting)
             sampled[waiting] = True
         self.status_codes = info["solver_status"]
         observation = self._with_noise(observation, sampled)
@@ -291,18 +290,28 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
         self._control[lanes] = 0.0
-        self._info.begin(info, lanes, self._state)
+        self._info.begin(info, lanes, fresh.energy, fresh.goal_since)
+
+    def _begin_again(self, lanes: Array, info: Info, observation: Array) -> None:
+        """The same after a step, whose arrays and observation, without noise, are written into."""
+        if self._starts is None or self._lanes_differ:
+            self._begin(lanes, {}, info)
+            self._look_anew(observation, lanes)
+            return
+        step = self._steps[0]
+        begun = self._starts.begin(lanes, step.first)
+        self._state = step.begin(self._current(), lanes, begun)
+        observation[lanes] = begun.observation
+        self._done[lanes] = False
+        self._control[lanes] = 0.0
+        self._info.begin(info, lanes, begun.energy, begun.goal_since)
 
     def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
         """Starts of some lanes, shape (len(lanes), n)."""
         check_options(self.setup, options, ("mixture_index",) if self.mixed else ())
         if self._starts is None or "state" in options:
             return np.array([self._draw_one(lane, options) for lane in lanes.tolist()])
-        starts = self._starts.draw(lanes, options)
-        fine = possible(self.setup, tuple(starts.T))
-        if not fine.all():
-            checked_state(self.setup, starts[np.argmin(fine)])
-        return starts
+        return self._starts.draw(lanes, options)
 
     def _draw_one(self, lane: int, options: Mapping[str, Any]) -> Components:
         rng = self._rngs[lane]
@@ -324,17 +333,17 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
         values = as_floats(actions)
-        if values.shape != self.action_space.shape:
-            raise ValueError(
-                f"actions must have shape {self.action_space.shape}, got {values.shape}"
-            )
+        if values.shape != self._action_shape:
+            raise ValueError(f"actions must have shape {self._action_shape}, got {values.shape}")
         if ignored.size:
             values[ignored] = 0.0
         count = self.setup.task.discrete
         if count is None:
             return values[:, 0]
-        known = (values >= 0.0) & (values < count) & (values == np.floor(values))
-        if not known.all():
+        known = (values >= 0.0) & (values < count)
+        if getattr(actions, "dtype", _FLOATS).kind not in "biu":
+            known &= values == np.floor(values)
+        if np.count_nonzero(known) < known.size:
             wrong = np.isfinite(values) & ~known
             if wrong.any():
                 raise ValueError(
@@ -343,14 +352,17 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 )
         return values
 
-    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any]]:
-        """Observations, without noise, and what a step tells; see :data:`ArrayStep`."""
+    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
+        """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
         if self.mixed:
             return self._advance_mixture(actions)
-        self._state, observed, told = self._steps[0](self._current(), actions)
-        return observed, told
+        step = self._steps[0]
+        self._state, observed, told = step(self._current(), actions)
+        return observed, told, step.alike
 
-    def _advance_mixture(self, actions: Array) -> tuple[Components, dict[str, Any]]:
+    def _advance_mixture(
+        self, actions: Array
+    ) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
         state = self._current()
         merged: dict[str, Any] = {}
@@ -362,12 +374,12 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             step = self._steps[index] if own is setup else LanesStep(own)
             after, _, told = step(take(state, lanes), actions[lanes])
             state = put(state, lanes, after, self.num_envs)
-            for name, value in told.items():
+            for name, value in {**step.alike, **told}.items():
                 if name not in merged:
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
         self._state = state
-        return self._observed(), merged
+        return self._observed(), merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
         return of_lanes(setup, lanes) if self._lanes_differ else setup
@@ -377,8 +389,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
-        """Observations as float32, shape (num_envs, …)."""
-        return fill(np.empty((self.num_envs, len(observed)), dtype=np.float32), observed)
+        """Observations as float32, shape (num_envs, n); component by component in memory."""
+        return fill(np.empty((len(observed), self.num_envs), dtype=np.float32).T, observed)
 
     def _look_anew(self, observation: Array, lanes: Array) -> None:
         """Fill in the observations, without noise, of lanes that have just been reset."""
@@ -406,8 +418,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             final_obs[lane] = observation[lane].copy()
         final_info = self._info.told(kept(self._arrays(info), done), done)
         self.status_codes = self.status_codes.copy()
-        self._begin(lanes, {}, info)
-        self._look_anew(observation, lanes)
+        self._begin_again(lanes, info, observation)
         told = {
             **self._told(info, self._info.everyone),
             "final_obs": final_obs,

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     )
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees
     from .info import BLANK, LOSSES, reset_info, step_info
+    from .lane_starts import Begun, LaneStarts
     from .mixture import WEIGHT, Mixture, make_mixture
     from .script import Script, script_of
     from .settings import Settings, Setup, build_setup
     from .starts import (
         GivenNumbers,
-        LaneStarts,
         check_options,
         check_starts,
         checked_state,

@@ -224,7 +224,7 @@ def _outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
-        success=truncated & reached & _negated(terminated),
+        success=ops.rarely(truncated) & (reached & _negated(terminated)),
         sampled=_sampled(orders, ok),
         work=work,
         dissipated=dissipated,

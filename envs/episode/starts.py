@@ -18,9 +18,6 @@ from .settings import Setup
 
 Array = npt.NDArray[Any]
 
-AHEAD = 32
-"""Starts whose numbers are drawn at once."""
-
 
 def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
     """A start in state order, drawn or given as option ``state``."""
@@ -102,7 +99,7 @@ def check_starts(setup: Setup) -> None:
     fastest = 0.0
     for number in (0.0, 0.5, 1.0):
         try:
-            start = _make(setup, GivenNumbers(repeat(number)), {})
+            start = made_start(setup, GivenNumbers(repeat(number)), {})
             fastest = max(fastest, *(abs(float(v)) for v in start[1::2]))
         except Exception:  # whatever a task of the user's own does with what is not a generator
             return
@@ -149,64 +146,25 @@ def numbers_per_start(setup: Setup) -> int | None:
     """
     try:
         counting = GivenNumbers(repeat(0.5))
-        _make(setup, counting, {})
+        made_start(setup, counting, {})
         singly, ahead = np.random.default_rng(0), np.random.default_rng(0)
-        one_by_one = [_make(setup, singly, {}) for _ in range(2)]
+        one_by_one = [made_start(setup, singly, {}) for _ in range(2)]
         numbers = ahead.random((2, counting.taken))
-        together = _make(setup, GivenNumbers(iter(numbers.T)), {})
-        same = np.array_equal(np.array(one_by_one), _table(together, 2))
+        together = made_start(setup, GivenNumbers(iter(numbers.T)), {})
+        same = np.array_equal(np.array(one_by_one), start_table(together, 2))
     except Exception:  # whatever a task of the user's own does with what is not a generator
         return None
     return counting.taken if same else None
 
 
-class LaneStarts:
-    """Draws starts as each lane's own generator would, some ahead.
-
-    Args:
-        setup: of the lanes.
-        generators: one per lane; entries may be replaced after :meth:`forget`.
-        size: numbers per start.
-    """
-
-    def __init__(self, setup: Setup, generators: list[np.random.Generator], size: int) -> None:
-        self._setup = setup
-        self._generators = generators
-        self._numbers = np.empty((len(generators), AHEAD, size))
-        self._next = np.full(len(generators), AHEAD)
-        self._before: list[Any] = [None] * len(generators)
-
-    def draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
-        """Starts of some lanes, in state order, shape (len(lanes), n)."""
-        for lane in lanes[self._next[lanes] == AHEAD].tolist():
-            generator = self._generators[lane]
-            self._before[lane] = generator.bit_generator.state
-            generator.random(out=self._numbers[lane])
-            self._next[lane] = 0
-        numbers = self._numbers[lanes, self._next[lanes]]
-        self._next[lanes] += 1
-        return _table(_make(self._setup, GivenNumbers(iter(numbers.T)), options), lanes.size)
-
-    def put_back(self) -> None:
-        """Leave every generator as it would be had nothing been drawn ahead."""
-        for lane in np.flatnonzero(self._next < AHEAD).tolist():
-            generator = self._generators[lane]
-            generator.bit_generator.state = self._before[lane]
-            generator.random((self._next[lane], self._numbers.shape[2]))
-        self._next[:] = AHEAD
-
-    def forget(self, lane: int) -> None:
-        """Drop what was drawn ahead for a lane."""
-        self._next[lane] = AHEAD
-
-
-def _make(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
+def made_start(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
+    """A start in state order, of whatever the task makes of the generator's numbers."""
     return setup.task.draw_start(generator, setup.settings.start, options)
 
 
-def _table(start: Any, count: int) -> Array:
-    """Components, each one number or one per lane, as rows of shape (count, n)."""
-    rows = np.empty((count, len(start)))
+def start_table(start: Any, count: int, dtype: npt.DTypeLike = np.float64) -> Array:
+    """Components, each one number or one per start, as rows of shape (count, n)."""
+    rows = np.empty((count, len(start)), dtype)
     for column, values in enumerate(start):
         rows[:, column] = values
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Any
 
@@ -12,6 +12,7 @@ from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves
 from ..arithmetic.tracing import ARRAYS, SCALARS, Repeated, Unusual, compiled, repeated
 from .control_period import EnvState, initial_state, quiet_status, transition
 from .info import reset_info, step_info
+from .lane_starts import Begun
 from .settings import Setup
 
 ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
@@ -89,6 +90,10 @@ class LanesStep:
 
     Args:
         setup: of the lanes.
+
+    Attributes:
+        alike: what the last call would have told that is one number for all lanes, and the same
+            mapping as long as it says the same.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -98,11 +103,40 @@ class LanesStep:
         self._last: EnvState | None = None
         self._carried: Any = ()
         self._steps_to_trace = WARM_UP
+        self.alike: Mapping[str, Any] = {}
+
+    @property
+    def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
+        """What the step takes from the call before, of a state that it has not returned."""
+        return _nothing if self._traced is None else self._traced.first
+
+    def begin(self, state: EnvState, lanes: Component, begun: Begun) -> EnvState:
+        """``state``, which the step has just returned, with episodes begun in some lanes.
+
+        Its arrays are written into.
+
+        Args:
+            state: of all lanes.
+            lanes: lane numbers.
+            begun: their starts, made with :attr:`first`.
+        """
+        if state is self._last and self._traced is not None:
+            after, self._carried = self._traced.put(state, self._carried, lanes, begun.values)
+            self._last = EnvState._make(after)
+            return self._last
+        values = iter(begun.values)
+
+        def put(old: Component) -> Component:
+            array = old if isinstance(old, np.ndarray) else np.full(state.energy.shape, old)
+            array[lanes] = next(values)
+            return array
+
+        return EnvState._make(map_leaves(put, tuple(state)))
 
     def __call__(
         self, state: EnvState, actions: Component
     ) -> tuple[EnvState, Components, dict[str, Any]]:
-        """As an :data:`ArrayStep`."""
+        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`."""
         if self._steps_to_trace > 0:
             self._steps_to_trace -= 1
             if not self._steps_to_trace:
@@ -113,6 +147,7 @@ class LanesStep:
                     return self._go_on(self._traced, state, actions)
                 except Unusual:
                     pass
+            self.alike = {}
             after, observation, told = self._plain(state, actions)
         return after, observation, {name: _own(value) for name, value in told.items()}
 
@@ -122,8 +157,12 @@ class LanesStep:
         if state is not self._last:
             self._carried = traced.first(state)
         after, observation, told, self._carried = traced.step(state, self._carried, actions)
-        self._last = EnvState._make(after)
+        self._last, self.alike = EnvState._make(after), traced.alike
         return self._last, observation, told
+
+
+def _nothing(state: EnvState) -> tuple[Component, ...]:
+    return ()
 
 
 def _own(value: Component) -> Component:

@@ -129,8 +129,8 @@ def _attributed(
             **{name: given[name][i] for name in _FACTS},
         )
         said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
-        if said.home is None:
-            said = replace(said, home=context.home(own))
+        if said.home is None and (home := context.home(own)) is not None:
+            said = replace(said, home=home)
         label, reason = failure_label(facts, said)
         yield {"failure_label": label, "failure_reason": reason, **said.columns()}
 
@@ -168,22 +168,25 @@ def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
     if field.source not in layout:
         return pa.nulls(len(episodes.heads), kind)
     numbers = episodes.rows[layout.place(field.source)]
-    if np.isnan(numbers).all():
+    if not numbers.size or (np.isnan(numbers[0]) and np.isnan(numbers).all()):
         return pa.nulls(len(episodes.heads), kind)
     if field.at == "step":
         numbers = np.append(numbers[1:], 0.0)
     lengths = np.zeros(len(episodes.heads), dtype=np.int64)
     lengths[episodes.traced] = episodes.counts
     ends = np.concatenate(([0], np.cumsum(lengths)))
-    unknown = _absent(numbers, ends) if field.at == "step" else np.isnan(numbers)
-    known = np.nan_to_num(numbers).astype(kind.value_type.to_pandas_dtype(), copy=False)
+    finite = np.isfinite(numbers).all()
+    unknown = np.zeros(len(numbers), dtype=bool) if finite else np.isnan(numbers)
+    if field.at == "step":
+        unknown[_last_rows(ends)] = True
+    known = numbers if finite else np.nan_to_num(numbers)
+    known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
     values = pa.array(known, mask=unknown if unknown.any() else None)
     missing = None if episodes.traced.all() else pa.array(~episodes.traced)
     return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
 
 
-def _absent(numbers: Array, ends: Array) -> Array:
-    """True where there is no value: NaN, and the last row of an episode, which no step follows."""
-    mask = np.isnan(numbers)
-    mask[ends[1:][np.diff(ends) > 0] - 1] = True
-    return mask
+def _last_rows(ends: Array) -> Array:
+    """The last row of every episode that has some, which no step follows."""
+    rows: Array = ends[1:][np.diff(ends) > 0] - 1
+    return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -58,25 +58,40 @@ class LaneBuffer:
         self._starts[lanes] = self._time
         self.active[lanes] = record
 
-    def end(self, lanes: Array) -> Iterator[tuple[Array, Array]]:
+    def end(self, lanes: Array) -> tuple[Array, Array]:
         """End the episodes in ``lanes`` with the last row.
 
-        Yields:
-            Lanes whose episodes began together, and their rows, shape (entries, lanes, rows).
+        Returns:
+            Their rows one after the other, lane by lane, shape (entries, sum of counts), and how
+            many each has, its reset's included.
         """
         self.active[lanes] = False
-        lanes = lanes[np.argsort(self._starts[lanes], kind="stable")]
-        for together in np.split(lanes, np.flatnonzero(np.diff(self._starts[lanes])) + 1):
-            start = self._starts[together[0]]
-            rows = np.empty((len(self._first), len(together), self._time - start + 1))
-            rows[:, :, 0] = self._first[:, together]
-            rows[:, :, 1:] = self._taken(start, together).transpose(0, 2, 1)
-            yield together, rows
+        counts = self._time - self._starts[lanes] + 1
+        if len(lanes) > 1 and lanes[-1] - lanes[0] + 1 == len(lanes) and not np.ptp(counts):
+            return self._beside_each_other(lanes, int(counts[0])), counts
+        places, resets = self._places(lanes, counts)
+        rows = self._steps.reshape(len(self._steps), -1).take(places, axis=1)
+        rows[:, resets] = self._first[:, lanes]
+        return rows, counts
 
-    def _taken(self, start: int, lanes: Array) -> Array:
-        """Steps of some lanes, shape (entries, steps, lanes); a view where they are neighbours."""
-        steps = self._steps[:, start : self._time]
-        first, last = int(lanes[0]), int(lanes[-1])
-        if last - first + 1 == len(lanes):
-            return steps[:, :, first : last + 1]
-        return steps.take(lanes, axis=2)
+    def _places(self, lanes: Array, counts: Array) -> tuple[Array, Array]:
+        """Where the rows of some lanes are among all steps of all lanes, and which are resets'.
+
+        A reset's place is any.
+        """
+        ends = np.cumsum(counts)
+        last = (self._time - 1) * self._steps.shape[2] + lanes
+        to_go = np.repeat(ends, counts) - np.arange(1, ends[-1] + 1)
+        places = np.repeat(last, counts) - to_go * self._steps.shape[2]
+        resets = ends - counts
+        places[resets] = 0
+        return places, resets
+
+    def _beside_each_other(self, lanes: Array, count: int) -> Array:
+        """Rows of neighbouring lanes whose episodes began together."""
+        neighbours = slice(int(lanes[0]), int(lanes[-1]) + 1)
+        rows = np.empty((len(self._first), len(lanes), count))
+        rows[:, :, 0] = self._first[:, neighbours]
+        steps = self._steps[:, self._time - count + 1 : self._time, neighbours]
+        rows[:, :, 1:] = steps.transpose(0, 2, 1)
+        return rows.reshape(len(rows), -1)

@@ -215,13 +215,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             return
         ended = now()
         entropies = self._inner.np_random_seed
-        heads = {lane: self._head(lane, entropies[lane], ended) for lane in lanes.tolist()}
-        for together, rows in buffer.end(lanes):
-            self._log.add(
-                rows.reshape(len(rows), -1),
-                np.full(len(together), rows.shape[2]),
-                [heads[lane] for lane in together.tolist()],
-            )
+        heads = [self._head(lane, entropies[lane], ended) for lane in lanes.tolist()]
+        self._log.add(*buffer.end(lanes), heads)
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 

@@ -13,6 +13,10 @@ from .arrow import described, is_trace
 from .extra import pyarrow
 from .fields import VOLATILE_NAMES
 
+_BY_COMMAS, _BY_LINES = (
+    json.JSONEncoder(separators=(separator, ":"), ensure_ascii=False) for separator in (",", "\n")
+)
+
 
 class _Flat(NamedTuple):
     """A trace column without its nulls: row i owns bytes ends[i] … ends[i + 1]."""
@@ -38,18 +42,20 @@ def content_hashes(table: Any) -> list[str]:
     Args:
         table: Arrow table with the columns of one file.
     """
+    if not table.num_rows:
+        return []
     names = sorted(name for name in table.column_names if name not in VOLATILE_NAMES)
     about = {name: _signature(table.schema.field(name)) for name in names}
     start = hashlib.sha256(_json(about).encode())
-    fields = _objects({n: table.column(n).to_pylist() for n in names if not is_trace(n)})
+    fields = _objects({n: _texts(table.column(n)) for n in names if not is_trace(n)})
     flat = {name: _flatten(table.column(name)) for name in names if is_trace(name)}
-    counts = _objects({name: column.counts for name, column in flat.items()})
+    counts = _objects({name: _json_of_all(column.counts) for name, column in flat.items()})
+    columns = list(flat.values())
     hashes = []
     for i in range(table.num_rows):
         digest = start.copy()
-        digest.update(f"[{fields[i]},{counts[i]}]".encode())
-        for column in flat.values():
-            digest.update(column.data[column.ends[i] : column.ends[i + 1]])
+        parts = [column.data[column.ends[i] : column.ends[i + 1]] for column in columns]
+        digest.update(b"".join([f"[{fields[i]},{counts[i]}]".encode(), *parts]))
         hashes.append(digest.hexdigest())
     return hashes
 
@@ -60,24 +66,41 @@ def _signature(field: Any) -> list[str]:
     return [named, about["unit"], about["frame"]]
 
 
-def _json(value: Any, separator: str = ",") -> str:
-    return json.dumps(value, separators=(separator, ":"), ensure_ascii=False)
+def _json(value: Any) -> str:
+    return _BY_COMMAS.encode(value)
 
 
-def _objects(columns: dict[str, list[Any]]) -> list[str]:
-    """JSON of {column: value} for every row."""
-    members = []
-    for name, values in columns.items():
-        key = f"{_json(name)}:"
-        members.append([key + text for text in _texts(values)])
-    return [f"{{{','.join(row)}}}" for row in zip(*members, strict=True)]
+def _objects(columns: dict[str, list[str]]) -> list[str]:
+    """JSON of {column: value} for every row, from the JSON of every value."""
+    rows = len(next(iter(columns.values()), ()))
+    varying: list[list[str]] = []
+    between = "{"
+    for place, (name, texts) in enumerate(columns.items()):
+        between += f"{',' if place else ''}{_json(name)}:"
+        if texts.count(texts[0]) == rows:
+            between += texts[0]
+        else:
+            varying.append([between + text for text in texts])
+            between = ""
+    varying.append([between + "}"] * rows)
+    return list(map("".join, zip(*varying, strict=True)))
 
 
-def _texts(values: list[Any]) -> list[str]:
-    """JSON of every value; JSON of a scalar has no line break, so all are encoded at once."""
-    if any(isinstance(value, list) for value in values[:1]):
-        return [_json(value) for value in values]
-    return _json(values, "\n")[1:-1].split("\n") if values else []
+def _texts(column: Any) -> list[str]:
+    """JSON of every value of a column; what is there many times is encoded once."""
+    types = pyarrow().types
+    if types.is_list(column.type):
+        return list(map(_json, column.to_pylist()))
+    if not types.is_string(column.type):
+        return _json_of_all(column.to_pylist())
+    coded = column.combine_chunks().dictionary_encode()
+    texts = [*_json_of_all(coded.dictionary.to_pylist()), "null"]
+    return [texts[-1 if place is None else place] for place in coded.indices.to_pylist()]
+
+
+def _json_of_all(values: list[Any]) -> list[str]:
+    """JSON of scalars, which has no line break, so that all are encoded at once."""
+    return _BY_LINES.encode(values)[1:-1].split("\n") if values else []
 
 
 def _flatten(column: Any) -> _Flat:
@@ -87,8 +110,8 @@ def _flatten(column: Any) -> _Flat:
     ends = _ends(lengths)
     values = array.flatten()
     if values.null_count:
-        valid = values.is_valid().to_numpy(zero_copy_only=False)
-        ends = _ends(valid)[ends]
+        nulls = values.is_null().to_numpy(zero_copy_only=False).nonzero()[0]
+        ends = ends - np.searchsorted(nulls, ends)
         values = values.drop_null()
     numbers = values.to_numpy(zero_copy_only=False)
     numbers = np.ascontiguousarray(numbers, dtype=numbers.dtype.newbyteorder("<"))

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Sequence
+from itertools import count
 from typing import Any, NamedTuple
 
-from ..trees import leaves_of, rebuilt
+import numpy as np
+
+from ..trees import leaves_of, map_leaves, rebuilt
 from .dialects import Dialect
 from .liveness import carried
 from .symbolic_ops import SymbolicOps
 from .symbols import NotTraceable, Symbol, symbols_in
+from .syntax import PYTHON_SYNTAX
 from .trace import Trace
 from .writer import Writer, target
 
@@ -54,12 +59,18 @@ def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
 
 
 class Repeated(NamedTuple):
-    """A function that is called again and again on the state that it returns."""
+    """A function of arrays that is called again and again on the state that it returns."""
 
     first: Function
     """(state) to what the first call takes from the call before."""
     step: Function
     """(state, taken, …) to (…, to be taken by the next call)."""
+    put: Function
+    """(state, taken, lanes, values) to (state, taken): what a call has returned, with other values
+    in some lanes, those of all components one after the other. Arrays are written into."""
+    alike: dict[str, Any]
+    """What is the same in every call of the dictionary that the function returns; the step's
+    leaves it out."""
 
 
 def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
@@ -73,11 +84,51 @@ def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
     places = [place for place, item in enumerate(trace.block.items) if id(item) in pairs]
     taken = tuple(_taken_out(trace, place) for place in reversed(places))[::-1]
     passed_on = tuple(pairs[id(symbol)] for symbol in taken)
-    step = _written(trace, [arguments[0], taken, *arguments[1:]], (*result, passed_on))
+    varying = tuple(_entries(part, varying=True) for part in result)
+    step = _written(trace, [arguments[0], taken, *arguments[1:]], (*varying, passed_on))
+    put = _putting(result[0], passed_on)
+    alike = [_entries(part, varying=False) for part in result if isinstance(part, dict)]
     trace, (state, *_), _ = _traced(dialect, function, patterns)
     wanted = tuple(trace.block.items[place] for place in places)
     trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
-    return Repeated(_written(trace, [state], wanted), step)
+    return Repeated(_written(trace, [state], wanted), step, put, dict(ChainMap(*alike)))
+
+
+def _entries(part: Any, varying: bool) -> Any:
+    """Those entries of a dictionary that vary, or the others; anything else as it is."""
+    if not isinstance(part, dict):
+        return part
+    return {name: x for name, x in part.items() if isinstance(x, Symbol) is varying}
+
+
+def _putting(state: Any, taken: Any) -> Function:
+    """:attr:`Repeated.put`, of what a call returns in symbols and constants."""
+    lines: list[str] = []
+    seen: set[int] = set()
+    for place, leaf in enumerate(leaves_of((state, taken))):
+        name = f"x{place}"
+        computed = isinstance(leaf, Symbol) and leaf.template
+        if computed and id(leaf) in seen:
+            continue
+        seen.add(id(leaf))
+        lines += [] if computed else [f"{name} = in_lanes({name}, x0)"]
+        lines.append(f"{name}[lanes] = values[{place}]")
+    names = (f"x{place}" for place in count())
+    both = map_leaves(lambda _: next(names), (state, taken))
+    targets = [_tuple_of(both[0]), _tuple_of(both[1]), "lanes", "values"]
+    source = PYTHON_SYNTAX.function(
+        ["state", "taken", "lanes", "values"], targets, lines, _tuple_of(both)
+    )
+    return _executed(source, {"in_lanes": _in_lanes})
+
+
+def _tuple_of(names: Any) -> str:
+    return PYTHON_SYNTAX.together([_tuple_of(x) if isinstance(x, tuple) else x for x in names])
+
+
+def _in_lanes(value: Any, like: Any) -> Any:
+    """An array as it is; a number as one entry per lane."""
+    return value if isinstance(value, np.ndarray) else np.full(like.shape, value)
 
 
 def _traced(
@@ -98,9 +149,12 @@ def _taken_out(trace: Trace, place: int) -> Any:
 
 def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     source = _source(trace, arguments, result)
-    space = {**trace.dialect.names, **trace.functions}
-    exec(compile(source, "<traced>", "exec"), space)
-    made: Function = space["traced"]
+    return _executed(source, {**trace.dialect.names, **trace.functions, **trace.held})
+
+
+def _executed(source: str, names: dict[str, Any]) -> Function:
+    exec(compile(source, "<traced>", "exec"), names)
+    made: Function = names["traced"]
     made.__doc__ = source
     return made
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,8 +23,9 @@ class Dialect:
     Attributes:
         names: what the source may refer to.
         written: templates of operations that are not written as a call of their name. `expect` is
-            a statement, which refuses to go on unless {0} holds; `own` a copy, where entries of
-            dictionaries must be objects of their own.
+            a statement, which refuses to go on unless {0} holds; `own` a copy, where
+            entries of dictionaries must be objects of their own, and `own computed` the same of
+            what was computed and not given; `and rarely` where {0} holds in few lanes, if in any.
         lanes: whether components are arrays. Then numbers are taken to be finite, so that 0.0
             times one of them is 0.0, and the sign of a zero to mean nothing; and a loop goes on in
             the lanes where its condition holds, and in no other.
@@ -45,6 +46,15 @@ class Dialect:
     def template(self, operation: str, count: int = 1) -> str:
         """How an operation on so many operands is written."""
         return self.written.get(operation, called(operation, count))
+
+    def expected_after(self, limits: Sequence[float]) -> str:
+        """How `expect` of lanes is written where sums of squares up to ``limits`` are enough.
+
+        The operands are the condition and what is squared.
+        """
+        sums = (f"dot({{{k}}}, {{{k}}}) <= {limit!r}" for k, limit in enumerate(limits, 1))
+        refusal = self.template("expect").removeprefix("if ")
+        return f"if not ({' and '.join(sums)}) and {refusal}"
 
 
 def called(name: str, count: int) -> str:
@@ -73,6 +83,7 @@ SCALARS = Dialect(
         "any": "{0}",
         "expect": "if not {0}: raise Unusual",
         "own": "{0}",
+        "own computed": "{0}",
     },
     raises=True,
 )
@@ -81,6 +92,8 @@ ARRAYS = Dialect(
     names={
         **{name: getattr(np, name) for name in (*_SHARED, *_OF_ARRAYS)},
         "any_lane": np.any,
+        "count_nonzero": np.count_nonzero,
+        "dot": np.dot,
         "all_lanes": np.all,
         "own": _own,
         "Unusual": Unusual,
@@ -90,6 +103,8 @@ ARRAYS = Dialect(
         "or": "{0} | {1}",
         "any": "any_lane({0})",
         "expect": "if not {0}.all(): raise Unusual",
+        "and rarely": "{0} & {1} if count_nonzero({0}) else {0}.copy()",
+        "own computed": "{0}.copy()",
     },
     lanes=True,
 )
@@ -111,6 +126,7 @@ JAVASCRIPT = Dialect(
         "any": "{0}",
         "expect": "if (!{0}) return null;",
         "own": "{0}",
+        "own computed": "{0}",
     },
     syntax=JAVASCRIPT_SYNTAX,
 )

@@ -36,6 +36,9 @@ class SymbolicOps:
     def usually(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)
 
+    def rarely(self, condition: Any, /) -> Any:
+        return self._trace.rarely(condition)
+
     def where(self, condition: Any, a: Any, b: Any, /) -> Any:
         if isinstance(condition, bool):
             return a if condition else b

@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from itertools import compress
 from typing import Any
 
+import numpy as np
+
 from ..ops import Carry
 from ..trees import leaves_of, rebuilt
+from .bounds import sums_of_squares
 from .dialects import Dialect, called
 from .symbols import NotTraceable, Symbol, identity, is_boolean, plain, same, symbols_in
 
@@ -70,6 +73,9 @@ class Trace:
         self.block = Block(None)
         self.functions: dict[str, Callable[..., Any]] = {}
         """What is called as it stands, by the name that it is called by."""
+        self.held: dict[str, Any] = {}
+        """Arrays of constants, by the name that they are written by."""
+        self._held_by: dict[str, str] = {}
         self._names = 0
 
     def new_name(self) -> str:
@@ -99,9 +105,27 @@ class Trace:
             return bool(condition)
         key = ("expected", id(condition))
         if self.block.find(key) is None:
-            template = self.dialect.template("expect")
-            self.block.add(key, Symbol(self, template, (condition,), statement=True))
+            template, operands = self.dialect.template("expect"), [condition]
+            bounds = sums_of_squares(condition) if self.dialect.lanes else None
+            if bounds is not None:
+                template = self.dialect.expected_after([limit for _, limit in bounds])
+                operands += [symbol for symbol, _ in bounds]
+            self.block.add(key, Symbol(self, template, tuple(operands), statement=True))
         return True
+
+    def rarely(self, condition: Any) -> Any:
+        """``condition``, marked for :meth:`both`."""
+        if not self.dialect.lanes or not isinstance(condition, Symbol):
+            return condition
+        return self.note(_RARE, condition, boolean=True)
+
+    def hold(self, numbers: float | list[float]) -> str:
+        """The name of constants that are made an array once, which operations take sooner."""
+        key = repr(numbers)
+        if key not in self._held_by:
+            self._held_by[key] = name = f"k{len(self.held)}"
+            self.held[name] = np.array(numbers)
+        return self._held_by[key]
 
     def call(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Symbol:
         """The symbol of a call that is made as it stands, every time."""
@@ -119,6 +143,9 @@ class Trace:
                 return known if known is absorbing else other
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
+        if a.template == _RARE and not absorbing:
+            template = self.dialect.template("and rarely", 2)
+            return self.note(template, *a.arguments, b, boolean=True)
         template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
 
@@ -158,6 +185,9 @@ class Trace:
         self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
         return rebuilt(carry, held)  # type: ignore[no-any-return]
 
+
+_RARE = "({0})"
+"""A condition that holds in few lanes, if in any."""
 
 _NEUTRAL = {
     "{0} + {1}": (0.0, 0.0),

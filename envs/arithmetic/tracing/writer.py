@@ -15,6 +15,11 @@ from .trace import Block, Loop, Trace
 _DEEPEST: Final = 12
 """Expressions nested deeper than this are given a name."""
 
+_OF_PYTHON_NUMBERS: Final = ("{0} ** {1}",)
+"""Operations that NumPy does otherwise where a constant is an array."""
+
+_WHERE: Final = "where({0}, {1}, {2})"
+
 
 class Writer:
     """Writes blocks down, leaving out what nobody uses and naming what is used twice."""
@@ -59,7 +64,10 @@ class Writer:
     def _entry(self, value: Any) -> str:
         text = self._display(value)
         shared = isinstance(value, Symbol) and (id(value) in self._shared or not value.template)
-        return self._trace.dialect.template("own").format(text) if shared else text
+        if not shared:
+            return text
+        own = "own computed" if value.template else "own"
+        return self._trace.dialect.template(own).format(text)
 
     def _operation(self, symbol: Symbol) -> list[str]:
         symbol.depth = 1 + max((a.depth for a in symbol.arguments if _inlined(a)), default=0)
@@ -97,7 +105,16 @@ class Writer:
         return [*head, *syntax.forever([*inside, *ending])]
 
     def _expression(self, symbol: Symbol) -> str:
-        return symbol.template.format(*(self._operand(a) for a in symbol.arguments))
+        operands = symbol.arguments
+        if not self._trace.dialect.lanes or symbol.template in _OF_PYTHON_NUMBERS:
+            return symbol.template.format(*map(self._operand, operands))
+        if symbol.template == _WHERE and type(operands[1]) is type(operands[2]) is float:
+            choices = self._trace.hold([operands[2], operands[1]])
+            return f"{choices}.take({self._operand(operands[0])})"
+        return symbol.template.format(*map(self._held_operand, operands))
+
+    def _held_operand(self, value: Any) -> str:
+        return self._trace.hold(value) if type(value) in (int, float) else self._operand(value)
 
     def _operand(self, value: Any, bare: bool = False) -> str:
         if not isinstance(value, Symbol):

@@ -79,6 +79,8 @@ class CasadiOps:
     def usually(self, condition: Component, /) -> Component:
         return condition
 
+    rarely = usually
+
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         if not isinstance(condition, Expression):
             return a if condition else b

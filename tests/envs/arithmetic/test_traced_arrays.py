@@ -60,8 +60,8 @@ def test_traced_equals_plain(env_id, integrator, variant):
         actions = _actions(setup, rng)
         with np.errstate(all="ignore"):
             expected = plain(state, actions)
-            *found, taken = traced.step(state, taken, actions)
-        _assert_same(found, expected)
+            *found, told, taken = traced.step(state, taken, actions)
+        _assert_same((*found, {**told, **traced.alike}), expected)
         state = EnvState._make(found[0])
 
 
@@ -141,6 +141,79 @@ def test_logic_of_lanes_and_constants():
 
 def test_what_is_known_not_to_hold_is_no_expectation():
     assert compiled(ARRAYS, lambda ops, x: ops.where(ops.usually(False), x, -x), False)(2.0) == -2.0
+
+
+@pytest.mark.parametrize(
+    ("x", "holds"),
+    [
+        ([9.9] * 6, True), ([-0.1] * 6, True), ([0.1, -10.1], False), ([1e200, 0.0], False),
+        ([math.nan, 0.0], False), ([math.inf], False), ([10.0], True),
+    ],
+)  # fmt: skip
+def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
+    """Also where many lanes within the bound make a sum beyond it."""
+
+    def function(ops, x):
+        return ops.where(ops.usually(ops.isfinite(x) & (abs(x) <= 10.0)), x, 0.0)
+
+    made = compiled(ARRAYS, function, False)
+    assert "dot" in made.__doc__
+    if holds:
+        assert made(np.array(x)).tolist() == x
+        return
+    with pytest.raises(Unusual), np.errstate(over="ignore"):
+        made(np.array(x))
+
+
+def test_other_expectations_are_looked_at_lane_by_lane():
+    made = compiled(ARRAYS, lambda ops, x: ops.where(ops.usually(x > 1.0), x, 0.0), False)
+    assert "dot" not in made.__doc__
+    assert made(np.array([2.0, 3.0])).tolist() == [2.0, 3.0]
+    with pytest.raises(Unusual):
+        made(np.array([2.0, 0.5]))
+
+
+def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
+    def function(ops, x, y):
+        rare = ops.rarely(x > 1.0)
+        return {"both": rare & (ops.sqrt(y) > 2.0), "rare": x > 1.0, "known": ops.rarely(True)}
+
+    made, y = compiled(ARRAYS, function, False, False), np.array([9.0, 9.0, 1.0])
+    told = made(np.array([0.0, 2.0, 2.0]), y)
+    assert told["both"].tolist() == [False, True, False]
+    assert told["known"] is True
+    told = made(np.zeros(3), None)
+    assert told["both"].tolist() == [False] * 3
+    assert told["both"] is not told["rare"]
+
+
+@pytest.mark.parametrize("held", [[1.0, 2.0], [2.0, 1.0]])
+def test_a_choice_of_two_numbers(held):
+    made = compiled(ARRAYS, lambda ops, x: ops.where(x > 0.0, *held), False)
+    assert made(np.array([1.0, -1.0])).tolist() == held
+
+
+def test_values_are_put_into_the_arrays_of_some_lanes():
+    """Of a constant and of what was given they are made; what is there twice is written once."""
+
+    def function(ops, state, push):
+        (x, kept), *_ = state
+        after = x + ops.sin(x) * push
+        return ((after, kept), False, after), {"sine": ops.sin(after), "one": 1.0}
+
+    made = repeated(ARRAYS, function, ((False, False), True, False), False)
+    assert made.alike == {"one": 1.0}
+    x = np.array([0.1, 0.2, 0.3])
+    state = (x, 5.0), True, x
+    state, _, taken = made.step(state, made.first(state), 1.0)
+    before = state[0][0]
+    lanes, values = np.array([0, 2]), (np.array([7.0, 8.0]), 9.0, True, np.array([7.0, 8.0]), -1.0)
+    ((x, kept), flag, twice), (sine,) = made.put(state, taken, lanes, values)
+    assert x is twice is before
+    assert x.tolist() == [7.0, before[1], 8.0]
+    assert kept.tolist() == [9.0, 5.0, 9.0]
+    assert flag.tolist() == [True, False, True]
+    assert sine.tolist() == [-1.0, math.sin(before[1]), -1.0]
 
 
 def test_what_is_known_of_the_next_state_is_passed_on():

@@ -32,6 +32,11 @@ CASES = {
             "mass_distribution": "point",
         },
     ),
+    "late": (
+        "IntegCartPole-v0",
+        {"action_latency": 0.05, "sensor_period": 0.03, "dt": 0.01, "control_period": 0.02,
+         "duration": 0.4},
+    ),
     "diverging": (
         "IntegPendulum-v0",
         {"integrator": "explicit_euler", "dt": 0.5, "gravity": 500.0, "duration": 8.0},

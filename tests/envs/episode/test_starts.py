@@ -8,7 +8,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
-from integ_gym.envs.episode.starts import AHEAD, GivenNumbers, LaneStarts, numbers_per_start
+from integ_gym.envs.episode.lane_starts import AHEAD, LaneStarts
+from integ_gym.envs.episode.starts import GivenNumbers, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 
 LANES = 3
@@ -136,6 +137,66 @@ def test_what_was_drawn_ahead_is_put_back():
     assert generators[0].bit_generator.state == untouched[0].bit_generator.state
     untouched[1].random(2)
     assert generators[1].random() == untouched[1].random()
+
+
+@pytest.mark.parametrize("most", [1 << 17, 8])
+def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
+    """Also where few are drawn ahead, and where some are drawn by `begin` and some by `draw`."""
+    monkeypatch.setattr("integ_gym.envs.episode.lane_starts.MOST", most)
+    setup = environment_setup("IntegCartPole-v0", {})
+    generators, alone = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
+    starts, rng = LaneStarts(setup, generators, 4), np.random.default_rng(0)
+    for number in range(2 * AHEAD):
+        lanes = np.flatnonzero(rng.random(LANES) < 0.7)
+        expected = np.array([alone[lane].uniform(-0.05, 0.05, 4) for lane in lanes]).reshape(-1, 4)
+        if number % 3:
+            begun = starts.begin(lanes, lambda state: (2.0 * state.q[0],))
+            x, theta, x_dot, theta_dot, energy, *_, taken = begun.values
+            found = np.array([x, x_dot, theta, theta_dot]).T
+            np.testing.assert_array_equal(begun.observation, expected)
+            np.testing.assert_array_equal(taken, 2.0 * x)
+            np.testing.assert_array_equal(begun.energy, energy)
+        else:
+            found = starts.draw(lanes, {})
+        np.testing.assert_array_equal(found, expected)
+    starts.put_back()
+    for mine, own in zip(generators, alone, strict=True):
+        assert mine.bit_generator.state == own.bit_generator.state
+
+
+def test_a_half_used_generator_is_put_back_with_what_it_holds():
+    """A generator keeps half a number where 32 bits were asked for."""
+    setup = environment_setup("IntegPendulum-v0", {})
+    generators, untouched = ([np.random.default_rng(k) for k in range(2)] for _ in range(2))
+    for generator in (*generators, *untouched):
+        generator.integers(9, dtype=np.int32)
+    starts = LaneStarts(setup, generators, 2)
+    starts.draw(np.array([0]), {})
+    starts.put_back()
+    untouched[0].random(2)
+    for mine, other in zip(generators, untouched, strict=True):
+        assert mine.bit_generator.state["has_uint32"] == 1
+        assert mine.bit_generator.state == other.bit_generator.state
+
+
+def test_an_impossible_start_is_refused_when_it_is_drawn():
+    """Not when it is made ahead: the lanes whose starts are possible go on."""
+    setup = environment_setup("IntegPendulum-v0", {"max_speed": 1.0})
+    fast = type(setup)(**{**vars(setup), "task": Faster()})
+    starts = LaneStarts(fast, [np.random.default_rng(k) for k in range(8)], 2)
+    speeds = np.array([np.random.default_rng(k).random(2)[1] for k in range(8)])
+    slow, quick = np.flatnonzero(speeds <= 0.5), np.flatnonzero(speeds > 0.5)
+    begun = starts.begin(slow, lambda state: ())
+    np.testing.assert_array_equal(begun.values[1], 2.0 * speeds[slow])
+    with pytest.raises(ValueError, match=r"speeds up to 1, got"):
+        starts.begin(quick[:1], lambda state: ())
+
+
+class Faster(PendulumSwingUp):
+    """Some of its starts are faster than a motion may be."""
+
+    def draw_start(self, rng, start, options):
+        return rng.uniform(), 2.0 * rng.uniform()
 
 
 def test_a_start_that_is_too_fast_is_refused():

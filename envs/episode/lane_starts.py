@@ -1,0 +1,185 @@
+"""Starts of many lanes, each from its lane's own generator, made many at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arithmetic import ARRAY, Component, leaves_of
+from ..plants import split_state
+from .control_period import EnvState, initial_state
+from .settings import Setup
+from .starts import GivenNumbers, checked_state, made_start, possible, start_table
+
+Array = npt.NDArray[Any]
+
+AHEAD, MOST = 32, 1 << 17
+"""Starts that are drawn ahead, at most: of a lane, and of all."""
+
+
+class Begun(NamedTuple):
+    """Episodes at their starts; a component has one entry per episode, or is one for all."""
+
+    values: tuple[Component, ...]
+    """All components of the state, and of what a step takes from the call before."""
+    energy: Array
+    """J."""
+    goal_since: Component
+    """See :class:`.control_period.EnvState`."""
+    observation: Array
+    """Without noise, shape (episodes, n)."""
+
+
+class LaneStarts:
+    """Draws starts as each lane's own generator would, some ahead.
+
+    Args:
+        setup: of the lanes.
+        generators: one per lane, with PCG64; entries may be replaced after :meth:`forget`.
+        size: numbers per start.
+    """
+
+    def __init__(self, setup: Setup, generators: list[np.random.Generator], size: int) -> None:
+        lanes = len(generators)
+        self._setup = setup
+        self._generators = generators
+        self._ahead = max(2, min(AHEAD, MOST // lanes))
+        self._numbers = np.empty((lanes, self._ahead, size))
+        self._next = np.full(lanes, self._ahead)
+        self._first = np.arange(lanes) * self._ahead
+        self._ready: _Ready | None = None
+
+    def draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
+        """Starts of some lanes, in state order, shape (len(lanes), n).
+
+        Raises:
+            ValueError: for one that is not possible.
+        """
+        numbers = _in_a_row(self._numbers)[self._places(lanes)]
+        starts = _starts_of(self._setup, numbers, options)
+        fine = possible(self._setup, tuple(starts.T))
+        if not fine.all():
+            checked_state(self._setup, starts[np.argmin(fine)])
+        return starts
+
+    def begin(self, lanes: Array, first: Callable[[EnvState], Any]) -> Begun:
+        """Episodes of some lanes, which are all alike, without options.
+
+        Args:
+            lanes: lane numbers.
+            first: what a step takes from the call before, of the state that it is given.
+
+        Raises:
+            ValueError: for a start that is not possible.
+        """
+        places = self._places(lanes)
+        if self._ready is None or self._ready.first != first:
+            self._ready = _Ready(self._setup, first, _in_a_row(self._numbers))
+        return self._ready.at(places)
+
+    def put_back(self) -> None:
+        """Leave every generator as it would be had nothing been drawn ahead."""
+        for lane in np.flatnonzero(self._next < self._ahead).tolist():
+            source = self._generators[lane].bit_generator
+            state = source.state
+            source.advance(-int(self._numbers[lane, self._next[lane] :].size))  # type: ignore[attr-defined]
+            source.state = {**state, "state": source.state["state"]}
+        self._next[:] = self._ahead
+
+    def forget(self, lane: int) -> None:
+        """Drop what was drawn ahead for a lane."""
+        self._next[lane] = self._ahead
+
+    def _places(self, lanes: Array) -> Array:
+        """Where the next start of each of some lanes is, which is then taken."""
+        taken = self._next[lanes]
+        if np.count_nonzero(taken == self._ahead):
+            self._fill_up((self._next > self._ahead // 2).nonzero()[0])
+            taken = self._next[lanes]
+        self._next[lanes] = taken + 1
+        places: Array = self._first[lanes] + taken
+        return places
+
+    def _fill_up(self, lanes: Array) -> None:
+        """Draw for some lanes as many starts as there is room for."""
+        for lane, taken in zip(lanes.tolist(), self._next[lanes].tolist(), strict=True):
+            numbers = self._numbers[lane]
+            left = self._ahead - taken
+            numbers[:left] = numbers[taken:]
+            self._generators[lane].random(out=numbers[left:])
+        self._next[lanes] = 0
+        if self._ready is not None:
+            places = (self._first[lanes, None] + np.arange(self._ahead)).ravel()
+            self._ready.put(places, _in_a_row(self._numbers[lanes]))
+
+
+class _Ready:
+    """Starts with all that follows from them.
+
+    Args:
+        setup: of the lanes.
+        first: see :meth:`LaneStarts.begin`.
+        numbers: of the starts, shape (starts, numbers per start); a view of what is drawn ahead.
+    """
+
+    def __init__(self, setup: Setup, first: Callable[[EnvState], Any], numbers: Array) -> None:
+        self.first = first
+        self._setup = setup
+        self._numbers = numbers
+        tree, self._table, self._fine = self._made(numbers)
+        self._all_fine = bool(self._fine.all())
+        arrays, self._constants = _distinct(tree)
+        self._observed = slice(len(arrays), self._table.shape[1])
+        numbered = [*arrays, *[None] * (self._table.shape[1] - len(arrays)), *self._constants]
+        places = {id(leaf): place for place, leaf in enumerate(numbered)}
+        state: EnvState = tree[0]
+        self._told = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
+        self._in_order = itemgetter(*(places[id(leaf)] for leaf in leaves_of(tree)))
+
+    def at(self, places: Array) -> Begun:
+        """Some of them."""
+        if not (self._all_fine or self._fine[places].all()):
+            starts = _starts_of(self._setup, self._numbers[places], {})
+            checked_state(self._setup, starts[np.argmin(self._fine[places])])
+        columns = self._table.take(places, axis=0).T.copy()
+        values = [*columns, *self._constants]
+        energy, goal_since = self._told(values)
+        return Begun(self._in_order(values), energy, goal_since, columns[self._observed].T)
+
+    def put(self, places: Array, numbers: Array) -> None:
+        """Make others in the place of some."""
+        _, self._table[places], self._fine[places] = self._made(numbers)
+        self._all_fine = bool(self._fine.all())
+
+    def _made(self, numbers: Array) -> tuple[Any, Array, Array]:
+        """State and what a step takes; all its arrays, and observations; which are possible."""
+        setup = self._setup
+        start = tuple(_starts_of(setup, numbers, {}).T)
+        q, v = split_state(start)
+        with np.errstate(all="ignore"):
+            state = initial_state(ARRAY, setup, setup.system.confined(ARRAY, q), v)
+            observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
+            tree = state, self.first(state)
+        table = start_table((*_distinct(tree)[0], *observed), len(numbers))
+        return tree, table, possible(setup, start)
+
+
+def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Array:
+    """Starts in state order, shape (starts, n), of uniform numbers, shape (starts, size)."""
+    return start_table(made_start(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
+
+
+def _in_a_row(numbers: Array) -> Array:
+    """Numbers of the starts of all lanes, lane by lane."""
+    return numbers.reshape(-1, numbers.shape[-1])
+
+
+def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:
+    """Arrays of a tree, each once, and numbers."""
+    leaves = {id(leaf): leaf for leaf in leaves_of(tree)}.values()
+    arrays = [leaf for leaf in leaves if isinstance(leaf, np.ndarray)]
+    return arrays, [leaf for leaf in leaves if not isinstance(leaf, np.ndarray)]
