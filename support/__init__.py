@@ -151,6 +151,7 @@ if TYPE_CHECKING:
         CommandParser,
         beside,
         compact,
+        compact_percent,
         end_quietly,
         fits,
         fixed,

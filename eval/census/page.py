@@ -8,7 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from integ_gym.support import page_environment, page_parts, plural
+from integ_gym.support import compact_percent, page_environment, page_parts, plural
 
 from . import words
 
@@ -70,7 +70,7 @@ def _answer(published: Sequence[Json]) -> str:
         known = [x for x in errors if x is not None]
         energy = (
             f"; their energy in {plural(10, 'second')} of free motion is off by "
-            f"{words.percent(min(known))} to {words.percent(max(known))}"
+            f"{words.drifted(min(known))} to {words.drifted(max(known))}"
             if known
             else ""
         )
@@ -138,7 +138,7 @@ def _card(line: Json) -> Json:
             ("small swings take", f"{line['swing_period']:.3g} s"),
             (
                 "strongest control",
-                f"{100.0 * line['authority']:.3g} % of "
+                f"{compact_percent(line['authority'], 3)} of "
                 + ("gravity's torque" if line["plant"] == "pendulum" else "the weight"),
             ),
         ],

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from ..figures import AMOUNTS, HUES, PALETTE, channels
 from ..packages import load
-from ..terminal import compact, fixed, seconds, step
+from ..terminal import compact, fixed, percent, seconds, step
 
 SCRIPT: Final = """
 (function () {
@@ -76,7 +76,9 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(soft=_soft, fixed=fixed, compact=compact, seconds=seconds, step=step)
+    environment.filters.update(
+        soft=_soft, fixed=fixed, compact=compact, percent=percent, seconds=seconds, step=step
+    )
     return environment
 
 
