@@ -165,6 +165,7 @@ if TYPE_CHECKING:
         say,
         seconds,
         step,
+        together,
         told_command,
         true_minus,
         unbroken,

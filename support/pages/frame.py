@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from ..figures import AMOUNTS, HUES, PALETTE, channels
 from ..packages import load
-from ..terminal import compact, fixed, percent, seconds, step
+from ..terminal import compact, fixed, percent, seconds, step, together
 
 SCRIPT: Final = """
 (function () {
@@ -77,7 +77,7 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        soft=_soft, fixed=fixed, compact=compact, percent=percent, seconds=seconds, step=step
+        soft=_soft, fixed=fixed, compact=compact, percent=_percent, seconds=seconds, step=step
     )
     return environment
 
@@ -131,6 +131,10 @@ def _colours() -> str:
 def _told(name: str) -> str:
     """A colour of the palette, as a style names it."""
     return f"rgb(var(--{name}))" if name in _AS_CHANNELS else f"var(--{name})"
+
+
+def _percent(share: float | None) -> str:
+    return together(percent(share))
 
 
 def _soft(text: Any) -> Any:

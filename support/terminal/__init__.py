@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         plural,
         seconds,
         step,
+        together,
         true_minus,
     )
     from .text_table import (

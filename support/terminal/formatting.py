@@ -48,6 +48,11 @@ def _in_percent(text: str) -> str:
     return text if text == NONE else f"{text} %"
 
 
+def together(text: str) -> str:
+    """A sentence in which no line begins with the sign of a per cent."""
+    return re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", text)
+
+
 def true_minus(text: str) -> str:
     """A sentence with true minus signs before its numbers."""
     return re.sub(r"(?<=[ (])-(?=\d)", "−", text)

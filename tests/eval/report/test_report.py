@@ -23,7 +23,7 @@ from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
 from integ_gym.evidence.schema.fields import LABELS
-from integ_gym.support.terminal.formatting import fixed, true_minus
+from integ_gym.support.terminal.formatting import fixed, together, true_minus
 
 SECTIONS = [
     "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
@@ -196,7 +196,7 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
         cell = panel.cell(entry.cell)
         place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
         status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
-        assert ["the cell", panel.said(status)] in head["entries"][place]["facts"]
+        assert ["the cell", together(panel.said(status))] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:

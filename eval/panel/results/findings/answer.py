@@ -7,19 +7,27 @@ from collections.abc import Sequence
 from integ_gym.support import percent
 
 from ....verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
-from ...model import EngineAgreement
+from ...model import Panel
 from ..layout import PanelLayout
 from ..matrix import Matrix
 from .engine_agreement import agreement_answer
+from .exploring import exploratory_answer
 
 
 def answer_of(
     layout: PanelLayout,
     matrix: Matrix,
     judgements: Sequence[Judgement],
-    agreement: Sequence[EngineAgreement],
+    panel: Panel,
 ) -> str:
-    """What the judgements of the declared family come to, or what there is to say without any."""
+    """What the judgements of the declared family come to, or what there is to say without any.
+
+    Args:
+        layout: rows and cells.
+        matrix: outcomes.
+        judgements: of the declared family.
+        panel: all else that was found.
+    """
     judged = [
         (judgement, pair)
         for judgement, pair in zip(judgements, layout.family, strict=True)
@@ -28,7 +36,11 @@ def answer_of(
     if not judged:
         if judgements:
             return _unjudged_answer(judgements, layout, matrix)
-        return agreement_answer(agreement) or _range_answer(layout, matrix)
+        explored = exploratory_answer(panel)
+        if explored is not None:
+            explored += _unreached(layout, matrix)
+        told = agreement_answer(panel.engine_agreement) or explored
+        return told or _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
     fails, unreached = len(failed), _unreached(layout, matrix)
