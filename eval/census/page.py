@@ -68,17 +68,19 @@ def _answer(published: Sequence[Json]) -> str:
         kinds = {(words.applied(line), words.found_steps(line)) for line in lines}
         errors = [line["drift"]["largest"] for line in lines if line["drift"]]
         known = [x for x in errors if x is not None]
-        energy = (
-            f"; their energy in {plural(10, 'second')} of free motion is off by "
-            f"{words.drifted(min(known))} to {words.drifted(max(known))}"
-            if known
-            else ""
-        )
         said.append(
-            f"{plural(len(lines), f'published {title}')} take "
-            f"{plural(len(kinds), 'different step')}{energy}."
+            f"{plural(len(lines), f'published {title}')} {'takes' if len(lines) == 1 else 'take'} "
+            f"{plural(len(kinds), 'different step' if len(kinds) > 1 else 'step')}{_off(known)}."
         )
     return " ".join(said) or "What every step of an engine is, found from outside."
+
+
+def _off(errors: Sequence[float]) -> str:
+    """Energy errors in a clause; nothing without any."""
+    if not errors:
+        return ""
+    ends = dict.fromkeys(words.drifted(x) for x in (min(errors), max(errors)))
+    return f"; the energy of 10 s of free motion is off by {' to '.join(ends)}"
 
 
 def _tiles(document: Json) -> list[tuple[str, str]]:

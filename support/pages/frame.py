@@ -77,7 +77,13 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        soft=_soft, fixed=fixed, compact=compact, percent=_percent, seconds=seconds, step=step
+        together=together,
+        soft=_soft,
+        fixed=fixed,
+        compact=compact,
+        percent=_percent,
+        seconds=seconds,
+        step=step,
     )
     return environment
 
