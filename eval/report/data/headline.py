@@ -43,7 +43,7 @@ def _given(panel: Panel, row: Row) -> str:
         first = f"It is not known what {row.name} was trained on, and there is no truth here."
     others = [e for cell in panel.columns if (e := panel.entry(row.name, cell.name)) is not None]
     worst = min(others, key=lambda entry: _value(panel, entry))
-    if home is not None and _value(panel, worst) == _value(panel, home):
+    if places and _value(panel, worst) == min(_value(panel, entry) for entry, _ in places):
         return f"{first} It does no worse on any of {plural(len(others), 'discretization')}."
     return f"{first} Worst is {worst.cell}: there it {_earned(panel, worst)}."
 
@@ -52,7 +52,8 @@ def _earned(panel: Panel, entry: Entry) -> str:
     """What a policy gets, in words: successes, or its return where no truth judges success."""
     if panel.truth is None and entry.returns is not None:
         return f"earns {compact(entry.returns.estimate, 4)}"
-    return f"succeeds from {round(entry.success.estimate * entry.episodes)} of {entry.episodes}"
+    succeeds = round(entry.success.estimate * entry.episodes)
+    return f"succeeds from {succeeds or 'none'} of {plural(entry.episodes, 'start')}"
 
 
 def _value(panel: Panel, entry: Entry) -> float:

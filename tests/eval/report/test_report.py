@@ -218,6 +218,32 @@ def test_a_given_policy_is_told_of_in_words_of_its_own() -> None:
     assert "The policy file names no training discretization." in text
 
 
+def test_a_given_policy_that_never_succeeds_is_told_of_once() -> None:
+    raw = copy.deepcopy(raw_of("given"))
+    for entry in raw["matrix"]:
+        entry["success"]["estimate"] = 0.0
+    panel = panel_from(raw)
+    told = headline_of(panel)
+    assert "succeeds from none of" in told
+    assert f"It does no worse on any of {len(panel.columns)} discretizations." in told
+    assert told.count("none") == 1
+
+
+def test_a_legend_speaks_of_homes_where_there_are_any() -> None:
+    assert "trained here" not in page_of("given").text
+    assert "trained here" in page_of("full").text
+
+
+def test_a_task_of_gymnasium_is_told_in_words() -> None:
+    raw = copy.deepcopy(raw_of("full"))
+    raw["spec"]["env_id"], raw["spec"]["environment"] = "InvertedPendulum-v5", {}
+    text = " ".join(Page(report.render(panel_from(raw))).text.split())
+    assert "The task. InvertedPendulum-v5 of Gymnasium." in text
+    assert "not terminated within the time limit" in text
+    raw["spec"]["env_id"] = "my_module:Mine-v0"  # whose code a page does not run
+    assert "The task." not in report.render(panel_from(raw))
+
+
 def test_the_page_says_what_was_applied() -> None:
     raw = copy.deepcopy(raw_of("full"))
     first = raw["cells"][0]

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from integ_gym.support import percent
 
-from ....verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
+from ....verdict import EQUIVALENCE_MARGIN, WITHOUT_VERDICT, Judgement
 from ...model import Panel
 from ..layout import PanelLayout
 from ..matrix import Matrix
 from .engine_agreement import agreement_answer
-from .exploring import exploratory_answer
+from .exploring import exploratory_answer, unlearned_answer
 
 
 def answer_of(
@@ -114,12 +114,7 @@ def _unjudged_answer(judgements: Sequence[Judgement], layout: PanelLayout, matri
     home = {
         row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
     }
-    best = max(home, key=lambda row: home[row])
-    return (
-        "Not answered: no policies of the declared transfers have learned, which takes a success "
-        f"of {LEARNED} at home; those trained on {best} come nearest, with {home[best]:.2f}. Train "
-        "longer (`total_steps` in [training]), or set an easier task."
-    )
+    return unlearned_answer("no policies of the declared transfers have learned", home)
 
 
 def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
@@ -128,9 +123,12 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
     if rates[low] == rates[high]:
+        among = ", the reference among them" if layout.reference else ""
+        if not rates[low]:
+            return f"{row} succeeds on none of {len(rates)} discretizations{among}."
         return (
             f"{row} succeeds in {percent(rates[low])} of episodes on each of {len(rates)} "
-            f"discretizations{', the reference among them' if layout.reference else ''}."
+            f"discretizations{among}."
         )
     anchor, where = layout.reference, "the reference"
     if anchor is None:

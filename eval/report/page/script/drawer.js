@@ -167,7 +167,7 @@ class Drawer {
     const trace = carried.trace(r, c, s, e);
     const lead = this.restartable(r, s);
     const parts = [
-      make("p", { class: "crumb" }, back, ` seed ${policy.seed ?? "–"}, start ${e}`),
+      make("p", { class: "crumb" }, back, `${policy.seed === null ? "" : ` seed ${policy.seed},`} start ${e}`),
       make("p", { class: `outcome ${label === "none" ? "won" : "lost"}` },
         `${label === "none" ? "✓" : "✕"} ${wordOf(label)}`,
         label === "none" ? null : make("span", {}, spaced(label))),

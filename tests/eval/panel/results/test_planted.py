@@ -171,6 +171,13 @@ def test_without_a_family_small_losses_are_told_as_such() -> None:
     assert "0 of 6 transfers lose more than 0.2." in told
 
 
+def test_without_a_family_nobody_learned() -> None:
+    panel = planted(lambda row, cell: 0.3 * PERFECT, family=())
+    assert panel.exploratory == ()
+    assert panel.answer.startswith("Not answered: no policies have learned, which takes")
+    assert headline_of(panel) == panel.answer
+
+
 def test_nobody_learned() -> None:
     panel = planted(lambda row, cell: 0.3 * PERFECT)
     assert set(verdicts(panel).values()) == {"not_learned"}
