@@ -104,7 +104,7 @@ def _rate(point: Point | None) -> str:
 
 def _trial_table(trials: Sequence[Trial]) -> Iterator[str]:
     """Errors on the limits that were held out, as Markdown."""
-    yield "| number | error on held-out limits | 95% interval | error on seen limits | covered |"
+    yield "| number | error on held-out limits | 95 % interval | error on seen limits | covered |"
     yield "|---|---|---|---|---|"
     for one in trials:
         interval = f"{fixed(one.low, 3)} to {fixed(one.high, 3)}"

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from integ_gym.support import page_environment, page_parts, plural
+from integ_gym.support import compact_percent, page_environment, page_parts, plural
 
 from . import words
 
@@ -68,17 +68,19 @@ def _answer(published: Sequence[Json]) -> str:
         kinds = {(words.applied(line), words.found_steps(line)) for line in lines}
         errors = [line["drift"]["largest"] for line in lines if line["drift"]]
         known = [x for x in errors if x is not None]
-        energy = (
-            f"; their energy in {plural(10, 'second')} of free motion is off by "
-            f"{words.percent(min(known))} to {words.percent(max(known))}"
-            if known
-            else ""
-        )
         said.append(
-            f"{plural(len(lines), f'published {title}')} take "
-            f"{plural(len(kinds), 'different step')}{energy}."
+            f"{plural(len(lines), f'published {title}')} {'takes' if len(lines) == 1 else 'take'} "
+            f"{plural(len(kinds), 'different step' if len(kinds) > 1 else 'step')}{_off(known)}."
         )
     return " ".join(said) or "What every step of an engine is, found from outside."
+
+
+def _off(errors: Sequence[float]) -> str:
+    """Energy errors in a clause; nothing without any."""
+    if not errors:
+        return ""
+    ends = dict.fromkeys(words.drifted(x) for x in (min(errors), max(errors)))
+    return f"; the energy of 10 s of free motion is off by {' to '.join(ends)}"
 
 
 def _tiles(document: Json) -> list[tuple[str, str]]:
@@ -138,7 +140,7 @@ def _card(line: Json) -> Json:
             ("small swings take", f"{line['swing_period']:.3g} s"),
             (
                 "strongest control",
-                f"{100.0 * line['authority']:.3g} % of "
+                f"{compact_percent(line['authority'], 3)} of "
                 + ("gravity's torque" if line["plant"] == "pendulum" else "the weight"),
             ),
         ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.support import compact, step
+from integ_gym.support import compact_percent, step
 
 UNKNOWN = "no known map"
 EXACT = 1e-9
@@ -41,11 +41,11 @@ def error(value: float | None) -> str:
     return f"{value:.0e}" if value else "0"
 
 
-def percent(value: float | None, sign: bool = False) -> str:
-    """A share in per cent."""
+def drifted(value: float | None, sign: bool = False) -> str:
+    """A relative energy error in per cent."""
     if value is None:
         return "diverged"
-    return "< 10⁻⁷ %" if abs(value) < EXACT else f"{compact(100.0 * value, 2, sign)} %"
+    return "< 10⁻⁷ %" if abs(value) < EXACT else compact_percent(value, sign=sign)
 
 
 def energy(line: dict[str, Any]) -> tuple[str, str]:
@@ -53,7 +53,7 @@ def energy(line: dict[str, Any]) -> tuple[str, str]:
     drift = line["drift"]
     if drift is None:
         return "not seen", "not seen"
-    return percent(drift["end"], sign=True), percent(drift["largest"])
+    return drifted(drift["end"], sign=True), drifted(drift["largest"])
 
 
 def speed_limit(line: dict[str, Any], unit: str = "") -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import INTEGRATORS, CartPole, Pendulum, check_divides, numerics
-from integ_gym.support import compact, write_figure
+from integ_gym.support import compact_percent, write_figure
 
 from .figures import WINDOW, draw_drift
 
@@ -79,8 +79,8 @@ def drift_example(directory: Path, dt: float | None = None) -> tuple[Drift, Drif
 def _row(name: str, change: Any) -> dict[str, str]:
     return {
         "integrator": name,
-        f"energy change at {DURATION:g} s": f"{_signed(100.0 * change[-1])} %",
-        "largest change": f"{compact(100.0 * float(np.abs(change).max()), 4)} %",
+        f"energy change at {DURATION:g} s": _signed(change[-1]),
+        "largest change": compact_percent(float(np.abs(change).max()), 4),
     }
 
 
@@ -92,7 +92,7 @@ def _cart_pole(dt: float) -> Drift:
     for name in CART_POLE_INTEGRATORS:
         energy = numerics.energies(name, plant, start, dt, steps[-1])
         change = {
-            f"energy change at {time:g} s": f"{_signed(100.0 * (energy[k] / energy[0] - 1.0))} %"
+            f"energy change at {time:g} s": _signed(energy[k] / energy[0] - 1.0)
             for time, k in zip(CART_POLE_TIMES, steps, strict=True)
         }
         rows.append({"integrator": name, **change})
@@ -107,5 +107,5 @@ def _released(dt: float) -> str:
     return f"released at rest {RELEASE:g} rad from hanging, no control, dt {dt:g} s"
 
 
-def _signed(value: float) -> str:
-    return compact(float(value), 4, True)
+def _signed(change: float) -> str:
+    return compact_percent(float(change), 4, sign=True)

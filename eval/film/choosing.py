@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias
+
+import gymnasium as gym
 
 from integ_gym.envs import (
     DISCRETIZATION,
     ENVIRONMENTS,
     Discretization,
+    check_divides,
+    environment_setup,
     is_integ_environment,
     testbed_of,
 )
@@ -32,7 +36,8 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
         env_id: one of integ-gym's environments.
 
     Raises:
-        ValueError: for what is no name of a discretization.
+        ValueError: for what is no name of a discretization, and for a step that does not divide
+            the control period.
     """
     if isinstance(asked, Discretization):
         return asked
@@ -47,7 +52,10 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
         truth = testbed_of(env_id, {}).truth(parts.get("control_period", like.control_period))
         assert truth is not None  # of our environments
         return truth
-    return replace(like, **parts)
+    made = replace(like, **parts)
+    if made.dt > 0.0:
+        check_divides("dt", made.dt, "the control period", made.control_period)
+    return made
 
 
 def _parts(name: str) -> dict[str, Any]:
@@ -72,14 +80,28 @@ def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str
     return Cell(cell, "grid").arguments(arguments)
 
 
+def check_possible(
+    cells: Iterable[Discretization], env_id: str, arguments: Mapping[str, Any]
+) -> None:
+    """Refuse discretizations that an environment cannot have, before any episode is played.
+
+    Raises:
+        TypeError, ValueError: with the valid choices.
+        ModuleNotFoundError: if an engine is missing, with the command that installs it.
+    """
+    for cell in cells:
+        environment_setup(env_id, arguments_on(cell, arguments))
+
+
 def check_filmed(env_id: str) -> None:
     """Refuse an environment that there are no pictures of.
 
     Raises:
         ValueError: for any but integ-gym's own.
     """
-    if not is_integ_environment(env_id):
-        raise ValueError(
-            f"films show {', '.join(ENVIRONMENTS)}; {env_id} has pictures of its own, see "
-            'render_mode="rgb_array" of gymnasium.make'
-        )
+    if is_integ_environment(env_id):
+        return
+    remedy = f"of a record of {env_id} `integ-gym evidence show` prints the numbers"
+    if env_id in gym.registry:
+        remedy = f'{env_id} has pictures of its own, see render_mode="rgb_array" of gymnasium.make'
+    raise ValueError(f"films show {', '.join(ENVIRONMENTS)}; {remedy}")

@@ -124,9 +124,11 @@ class Film(Sequence[Frame]):
 
     def _titles(self, cell: Discretization) -> tuple[str, str]:
         """Name of a discretization, and what there is to know of it."""
+        periods = {episode.discretization.control_period for episode in self.episodes}
+        own = f"a decision every {cell.control_period:g} s" if len(periods) > 1 else ""
         trained = "trained here" if cell in self._trained_on else ""
         if cell.integrator == TRUTH:
-            return "truth", ", ".join(filter(None, ("solved to rounding", trained)))
+            return "truth", ", ".join(filter(None, ("solved to rounding", own, trained)))
         name = cell.integrator.rpartition(":")[2].replace("_", " ")
         engine = "" if cell.engine == NATIVE else f"{cell.engine.rpartition(':')[2]} "
-        return engine + name, ", ".join(filter(None, (f"dt {cell.dt:g} s", trained)))
+        return engine + name, ", ".join(filter(None, (f"dt {cell.dt:g} s", own, trained)))

@@ -14,7 +14,7 @@ from integ_gym.support import require
 from integ_gym.train import Policy, read_trained, readable_file
 
 from ..panel.existing import read_existing
-from .choosing import Asked, arguments_on, check_filmed, chosen
+from .choosing import Asked, arguments_on, check_filmed, check_possible, chosen
 from .episode import Episode, played
 from .film import Film
 
@@ -75,10 +75,9 @@ def side_by_side(
     cells = [
         chosen(asked, like, env_id) for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
+    check_possible(cells, env_id, arguments)
     episodes = [played(acting, env_id, arguments_on(c, arguments), seed) for c in cells]
-    return Film(
-        episodes, homes, told(acting.policy_id, homes, seed_of, episodes[0], f"start {seed}")
-    )
+    return Film(episodes, homes, told(acting.policy_id, homes, seed_of, episodes, f"start {seed}"))
 
 
 def policy_path(path: Path) -> Path:
@@ -87,7 +86,11 @@ def policy_path(path: Path) -> Path:
 
 
 def told(
-    name: str, homes: Sequence[Discretization], seed: int | None, episode: Episode, start: str
+    name: str,
+    homes: Sequence[Discretization],
+    seed: int | None,
+    episodes: Sequence[Episode],
+    start: str,
 ) -> str:
     """What all episodes of a film have in common, in one line.
 
@@ -95,13 +98,15 @@ def told(
         name: of the policy.
         homes: what it was trained on.
         seed: of its training.
-        episode: one of them.
+        episodes: all of them.
         start: where they start, in words.
     """
     trained = " and ".join(home.name.replace("_", " ").replace("=", " ") for home in homes)
     by = [f"Trained on {trained} s" if homes else name]
     seeds = [f"seed {seed}"] if seed is not None else []
-    plant, limit = episode.setup.plant, float(np.max(episode.setup.task.control_limit))
+    setup = episodes[0].setup
+    plant, limit = setup.plant, float(np.max(setup.task.control_limit))
     motor = f"{plant.control_name} within {limit:g} {plant.control_unit}"
-    decision = f"a decision every {episode.setup.timing.control_period:g} s"
-    return ", ".join([*by, *seeds, motor, decision, start])
+    periods = {episode.discretization.control_period for episode in episodes}
+    decision = [f"a decision every {period:g} s" for period in periods if len(periods) == 1]
+    return ", ".join([*by, *seeds, motor, *decision, start])

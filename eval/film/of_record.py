@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from integ_gym.support import require
 from integ_gym.train import Policy
 
 from ..panel import policy_of
-from .choosing import Asked, arguments_on, check_filmed, chosen
+from .choosing import Asked, arguments_on, check_filmed, check_possible, chosen
 from .episode import Episode, played, recorded
 from .film import Film
 from .of_policy import told
@@ -45,7 +45,8 @@ def watch(
             :func:`~integ_gym.eval.film.of_policy.side_by_side`; by default what the policy was
             trained on, the record's own, and the truth.
         own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
-        on_doubt: told where an episode, played again, ends otherwise than its record says.
+        on_doubt: told where an episode, played again, ends otherwise than its record says, and why
+            episodes are left out that cannot be played again.
 
     Raises:
         EvidenceError: for a run or a record that is not there.
@@ -59,16 +60,32 @@ def watch(
     _check_code(record, own_code)
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
     homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
-    asked = on or (*homes, own, *([TRUTH] if record["policy_hash"] else []))
-    cells = dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked)
+    asked = on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,))
+    cells = list(dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked))
     twins = _twins(record, own, store)
-    episodes = [
-        _episode(
-            cell, record, twins.get(cell), partial(policy_of, record, store, own_code), on_doubt
-        )
-        for cell in cells
-    ]
-    return Film(episodes, homes, _note(record, homes, episodes[0]))
+    policy = cache(partial(policy_of, record, store, own_code))
+    if not on:
+        cells = _possible(cells, twins, policy, on_doubt)
+    check_possible(cells, record["env_id"], record.arguments())
+    episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
+    return Film(episodes, homes, _note(record, homes, episodes))
+
+
+def _possible(
+    cells: list[Discretization],
+    twins: Mapping[Discretization, EvidenceRecord | bool],
+    policy: Callable[[], Policy],
+    on_doubt: Callable[[str], None],
+) -> list[Discretization]:
+    """All of them; where there is no policy any more, those whose episodes have traces."""
+    traced = [cell for cell in cells if isinstance(twins.get(cell), EvidenceRecord)]
+    if traced and traced != cells:
+        try:
+            policy()
+        except ValueError as error:
+            on_doubt(f"{error}; shown is what has a trace")
+            return traced
+    return cells
 
 
 _SAME = ("env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
@@ -95,7 +112,7 @@ def _twins(
 ) -> dict[Discretization, EvidenceRecord | bool]:
     """Discretization to the same policy's record from the same start; its success if untraced."""
     if not record["policy_hash"]:
-        return {own: record}
+        return {own: record if record.trace else bool(record["success"])}
     same = " AND ".join(f"{name} IS NOT DISTINCT FROM {_literal(record[name])}" for name in _SAME)
     found = store.query(
         f"SELECT record_id, success, energy IS NOT NULL AS traced, {', '.join(DISCRETIZATION)} "
@@ -139,7 +156,9 @@ def _ends(success: bool) -> str:
     return "succeeds" if success else "fails"
 
 
-def _note(record: EvidenceRecord, homes: Sequence[Discretization], episode: Episode) -> str:
+def _note(
+    record: EvidenceRecord, homes: Sequence[Discretization], episodes: Sequence[Episode]
+) -> str:
     changed = told_perturbation(record.fields) or {}
     start = ", ".join(
         [
@@ -147,4 +166,4 @@ def _note(record: EvidenceRecord, homes: Sequence[Discretization], episode: Epis
             *(f"{name} {value}" for name, value in changed.items()),
         ]
     )
-    return told(record["policy_id"], homes, record["training_seed"], episode, start)
+    return told(record["policy_id"], homes, record["training_seed"], episodes, start)

@@ -31,12 +31,14 @@ def check_writable(path: Path) -> None:
 
     Raises:
         ValueError: for another ending than a film's.
-        OSError: if its folder is not there.
+        OSError: if its folder is not there, or it is one itself.
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
     """
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
     require("render")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder; give another path for the film")
     if not path.resolve().parent.is_dir():
         raise FileNotFoundError(
             f"there is no folder {path.parent}; make it, or give another path for the film"

@@ -114,7 +114,7 @@ def _agreed(found: Agreement) -> str:
 
 def _print_published(found: Published) -> None:
     for one in found.trials:
-        told = f"{one.error:.3f} (95% interval {one.low:.3f} to {one.high:.3f})"
+        told = f"{one.error:.3f} (95 % interval {one.low:.3f} to {one.high:.3f})"
         print(f"Mean error on {one.points} held-out losses by {one.number}: {told}")
     print("Written: " + ", ".join(str(file) for file in found.files))
 

@@ -63,7 +63,7 @@ def _sentence(found: Prediction) -> str:
     low, high = found.interval
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:.2f} of its success on "
-        f"the truth (90 % interval {low:.2f} to {high:.2f})."
+        f"the truth ({percent(found.level)} interval {low:.2f} to {high:.2f})."
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from ..figures import AMOUNTS, HUES, PALETTE, channels
 from ..packages import load
-from ..terminal import compact, fixed, seconds, step
+from ..terminal import compact, fixed, percent, seconds, step, together
 
 SCRIPT: Final = """
 (function () {
@@ -76,7 +76,15 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(soft=_soft, fixed=fixed, compact=compact, seconds=seconds, step=step)
+    environment.filters.update(
+        together=together,
+        soft=_soft,
+        fixed=fixed,
+        compact=compact,
+        percent=_percent,
+        seconds=seconds,
+        step=step,
+    )
     return environment
 
 
@@ -129,6 +137,10 @@ def _colours() -> str:
 def _told(name: str) -> str:
     """A colour of the palette, as a style names it."""
     return f"rgb(var(--{name}))" if name in _AS_CHANNELS else f"var(--{name})"
+
+
+def _percent(share: float | None) -> str:
+    return together(percent(share))
 
 
 def _soft(text: Any) -> Any:

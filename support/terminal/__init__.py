@@ -11,7 +11,18 @@ if TYPE_CHECKING:
     from .colour import DIM, GREEN, RED, YELLOW, painted, shows_colours
     from .command_line import CommandParser, named_value, run_place, told_command, whole_number
     from .ending import end_quietly, report_errors
-    from .formatting import NONE, compact, fixed, percent, plural, seconds, step, true_minus
+    from .formatting import (
+        NONE,
+        compact,
+        compact_percent,
+        fixed,
+        percent,
+        plural,
+        seconds,
+        step,
+        together,
+        true_minus,
+    )
     from .text_table import (
         FITS,
         beside,

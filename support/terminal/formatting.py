@@ -36,8 +36,21 @@ def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
 
 def percent(share: float | None, digits: int = 0, sign: bool = False) -> str:
     """A share in per cent, such as ``54 %``."""
-    text = fixed(None if share is None else 100.0 * share, digits, sign)
+    return _in_percent(fixed(None if share is None else 100.0 * share, digits, sign))
+
+
+def compact_percent(share: float | None, digits: int = 2, sign: bool = False) -> str:
+    """The same with a few significant digits, such as ``3.8·10⁻⁶ %``."""
+    return _in_percent(compact(None if share is None else 100.0 * share, digits, sign))
+
+
+def _in_percent(text: str) -> str:
     return text if text == NONE else f"{text} %"
+
+
+def together(text: str) -> str:
+    """A sentence in which no line begins with the sign of a per cent."""
+    return re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", text)
 
 
 def true_minus(text: str) -> str:

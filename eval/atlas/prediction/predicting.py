@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import msgspec
 
@@ -24,7 +24,7 @@ from integ_gym.support import unknown_name
 
 from ...panel import SpecError, map_of
 from ..numbers import Quantities
-from .fitting import Curve
+from .fitting import LEVEL, Curve
 
 LAW: Final = "law.json"
 """Made of the atlas's summaries by ``integ-gym atlas --publish``."""
@@ -66,7 +66,8 @@ class Prediction:
         quantities: its numbers and the task's.
         reachable: whether a search over controls reaches the goal's energy there in time.
         loss: expected success there less success on the truth.
-        half_width: of the 90 % interval of that.
+        half_width: of the interval of that.
+        level: share of policies that the interval is expected to hold.
         within: whether the limit of the control is among those that the law was fitted on.
         safe_dt: coarsest step of this integrator with an expected loss of at most 0.1, s; None
             where there is none down to a 64th of the control period.
@@ -79,10 +80,11 @@ class Prediction:
     half_width: float
     within: bool
     safe_dt: float | None
+    level: ClassVar[float] = LEVEL
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Loss that nine of ten policies are expected within, in [-1, 1]."""
+        """Loss that policies are expected within, in [-1, 1]."""
         return max(-1.0, self.loss - self.half_width), min(1.0, self.loss + self.half_width)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from integ_gym.support import compact, line_style, step
+from integ_gym.support import compact_percent, line_style, step
 
 from ...scheme_style import styles_of
 from .drawing import draw_grid, named, windows
@@ -39,7 +39,7 @@ def draw_drift(changes: Mapping[str, np.ndarray[Any, Any]], dt: float) -> Figure
         time = (np.arange(len(envelope)) + 0.5) * WINDOW
         style = styles[name]
         axes.semilogy(time, envelope, **line_style(style, 1.3))
-        label = f"{name}: {compact(100.0 * float(change[-1]), 3, True)} %"
+        label = f"{name}: {compact_percent(float(change[-1]), 3, sign=True)}"
         axes.annotate(
             label, (time[-1], envelope[-1]), xytext=(8, 0), textcoords="offset points",
             size=8.5, color=style.colour, va="center", annotation_clip=False,

@@ -26,8 +26,8 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     name, wanted = record["policy_id"], record["policy_hash"]
     if not wanted:
         raise ValueError(
-            "a record of training is of a policy that has changed since: it is shown on its own, "
-            "if it has a trace; leave --on out, or give an evaluation record"
+            "a record of training is of a policy that has changed since, so it is not played "
+            "again; give one that has a trace, without --on, or a record of an evaluation"
         )
     policies = store.directory.parent / "policies"
     for path, obs_stats in _files(policies, name):
@@ -42,7 +42,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
             return baseline
     raise ValueError(
         f"the policy {name} of this record is not in {policies} and cannot be made again; restore "
-        "its folder, or give a record with a trace without --on"
+        "its folder, or leave --on out for what has a trace"
     )
 
 

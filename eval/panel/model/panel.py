@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
-from ...verdict import require_unique
+from ...verdict import UNSOLVABLE, require_unique
 from .conclusions import (
     EngineAgreement,
     Failure,
@@ -204,6 +204,31 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""
         return None if self.truth is None else self.entry(row, self.truth.name)
+
+    @cached_property
+    def undeclared(self) -> tuple[Entry, ...]:
+        """Transfers that nobody declared, largest overfitting first.
+
+        Rows that did not learn and baselines have nothing to transfer and are left out, and so are
+        cells that are known not to be solvable in time.
+        """
+        declared = {(judged.row, judged.cell) for judged in self.verdicts}
+        columns = {cell.name for cell in self.columns if cell.achievability not in UNSOLVABLE}
+        found = []
+        for entry in self.matrix:
+            row = self.row(entry.row)
+            if row.baseline or row.learned is False or entry.cell in row.shares:
+                continue
+            if entry.cell in columns and (entry.row, entry.cell) not in declared:
+                found += [(entry.overfitting.estimate, entry)] if entry.overfitting else []
+        return tuple(entry for _, entry in sorted(found, key=lambda one: -one[0]))
+
+    @cached_property
+    def exploratory(self) -> tuple[Entry, ...]:
+        """Those of them in cells that are known to be solvable in time, or were not asked of."""
+        return tuple(
+            entry for entry in self.undeclared if self.cell(entry.cell).achievability != "undecided"
+        )
 
     @cached_property
     def _row_places(self) -> dict[str, int]:

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+import msgspec
+
 from integ_gym.envs import Discretization
 from integ_gym.support import host, instruction_sets
 
@@ -80,10 +82,9 @@ def build_artefact(
         if row.kind != "baseline"
         for failure in matrix.failures(row.name, cell)
     ]
-    answer = answer_of(layout, matrix, judgements, engine_agreement)
-    return Panel(
+    panel = Panel(
         **told,
-        answer=" ".join(part for part in (undecided, answer, remark) if part),
+        answer="",
         directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
         platform=host(),
@@ -116,6 +117,10 @@ def build_artefact(
         rankings=rankings(layout, matrix),
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
+    )
+    answer = answer_of(layout, matrix, judgements, panel)
+    return msgspec.structs.replace(
+        panel, answer=" ".join(part for part in (undecided, answer, remark) if part)
     )
 
 

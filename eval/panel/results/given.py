@@ -30,9 +30,10 @@ def home_cell(home: Home | None) -> str | None:
 
 def given_remark(spec: PanelSpec, layout: PanelLayout, matrix: Matrix) -> str:
     """Returns of the policy, and how it does beside home or the truth, in sentences."""
-    paired = paired_episodes(layout, matrix)
-    returns = _returns(spec, layout.rows[0], matrix)
-    return f"{returns} {paired_remark(paired, spec.reference is not None)}".strip()
+    paired, row = paired_episodes(layout, matrix), layout.rows[0]
+    succeeds = any(matrix.rates(row.name, cell.name).any() for cell in spec.columns())
+    compared = paired_remark(paired, spec.reference is not None and succeeds)
+    return f"{_returns(spec, row, matrix)} {compared}".strip()
 
 
 def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:

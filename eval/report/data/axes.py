@@ -11,6 +11,9 @@ from integ_gym.support import fixed
 
 from ...panel.model import Estimate
 
+_FEW: Final = 5
+"""Ticks that a narrow axis has room for."""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -26,6 +29,13 @@ class Axis:
     high: float
     ticks: tuple[tuple[float, str], ...]
     margins: bool = False
+
+    @property
+    def between(self) -> frozenset[int]:
+        """Places of ticks that are left out where an axis is narrow; zero stays."""
+        zero = min(range(len(self.ticks)), key=lambda k: abs(self.ticks[k][0]))
+        few = len(self.ticks) <= _FEW
+        return frozenset() if few else frozenset(range(1 - zero % 2, len(self.ticks), 2))
 
     def share(self, value: float) -> float:
         """Place of a value, cut to the axis, in [0, 1] of the width with room for markers."""

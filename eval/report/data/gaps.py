@@ -12,7 +12,6 @@ from ...panel.model import Estimate, Panel, Verdict
 from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
 from .axes import difference_axis
 from .forest import Block, Forest, Line, Mark, Tone
-from .matrices import HATCHED
 
 VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", *WITHOUT_VERDICT)
 """Order in which verdicts are shown."""
@@ -50,23 +49,12 @@ def declared_gaps(panel: Panel) -> tuple[Gap, ...]:
 
 
 def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
-    """Those of the rest of the matrix, largest first.
-
-    Rows that did not learn and baselines have nothing to transfer and are left out, and so are
-    cells that are known not to be solved in time.
-    """
-    declared = {(judged.row, judged.cell) for judged in panel.verdicts}
-    columns = {cell.name for cell in panel.columns if cell.achievability not in HATCHED}
-    gaps = []
-    for entry in panel.matrix:
-        row = panel.row(entry.row)
-        if row.baseline or row.learned is False or entry.cell in row.shares:
-            continue
-        if (entry.row, entry.cell) in declared or entry.cell not in columns:
-            continue
-        if entry.overfitting is not None:
-            gaps.append(Gap(entry.row, entry.cell, entry.overfitting))
-    return _largest_first(gaps)
+    """Those of the rest of the matrix, largest first."""
+    return tuple(
+        Gap(entry.row, entry.cell, entry.overfitting)
+        for entry in panel.undeclared
+        if entry.overfitting is not None
+    )
 
 
 def _largest_first(gaps: Iterable[Gap]) -> tuple[Gap, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from integ_gym.support import compact, fixed, plural
 
 from ...panel.model import Entry, Panel, Row, Verdict
-from ...verdict import EQUIVALENCE_MARGIN, WITHOUT_VERDICT
+from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
 
 _NAMED = 3  # cells in one sentence
 
@@ -17,17 +17,19 @@ def headline_of(panel: Panel) -> str:
     """The largest loss by overfitting; then what holds and what cannot be solved.
 
     Of a policy that was given, how it does at home, on the truth, and where it is worst. Where no
-    declared transfer can be judged, the panel's own answer.
+    declared transfer can be judged, the panel's own answer; without a declared family, the largest
+    loss of all.
     """
     given = [row for row in panel.rows if row.kind == "given"]
     if panel.given_alone and given:
         return _given(panel, given[0])
     judged = [one for one in panel.verdicts if one.verdict not in WITHOUT_VERDICT]
     if not judged:
-        return panel.answer
+        return panel.answer if panel.verdicts or not panel.exploratory else _explored(panel)
     worst = max(judged, key=lambda one: one.overfitting.estimate)
     late = max(judged, key=lambda one: one.deadline.estimate)
-    return f"{_largest(panel, worst)}{_late(panel, late)} {_rest(panel, judged)}"
+    remark = "" if worst.verdict == "fails" else worst.verdict
+    return f"{_largest(panel, worst, remark)}{_late(panel, late)} {_rest(panel, judged)}"
 
 
 def _given(panel: Panel, row: Row) -> str:
@@ -41,7 +43,7 @@ def _given(panel: Panel, row: Row) -> str:
         first = f"It is not known what {row.name} was trained on, and there is no truth here."
     others = [e for cell in panel.columns if (e := panel.entry(row.name, cell.name)) is not None]
     worst = min(others, key=lambda entry: _value(panel, entry))
-    if home is not None and _value(panel, worst) == _value(panel, home):
+    if places and _value(panel, worst) == min(_value(panel, entry) for entry, _ in places):
         return f"{first} It does no worse on any of {plural(len(others), 'discretization')}."
     return f"{first} Worst is {worst.cell}: there it {_earned(panel, worst)}."
 
@@ -50,7 +52,8 @@ def _earned(panel: Panel, entry: Entry) -> str:
     """What a policy gets, in words: successes, or its return where no truth judges success."""
     if panel.truth is None and entry.returns is not None:
         return f"earns {compact(entry.returns.estimate, 4)}"
-    return f"succeeds from {round(entry.success.estimate * entry.episodes)} of {entry.episodes}"
+    succeeds = round(entry.success.estimate * entry.episodes)
+    return f"succeeds from {succeeds or 'none'} of {plural(entry.episodes, 'start')}"
 
 
 def _value(panel: Panel, entry: Entry) -> float:
@@ -58,20 +61,38 @@ def _value(panel: Panel, entry: Entry) -> float:
     return own.estimate
 
 
-def _largest(panel: Panel, worst: Verdict) -> str:
+def _explored(panel: Panel) -> str:
+    """Of a panel without a declared family: the largest loss, then how many there are."""
+    found = panel.exploratory
+    losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
+    lost = sum(loss > FAIL_MARGIN for loss in losses)
+    rest = "; ".join([f"{lost} of {plural(len(found), 'transfer')} lose more than {FAIL_MARGIN}",
+                      *_closed(panel)])  # fmt: skip
+    return f"{_largest(panel, found[0], 'exploratory')} No family was declared: {rest}."
+
+
+def _largest(panel: Panel, worst: Verdict | Entry, remark: str = "") -> str:
+    """The largest loss by overfitting in a sentence.
+
+    Args:
+        panel: that it is of.
+        worst: where it is.
+        remark: what must be known of it.
+    """
     home = panel.row(worst.row).home_success
     there = panel.entry(worst.row, worst.cell)
-    overfitting = worst.overfitting.estimate
-    if home is None or there is None or overfitting <= EQUIVALENCE_MARGIN:
+    overfitting = worst.overfitting.estimate if worst.overfitting else 0.0
+    if there is None or overfitting <= EQUIVALENCE_MARGIN:
         return (
-            f"No declared transfer loses more than {fixed(max(overfitting, 0.0))} of success by "
-            f"overfitting; the most is lost by {worst.row} on {worst.cell}."
+            f"No {'' if remark else 'declared '}transfer loses more than "
+            f"{fixed(max(overfitting, 0.0))} of success by overfitting; the most is lost by "
+            f"{worst.row} on {worst.cell}."
         )
-    success = there.success.estimate
+    at_home = f"{fixed(home.estimate)} at home and " if home else ""
     return (
-        f"Policies trained on {worst.row} reach success {fixed(home.estimate)} at home and "
-        f"{fixed(success)} on {worst.cell}; {fixed(overfitting)} is lost by overfitting to the "
-        f"simulator{'' if worst.verdict == 'fails' else f' ({worst.verdict})'}."
+        f"Policies trained on {worst.row} reach success {at_home}{fixed(there.success.estimate)} "
+        f"on {worst.cell}; {fixed(overfitting)} is lost by overfitting to the "
+        f"simulator{f' ({remark})' if remark else ''}."
     )
 
 
@@ -99,16 +120,21 @@ def _rest(panel: Panel, judged: Sequence[Verdict]) -> str:
         )
         if counts[verdict]
     ]
+    more = "".join(f"; {closed}" for closed in _closed(panel))
+    told = " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
+    return f"Of {plural(len(judged), 'declared transfer')}{some} {told}{more}."
+
+
+def _closed(panel: Panel) -> list[str]:
+    """What cannot be solved in time, in a clause; none where there is nothing."""
     never, late = (
         [cell.name for cell in panel.columns if cell.achievability == status]
         for status in ("unachievable", "too_slow")
     )
     closed = [f"no control that was found solves {_named(never)}"] if never else []
     closed += [f"only twice the time solves {_named(late)}"] if late else []
-    more = f"; {' and '.join(closed)}" if closed else ""
-    told = " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-    some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
-    return f"Of {plural(len(judged), 'declared transfer')}{some} {told}{more}."
+    return [" and ".join(closed)] if closed else []
 
 
 def _verb(count: int, one: str, more: str) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .choice import CHOICE
+    from .choice import chosen_words
     from .packing import packed
     from .task import TaskWords, task_words
     from .told import Told, told_by

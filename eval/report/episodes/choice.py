@@ -9,18 +9,11 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from ...panel.model import Entry, Panel
-from ...verdict import WITHOUT_VERDICT
+from ...verdict import UNSOLVABLE, WITHOUT_VERDICT
 from ..data import ordered_verdicts
 from .outcomes import Array, Outcomes
 
 Kind: TypeAlias = Literal["worst", "failure", "success"]
-
-CHOICE: Final = (
-    "of every cell of the declared family: the worst start of the seed that loses most, the median "
-    "failure and the median success; each with the same policy and start at home, on the truth and "
-    "on every integrator at its coarsest step"
-)
-"""What is chosen, in words."""
 
 MOST_TRACES: Final = 150
 """Traces that a page carries."""
@@ -64,14 +57,27 @@ def chosen(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[L
     return sorted(leads, key=lambda lead: pairs.index((lead.row, lead.cell)))
 
 
+def chosen_words(panel: Panel) -> str:
+    """What is chosen, in words."""
+    cells = "of every cell of the declared family"
+    if not panel.verdicts:
+        cells = f"of the {_MOST_PAIRS} cells in which most success is lost"
+    return (
+        f"{cells}: the worst start of the seed that loses most, the median failure and the median "
+        "success; each with the same policy and start at home, on the truth and on every "
+        "integrator at its coarsest step"
+    )
+
+
 def _pairs(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[tuple[str, str]]:
-    """The declared family, what can be judged first; without one the largest drops of success."""
+    """The declared family, what can be judged first; without any such the largest losses."""
     judged = ordered_verdicts(panel)
     informative = [one for one in judged if one.verdict not in WITHOUT_VERDICT]
     informative.sort(key=lambda one: -one.overfitting.estimate)
     pairs = [(one.row, one.cell) for one in (*informative, *judged)]
     if not informative:
-        pairs = [*_largest_drops(panel), *pairs]
+        lost = [(entry.row, entry.cell) for entry in panel.exploratory]
+        pairs = [*(lost or _largest_drops(panel)), *pairs]
     return [pair for pair in dict.fromkeys(pairs) if pair in outcomes][:_MOST_PAIRS]
 
 
@@ -91,13 +97,13 @@ def _largest_drops(panel: Panel) -> list[tuple[str, str]]:
         for entry in panel.matrix
         if entry.cell in columns and not panel.row(entry.row).baseline
     ]
-    entries.sort(key=lambda entry: (_uninformative(panel, entry), -drop(entry)))
+    entries.sort(key=lambda entry: (_unsolvable(panel, entry.cell), -drop(entry)))
     return [(entry.row, entry.cell) for entry in entries[:3]]
 
 
-def _uninformative(panel: Panel, entry: Entry) -> bool:
+def _unsolvable(panel: Panel, cell: str) -> bool:
     """Whether nobody succeeds in a cell in time: then it judges the simulator."""
-    return panel.cell(entry.cell).achievability in ("too_slow", "unachievable")
+    return panel.cell(cell).achievability in UNSOLVABLE
 
 
 def _leads(
@@ -164,7 +170,7 @@ def _cells(
     """Home, the cell itself, the truth, and every integrator at its coarsest step.
 
     Behind the first two, what differs from both comes first: another ending than home's, and among
-    those what the numerics gave or took most.
+    those what the numerics gave or took most. Where nobody succeeds in time comes last.
     """
     row, cell = pair
     truth = panel.truth.name if panel.truth else None
@@ -173,12 +179,12 @@ def _cells(
         name for name in wanted if name and panel.entry(row, name) is not None
     )
 
-    def telling(name: str) -> tuple[bool, float]:
+    def telling(name: str) -> tuple[bool, bool, float]:
         own = outcomes.get((row, name))
         if own is None:
-            return True, 0.0
+            return True, True, 0.0
         size = float(np.nan_to_num(abs(own.ledger[1][place])))
-        return own.label[place] == "none", -size
+        return _unsolvable(panel, name), bool(own.label[place] == "none"), -size
 
     head = [name for name in others if name == cell]
     tail = sorted((name for name in others if name != cell), key=telling)

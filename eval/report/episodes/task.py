@@ -7,9 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
+import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs import SCALAR, Setup, environment_setup, is_integ_environment
+from integ_gym.envs import SCALAR, Setup, environment_setup, is_integ_environment, testbed_of
 
 from ...panel.model import Panel
 
@@ -34,11 +35,30 @@ class TaskWords:
 
 
 def task_words(panel: Panel) -> TaskWords | None:
-    """The task of a panel; None of a task that is not one of ours."""
+    """The task of a panel; None of one that only code of a user's own can tell of."""
     setup = _setup(panel)
     if setup is None:
-        return None
+        return _told_by_its_testbed(panel)
     return TaskWords(_lead(setup), tuple(_facts(setup)), _scene(setup))
+
+
+def _told_by_its_testbed(panel: Panel) -> TaskWords | None:
+    """Goal and control period of one of Gymnasium's own tasks; None where it is not installed."""
+    env_id = str(panel.spec.get("env_id"))
+    if env_id not in gym.registry:
+        return None
+    try:
+        goal = testbed_of(env_id, panel.spec.get("environment", {})).success.goal
+    except ModuleNotFoundError:
+        return None
+    facts = [("goal", goal)]
+    if panel.columns and not panel.mixed_periods:
+        facts.append(("decisions", _decisions(panel.columns[0].control_period)))
+    return TaskWords(f"{env_id} of Gymnasium.", tuple(facts), None)
+
+
+def _decisions(control_period: float) -> str:
+    return f"one every {control_period:g} s, held in between"
 
 
 def _setup(panel: Panel) -> Setup | None:
@@ -64,7 +84,7 @@ def _facts(setup: Setup) -> list[tuple[str, str]]:
     return [
         ("goal", _goal(setup)),
         ("motor", limit),
-        ("decisions", f"one every {timing.control_period:g} s, held in between"),
+        ("decisions", _decisions(timing.control_period)),
         ("episode", f"{setup.settings.duration:g} s, start: {setup.settings.start}"),
     ]
 

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.support import compact, fixed, percent, step
+from integ_gym.support import compact, fixed, percent, step, together
 
 from ...film import LEAST_START
 from ...panel.model import Entry, Estimate, Panel
@@ -21,7 +21,7 @@ from ..data import (
     success_matrix,
     time_matrix,
 )
-from ..episodes import CHOICE, TaskWords, Told, packed
+from ..episodes import TaskWords, Told, chosen_words, packed
 from .commands import readable
 from .drawing import shading
 from .failures import LABEL_WORDS
@@ -51,7 +51,7 @@ def carried_by(
     head = {
         "directory": panel.directory,
         "scene": task.scene if task else None,
-        "choice": CHOICE,
+        "choice": chosen_words(panel),
         "leastStart": LEAST_START,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
@@ -87,7 +87,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head, panel.said)
+    return packed(panel, told, head, lambda text: together(panel.said(text)))
 
 
 def _place(panel: Panel, entry: Entry) -> str:
@@ -125,7 +125,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = readable(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    facts = [[name, panel.said(text)] for name, text in _facts(panel, entry) if text]
+    facts = [[name, together(panel.said(text))] for name, text in _facts(panel, entry) if text]
     return {"facts": facts, "file": entry.file, "query": query}
 
 

@@ -13,7 +13,7 @@ ASIDE, SIZE = 2.6, 5.2
 """Width of a line and radius of a marker there."""
 
 
-def percent(axis: Axis, value: float) -> float:
+def along(axis: Axis, value: float) -> float:
     """Place of a value on an axis, in percent of the width."""
     return round(100.0 * axis.share(value), 2)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from integ_gym.support import load
+from integ_gym.support import load, together
 
 Filter: TypeAlias = Callable[[Any, Any], Any]
 """Of a template: from its context and a value."""
@@ -25,7 +25,7 @@ def naming_filters() -> dict[str, Filter]:
 
     @told
     def shown_text(context: Any, text: Any) -> Any:
-        return breakable(context["panel"].said(str(text)))
+        return breakable(together(context["panel"].said(str(text))))
 
     @told
     def plain_text(context: Any, text: Any) -> Any:

@@ -106,7 +106,7 @@ def _template() -> Any:
     environment = page_environment({part.name: part.read_text("utf-8") for part in parts})
     environment.filters.update(
         href=_href,
-        percent=drawing.percent,
+        along=drawing.along,
         across=drawing.across,
         up=drawing.up,
         corners=drawing.corners,

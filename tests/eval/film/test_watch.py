@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -69,6 +71,8 @@ def test_a_run_without_its_policy_shows_traces_alone(panel_directory, tmp_path):
     record = record_where(run, f"{TRAINED} AND energy IS NOT NULL")
     film = watch(run, record["record_id"], ["explicit_euler", "rk4"])
     assert len(film.episodes) == 2
+    film = watch(run, record["record_id"], on_doubt=pytest.fail)  # all of it has traces
+    assert len(film.episodes) == 3
     with pytest.raises(ValueError, match=r"is not in .*policies and cannot be made again"):
         watch(run, record["record_id"], ["implicit_midpoint"])
 
@@ -102,19 +106,118 @@ def test_the_command_shows_a_trained_policy(panel_directory, tmp_path, capsys):
     assert json.loads((policy / "policy.json").read_text())["seed"] in (0, 1)
 
 
+LEVELS = "policy_id = 'levels' AND env_id = 'IntegPendulum-v0'"
+
+
+def test_what_cannot_be_played_again_is_left_out(diagnosis):
+    """Of a rollout whose policy nobody kept, what has no trace; unless it is asked for."""
+    run, *_ = diagnosis
+    record = record_where(run, f"{LEVELS} AND integrator = 'symplectic_euler'")
+    own = Discretization(**{name: record[name] for name in DISCRETIZATION})
+    doubts: list[str] = []
+    gone = partial(policy_of, record, open_run(run))
+    there = of_record._possible([own, replace(own, dt=0.01)], {own: record}, gone, doubts.append)
+    assert there == [own]
+    (doubt,) = doubts
+    assert "cannot be made again" in doubt
+    assert doubt.endswith("; shown is what has a trace")
+    film = watch(run, record["record_id"], on_doubt=pytest.fail)
+    np.testing.assert_array_equal(film.episodes[0].states[:, 0], record["theta"])
+    with pytest.raises(ValueError, match="cannot be made again; restore its folder"):
+        watch(run, record["record_id"], ["rk4"])
+
+
+def test_code_that_a_record_names_is_not_run_unasked(diagnosis):
+    run, *_ = diagnosis
+    record = record_where(run, f"{LEVELS} AND integrator = 'planted:Silent'")
+    with pytest.raises(ValueError, match=r"names 'planted:Silent'.*pass --own-code"):
+        watch(run, record["record_id"])
+
+
+def test_a_training_record_is_shown_on_its_own(panel_directory):
+    record = record_where(panel_directory, "phase = 'training' AND energy IS NOT NULL")
+    film = watch(panel_directory, record["record_id"], on_doubt=pytest.fail)
+    assert len(film.episodes) == 1
+
+
+def test_control_periods_that_differ_are_told_in_every_pane(panel_directory):
+    record = record_where(panel_directory, "control_period < 0.05 AND phase = 'evaluation'")
+    film = watch(panel_directory, record["record_id"])
+    told = [film._titles(episode.discretization)[1] for episode in film.episodes]
+    for episode, words in zip(film.episodes, told, strict=True):
+        assert f"a decision every {episode.discretization.control_period:g} s" in words
+    assert "a decision every" not in film._note
+
+
+TRACED = f"{TRAINED} AND energy IS NOT NULL"
+BARE_TRAINING = "phase = 'training' AND energy IS NULL"
+REFUSALS = [
+    ("no such record", "zz", [], "no record 'zz'.*list them with `integ-gym evidence query"),
+    ("too short an id", "", [], r"records of .* begin with ''.*give more digits"),
+    ("untraced training", BARE_TRAINING, [], "give one that has a trace, without --on, or a"),
+    (
+        "training elsewhere", "phase = 'training' AND energy IS NOT NULL", ["--on", "rk4"],
+        "a policy that has changed since",
+    ),
+    ("no integrator", TRACED, ["--on", "no_such"], "unknown integrator 'no_such'. Valid choices"),
+    ("no engine", TRACED, ["--on", "no_such rk4"], "unknown engine 'no_such'. Valid choices"),
+    (
+        "not of that engine", TRACED, ["--on", "mujoco rk4"],
+        "'mujoco' has no integrator 'rk4'; what applies it is 'RK4'",
+    ),
+    ("no name at all", TRACED, ["--on", "a b c"], "an integrator, and if need be its engine"),
+    ("no number", TRACED, ["--on", "rk4 dt=fast"], "dt must be a number of seconds"),
+    ("no step", TRACED, ["--on", "rk4 dt=0"], "must be a finite number above 0"),
+    ("not a number", TRACED, ["--on", "rk4 dt=nan"], "must be a finite number above 0"),
+    (
+        "a step that does not divide", TRACED, ["--on", "rk4 dt=0.03"],
+        r"`dt`=0.03 s does not divide .* nearest valid: 0.025 or 0.05 s",
+    ),
+    ("too long a step", TRACED, ["--on", "rk4 dt=inf"], "nearest valid: 0.05 s"),
+    ("another seed", TRACED, ["--seed", "1"], "is for a trained policy; leave RECORD out"),
+    ("no film's ending", TRACED, ["--out", "film.avi"], "written as .gif or .mp4, got 'film.avi'"),
+    ("no folder", TRACED, ["--out", "absent/film.gif"], "there is no folder absent; make it"),
+    ("a folder", TRACED, ["--out", "FOLDER.gif"], "is a folder; give another path for the film"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("record", "words", "message"), [own[1:] for own in REFUSALS],
+                         ids=[own[0] for own in REFUSALS])  # fmt: skip
+def test_a_record_is_refused_in_one_line(
+    record, words, message, panel_directory, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(of_record, "played", lambda *a, **k: pytest.fail("an episode was run"))
+    if " = " in record or " LIKE " in record:
+        record = record_where(panel_directory, record)["record_id"]
+    (tmp_path / "folder.gif").mkdir()
+    words = [word.replace("FOLDER", str(tmp_path / "folder")) for word in words]
+    assert main(["watch", str(panel_directory), record, *words]) == 2
+    error = capsys.readouterr().err
+    assert re.search(message, error)
+    assert error.count("\n") == 1
+
+
+def test_what_has_no_pictures_is_refused_with_what_shows_it(diagnosis, capsys):
+    run, *_ = diagnosis
+    record = record_where(run, "env_id LIKE 'OpenLoop%'")
+    assert main(["watch", str(run), record["record_id"]]) == 2
+    error = capsys.readouterr().err
+    assert "of a record of OpenLoop-pendulum `integ-gym evidence show` prints" in error
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["RUN", "zz"], "no record 'zz'"),
         (["RUN"], "is no trained policy; give the id of one of its records"),
         (["absent"], "there is no absent"),
-        (["RUN", "a", "--seed", "1"], "is for a trained policy"),
-        (["RUN", "a", "--out", "film.avi"], "written as .gif or .mp4"),
+        (["absent", "a"], "no directory absent; give a run's directory"),
+        (["EMPTY", "a"], "holds no evidence"),
     ],
 )
-def test_bad_input_ends_with_one_line(panel_directory, words, message, capsys):
-    given = [str(panel_directory) if word == "RUN" else word for word in words]
-    assert main(["watch", *given]) == 2
+def test_what_is_no_run_is_refused_in_one_line(panel_directory, tmp_path, words, message, capsys):
+    known = {"RUN": str(panel_directory), "EMPTY": str(tmp_path)}
+    assert main(["watch", *(known.get(word, word) for word in words)]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

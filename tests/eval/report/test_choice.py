@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 from report_pages import panel_of
 
-from integ_gym.eval.panel.model import Panel
-from integ_gym.eval.report.episodes.choice import chosen
+from integ_gym.eval.panel.model import Estimate, Panel
+from integ_gym.eval.report.episodes.choice import chosen, chosen_words
 from integ_gym.eval.report.episodes.outcomes import Outcomes
 
 EPISODES = 4
@@ -31,7 +32,7 @@ def test_the_first_film_shows_why_a_policy_fails() -> None:
     first = chosen(panel, outcomes)[0]
     row, cell, home = first.row, first.cell, first.cells[0]
     assert home != cell
-    third, fourth = [name for name in first.cells[2:] if name != cell][-2:]
+    third, fourth = [x for x in first.cells[2:] if panel.cell(x).achievability == "achievable"][-2:]
     own, at_home = outcomes[row, cell], outcomes[row, home]
     own.label[0, 1:] = "discretization_error"
     at_home.label[0, 3] = "control_error"
@@ -44,3 +45,23 @@ def test_the_first_film_shows_why_a_policy_fails() -> None:
     assert (lead.row, lead.cell, lead.seed, lead.episode) == (row, cell, 0, 2)
     assert lead.cells[:4] == (home, cell, third, fourth)
     assert set(lead.cells) == set(first.cells)
+
+
+def test_without_a_family_the_first_film_is_of_the_largest_loss_that_says_something() -> None:
+    """Losses where nobody succeeds in time judge the simulator, however large they are."""
+    panel = msgspec.structs.replace(panel_of("full"), verdicts=())
+    leads = chosen(panel, outcomes_of(panel))
+    first = panel.exploratory[0]
+    assert (leads[0].row, leads[0].cell) == (first.row, first.cell)
+    raised = Estimate(first.overfitting.estimate + 1.0)
+    lost = next(cell.name for cell in panel.columns if cell.achievability == "unachievable")
+    matrix = [
+        msgspec.structs.replace(entry, overfitting=raised) if entry.cell == lost else entry
+        for entry in panel.matrix
+    ]
+    again = msgspec.structs.replace(panel, matrix=tuple(matrix))
+    leads = chosen(again, outcomes_of(again))
+    assert (leads[0].row, leads[0].cell) == (first.row, first.cell)
+    assert all(lost not in lead.cells[:3] for lead in leads)
+    assert "of the 8 cells in which most success is lost" in chosen_words(panel)
+    assert "of the declared family" in chosen_words(panel_of("full"))

@@ -23,7 +23,7 @@ from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
 from integ_gym.evidence.schema.fields import LABELS
-from integ_gym.support.terminal.formatting import fixed, true_minus
+from integ_gym.support.terminal.formatting import fixed, together, true_minus
 
 SECTIONS = [
     "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
@@ -196,7 +196,7 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
         cell = panel.cell(entry.cell)
         place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
         status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
-        assert ["the cell", panel.said(status)] in head["entries"][place]["facts"]
+        assert ["the cell", together(panel.said(status))] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:
@@ -216,6 +216,32 @@ def test_a_given_policy_is_told_of_in_words_of_its_own() -> None:
     assert "over training seeds" not in text
     assert "Another seed of the same training could do otherwise." in text
     assert "The policy file names no training discretization." in text
+
+
+def test_a_given_policy_that_never_succeeds_is_told_of_once() -> None:
+    raw = copy.deepcopy(raw_of("given"))
+    for entry in raw["matrix"]:
+        entry["success"]["estimate"] = 0.0
+    panel = panel_from(raw)
+    told = headline_of(panel)
+    assert "succeeds from none of" in told
+    assert f"It does no worse on any of {len(panel.columns)} discretizations." in told
+    assert told.count("none") == 1
+
+
+def test_a_legend_speaks_of_homes_where_there_are_any() -> None:
+    assert "trained here" not in page_of("given").text
+    assert "trained here" in page_of("full").text
+
+
+def test_a_task_of_gymnasium_is_told_in_words() -> None:
+    raw = copy.deepcopy(raw_of("full"))
+    raw["spec"]["env_id"], raw["spec"]["environment"] = "InvertedPendulum-v5", {}
+    text = " ".join(Page(report.render(panel_from(raw))).text.split())
+    assert "The task. InvertedPendulum-v5 of Gymnasium." in text
+    assert "not terminated within the time limit" in text
+    raw["spec"]["env_id"] = "my_module:Mine-v0"  # whose code a page does not run
+    assert "The task." not in report.render(panel_from(raw))
 
 
 def test_the_page_says_what_was_applied() -> None:

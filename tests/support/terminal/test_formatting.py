@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from integ_gym.support.figures.colours import ink_on, success_colour
-from integ_gym.support.terminal.formatting import compact, fixed, seconds
+from integ_gym.support.terminal.formatting import (
+    compact,
+    compact_percent,
+    fixed,
+    percent,
+    seconds,
+    together,
+)
 
 
 @pytest.mark.parametrize(
@@ -34,6 +41,16 @@ def test_numbers_have_true_minus_signs_and_no_negative_zero() -> None:
     assert [seconds(value) for value in (0.25, 61.0, 7260.0, None)] == [
         "0.25 s", "1 min 1 s", "2 h 1 min", "–",
     ]  # fmt: skip
+
+
+def test_shares_are_told_in_per_cent() -> None:
+    assert [percent(0.536), percent(0.0042, 1, sign=True), percent(None)] == ["54 %", "+0.4 %", "–"]
+    told = [compact_percent(share, sign=True) for share in (-4.1e-8, 1.73, float("nan"))]
+    assert told == ["−4.1·10⁻⁶ %", "+170 %", "–"]
+
+
+def test_the_sign_of_a_per_cent_stays_with_its_number() -> None:
+    assert together("in 54 % of 3 cases") == "in 54\N{NO-BREAK SPACE}% of 3 cases"
 
 
 def test_success_colours_are_viridis_and_their_text_is_legible() -> None:

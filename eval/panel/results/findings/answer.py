@@ -6,20 +6,28 @@ from collections.abc import Sequence
 
 from integ_gym.support import percent
 
-from ....verdict import EQUIVALENCE_MARGIN, LEARNED, WITHOUT_VERDICT, Judgement
-from ...model import EngineAgreement
+from ....verdict import EQUIVALENCE_MARGIN, WITHOUT_VERDICT, Judgement
+from ...model import Panel
 from ..layout import PanelLayout
 from ..matrix import Matrix
 from .engine_agreement import agreement_answer
+from .exploring import exploratory_answer, unlearned_answer
 
 
 def answer_of(
     layout: PanelLayout,
     matrix: Matrix,
     judgements: Sequence[Judgement],
-    agreement: Sequence[EngineAgreement],
+    panel: Panel,
 ) -> str:
-    """What the judgements of the declared family come to, or what there is to say without any."""
+    """What the judgements of the declared family come to, or what there is to say without any.
+
+    Args:
+        layout: rows and cells.
+        matrix: outcomes.
+        judgements: of the declared family.
+        panel: all else that was found.
+    """
     judged = [
         (judgement, pair)
         for judgement, pair in zip(judgements, layout.family, strict=True)
@@ -28,7 +36,11 @@ def answer_of(
     if not judged:
         if judgements:
             return _unjudged_answer(judgements, layout, matrix)
-        return agreement_answer(agreement) or _range_answer(layout, matrix)
+        explored = exploratory_answer(panel)
+        if explored is not None:
+            explored += _unreached(layout, matrix)
+        told = agreement_answer(panel.engine_agreement) or explored
+        return told or _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
     fails, unreached = len(failed), _unreached(layout, matrix)
@@ -102,12 +114,7 @@ def _unjudged_answer(judgements: Sequence[Judgement], layout: PanelLayout, matri
     home = {
         row: float(rates.mean()) for row in rows if (rates := matrix.home_rates(row)) is not None
     }
-    best = max(home, key=lambda row: home[row])
-    return (
-        "Not answered: no policies of the declared transfers have learned, which takes a success "
-        f"of {LEARNED} at home; those trained on {best} come nearest, with {home[best]:.2f}. Train "
-        "longer (`total_steps` in [training]), or set an easier task."
-    )
+    return unlearned_answer("no policies of the declared transfers have learned", home)
 
 
 def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
@@ -116,9 +123,12 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
     if rates[low] == rates[high]:
+        among = ", the reference among them" if layout.reference else ""
+        if not rates[low]:
+            return f"{row} succeeds on none of {len(rates)} discretizations{among}."
         return (
             f"{row} succeeds in {percent(rates[low])} of episodes on each of {len(rates)} "
-            f"discretizations{', the reference among them' if layout.reference else ''}."
+            f"discretizations{among}."
         )
     anchor, where = layout.reference, "the reference"
     if anchor is None:

@@ -63,14 +63,15 @@ class Drawer {
   entry({ r, c }) {
     const entry = this.carried.entry(r, c);
     this.title.replaceChildren(...this.names({ r, c }));
-    const facts = entry.facts.map(([name, text]) =>
+    const first = ["success", "loss against home", "of it overfitting"];
+    const told = entry.facts.filter(([name]) => first.includes(name));
+    const facts = entry.facts.filter(([name]) => !first.includes(name)).map(([name, text]) =>
       make("div", {}, make("dt", {}, name), make("dd", {}, text)));
-    const told = ["success", "loss against home", "of it overfitting"].flatMap((name) =>
-      entry.facts.filter(([own]) => own === name));
     return [
       make("p", { class: "summary" }, told.map(([name, text]) => make("span", {}, `${name} `, make("b", {}, text)))),
-      make("dl", { class: "facts" }, facts),
       ...this.episodes(r, c),
+      make("h3", {}, "In numbers"),
+      make("dl", { class: "facts" }, facts),
       make("p", { class: "files" }, "Records: ", entry.file.map((name, k) => [k ? ", " : "",
         make("a", { href: this.carried.files[name] }, name)])),
       ...this.command("lists these records", entry.query),
@@ -166,7 +167,7 @@ class Drawer {
     const trace = carried.trace(r, c, s, e);
     const lead = this.restartable(r, s);
     const parts = [
-      make("p", { class: "crumb" }, back, ` seed ${policy.seed ?? "–"}, start ${e}`),
+      make("p", { class: "crumb" }, back, `${policy.seed === null ? "" : ` seed ${policy.seed},`} start ${e}`),
       make("p", { class: `outcome ${label === "none" ? "won" : "lost"}` },
         `${label === "none" ? "✓" : "✕"} ${wordOf(label)}`,
         label === "none" ? null : make("span", {}, spaced(label))),

@@ -37,6 +37,7 @@ def planted(
     success: Callable[[str, str], Rates],
     recovered: Callable[[str, str], Rates] | None = None,
     tried: dict[str, Tried] | None = None,
+    family: tuple[tuple[str, str], ...] = FAMILY,
 ) -> Panel:
     """A panel of three rows and cells with the rates of every seed, by (row, cell)."""
     rows = tuple(
@@ -62,7 +63,7 @@ def planted(
     ]  # fmt: skip
     can = dict.fromkeys(cells, SOLVED) | (tried or {})
     layout = PanelLayout(
-        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, FAMILY, tried=can
+        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, family, tried=can
     )
     ids = [policy for row in rows for policy in row.policies]
     return build_artefact(
@@ -141,6 +142,40 @@ def test_a_deadline_is_no_overfitting() -> None:
     (judged,) = (one for one in panel.verdicts if (one.row, one.cell) == FAMILY[0])
     assert judged.verdict == "transfers"
     assert (judged.total.estimate, judged.deadline.estimate) == (0.9, 0.9)
+
+
+def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None:
+    """The first row loses all where nobody succeeds; the second loses 0.7 by overfitting."""
+    success = {(HERE.name, TRUTH.name): 0.9, (TRUTH.name, HERE.name): 0.3}
+
+    def at(row: str, cell: str) -> Rates:
+        return PERFECT * (0.0 if cell == THERE.name else success.get((row, cell), 1.0))
+
+    panel = planted(at, tried={THERE.name: LOST}, family=())
+    told = [(entry.row, entry.cell) for entry in panel.exploratory]
+    assert told == [(TRUTH.name, HERE.name), (HERE.name, TRUTH.name)]
+    assert panel.answer.startswith("Exploratory, since no family of transfers was declared: of 2")
+    assert "1 lose more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
+    assert f"to {TRUTH.name}: success is 1.00 at home and 0.30 on {HERE.name}" in panel.answer
+    assert f"{THERE.name} cannot be solved" in panel.answer
+    assert headline_of(panel) == (
+        f"Policies trained on {TRUTH.name} reach success 1.00 at home and 0.30 on {HERE.name}; "
+        "0.70 is lost by overfitting to the simulator (exploratory). No family was declared: 1 of "
+        f"2 transfers lose more than 0.2; no control that was found solves {THERE.name}."
+    )
+
+
+def test_without_a_family_small_losses_are_told_as_such() -> None:
+    told = headline_of(planted(lambda row, cell: PERFECT, family=()))
+    assert told.startswith("No transfer loses more than 0.00 of success by overfitting; the most")
+    assert "0 of 6 transfers lose more than 0.2." in told
+
+
+def test_without_a_family_nobody_learned() -> None:
+    panel = planted(lambda row, cell: 0.3 * PERFECT, family=())
+    assert panel.exploratory == ()
+    assert panel.answer.startswith("Not answered: no policies have learned, which takes")
+    assert headline_of(panel) == panel.answer
 
 
 def test_nobody_learned() -> None:

@@ -38,10 +38,10 @@ class Starts {
     this.fill.setAttribute("d", bars(true));
     this.miss.setAttribute("d", bars(false));
     const done = this.known.length === ANGLES;
-    const share = Math.round((100 * this.known.filter(Boolean).length) / ANGLES);
-    this.words.textContent = done ? `${share} % ✓` : "…";
+    const share = `${Math.round((100 * this.known.filter(Boolean).length) / ANGLES)} %`;
+    this.words.textContent = done ? `${share} ✓` : "…";
     this.svg.setAttribute("aria-label", done
-      ? `succeeds from ${share} % of ${ANGLES} starts of ${this.live.name}, ` +
+      ? `succeeds from ${share} of ${ANGLES} starts of ${this.live.name}, ` +
         `${this.live.shown(this.live.reach)} to either side of ${this.middle ? "hanging" : this.live.shown(0)}`
       : "being simulated");
   }

@@ -1,7 +1,8 @@
 // "Watch it fail": one policy from one start, one discretization beside the other.
 const KINDS = { worst: "its worst start", failure: "the median failure", success: "the median success" };
 const MOST_PANES = 4;
-const BARS_SAY = "Bars add up to the energy there is, J; a tick marks rest at the goal.";
+const BARS_SAY = "Bars add up to the energy there is, J";
+const TICK_SAYS = "; a tick marks rest at the goal";
 const STRIPS_SAY = "Strips: from which starts it succeeds, all simulated in this browser.";
 
 class Watch {
@@ -52,7 +53,19 @@ class Watch {
   words({ at: [r, c, s, e], kind }) {
     const { rows, cells } = this.carried;
     const where = cells[c].shown === "truth" ? "the truth" : cells[c].shown;
-    return `seed ${rows[r].policies[s].seed ?? s}, start ${e}: ${KINDS[kind]} on ${where}`;
+    return `${this.seed(r, s)}start ${e}: ${KINDS[kind]} on ${where}`;
+  }
+
+  // Whether rest at the goal has an energy of its own, which bars mark.
+  get ticked() {
+    const { scene } = this.carried;
+    return Boolean(scene && scene.upright > 0);
+  }
+
+  // Of a policy that was trained here; nothing of one that was given.
+  seed(r, s) {
+    const { seed } = this.carried.rows[r].policies[s];
+    return seed === null ? "" : `seed ${seed}, `;
   }
 
   // What all panes have in common.
@@ -60,7 +73,7 @@ class Watch {
     const { at: [r, , s] } = this.lead;
     const { rows } = this.carried;
     const moved = this.value === null ? this.words(this.lead)
-      : `seed ${rows[r].policies[s].seed ?? s}, ${this.what()} ${this.toldOf(this.value)}`;
+      : `${this.seed(r, s)}${this.what()} ${this.toldOf(this.value)}`;
     this.caption.replaceChildren(make("b", {}, rows[r].shown), ` · ${moved}`);
   }
 
@@ -193,7 +206,7 @@ class Watch {
     const missing = this.shown.filter((c) => !traces.some((trace) => trace.at[1] === c))
       .map((c) => this.carried.cells[c].shown);
     this.stage.replaceChildren(this.player.element, make("p", { class: "legend" },
-      traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY) : null,
+      traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY, this.ticked ? TICK_SAYS : "", ".") : null,
       this.value === null ? null : make("span", {}, STRIPS_SAY),
       missing.length ? make("span", {}, `Recorded only, so not from this start: ${missing.join(", ")}.`) : null,
       make("span", {}, episode)));
