@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, read, successes
+from measuring.trained import Done, Experiment, Unit, gained, read, successes, told_p
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
@@ -93,11 +93,9 @@ def tables(done: Done) -> str:
     gains = dict(comparisons(done))
     tested = [period for period in gains if period in DECLARED]
     corrected = holm([gains[period].p_greater() for period in tested])
-    p = {period: f"{one:.3f}" for period, one in zip(tested, corrected, strict=True)}
+    p = {period: told_p(one) for period, one in zip(tested, corrected, strict=True)}
     for period, gain in gains.items():
-        found = gain.interval
-        told = f"{found.estimate:z.2f} ({found.low:z.2f} to {found.high:z.2f})"
-        lines.append(f"| {period:g} | {told} | {p.get(period, '')} |")
+        lines.append(f"| {period:g} | {gained(gain)} | {p.get(period, '')} |")
     return "\n".join(lines) + "\n"
 
 

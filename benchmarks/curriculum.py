@@ -29,7 +29,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, read, successes
+from measuring.trained import Done, Experiment, Unit, gained, read, successes, told_p
 
 from integ_gym import Discretization, PPOConfig
 from integ_gym.eval.atlas.numbers import critical_limit
@@ -111,9 +111,7 @@ def tables(done: Done) -> str:
     gains = list(comparisons(done))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
     for (ratio, arm, difference), p in zip(gains, corrected, strict=True):
-        found = difference.interval
-        gained = f"{found.estimate:z.2f} ({found.low:z.2f} to {found.high:z.2f})"
-        lines.append(f"| {ratio:g} | {arm} | {gained} | {p:.3f} |")
+        lines.append(f"| {ratio:g} | {arm} | {gained(difference)} | {told_p(p)} |")
     return "\n".join(lines) + "\n"
 
 

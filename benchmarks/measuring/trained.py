@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from integ_gym import PPOConfig
-from integ_gym.eval.statistics import rate_interval
+from integ_gym.eval.statistics import Difference, rate_interval
 from integ_gym.support import replace_file
 from integ_gym.train.fleet import preparation
 from integ_gym.train.fleet.training import Outcome
@@ -109,6 +109,17 @@ def _told(rates: list[float]) -> str:
         return ""
     found = rate_interval(rates)
     return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
+
+
+def gained(found: Difference) -> str:
+    """A difference of success with its 95 % interval, in words."""
+    own = found.interval
+    return f"{own.estimate:z.2f} ({own.low:z.2f} to {own.high:z.2f})".replace("-", "−")
+
+
+def told_p(p: float) -> str:
+    """A p-value in words."""
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def read(path: Path) -> Done:
