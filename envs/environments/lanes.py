@@ -39,8 +39,8 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
 
 def fill(table: Array, components: Components, lanes: Any = slice(None)) -> Array:
     """``table``, shape (num_envs, n), with components, one number or one per lane, as columns."""
-    for column, values in zip(table.T, components, strict=True):
-        column[lanes] = values
+    for column, values in enumerate(components):
+        table[lanes, column] = values
     return table
 
 

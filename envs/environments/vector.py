@@ -389,8 +389,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
-        """Observations as float32, shape (num_envs, n); component by component in memory."""
-        return fill(np.empty((len(observed), self.num_envs), dtype=np.float32).T, observed)
+        """Observations as float32, shape (num_envs, n)."""
+        return fill(np.empty((self.num_envs, len(observed)), dtype=np.float32), observed)
 
     def _look_anew(self, observation: Array, lanes: Array) -> None:
         """Fill in the observations, without noise, of lanes that have just been reset."""

@@ -145,10 +145,10 @@ class _Ready:
         if not (self._all_fine or self._fine[places].all()):
             starts = _starts_of(self._setup, self._numbers[places], {})
             checked_state(self._setup, starts[np.argmin(self._fine[places])])
-        columns = self._table.take(places, axis=0).T.copy()
-        values = [*columns, *self._constants]
+        rows = self._table.take(places, axis=0)
+        values = [*rows.T.copy(), *self._constants]
         energy, goal_since = self._told(values)
-        return Begun(self._in_order(values), energy, goal_since, columns[self._observed].T)
+        return Begun(self._in_order(values), energy, goal_since, rows[:, self._observed])
 
     def put(self, places: Array, numbers: Array) -> None:
         """Make others in the place of some."""
