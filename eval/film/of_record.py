@@ -56,8 +56,8 @@ def watch(
     require("render", "evidence")
     store = open_run(Path(run))
     record = store.find(record_id)
-    check_filmed(record["env_id"])
     _check_code(record, own_code)
+    check_filmed(record["env_id"])
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
     homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
     asked = on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,))
@@ -94,7 +94,8 @@ _SAME = ("env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturb
 
 def _check_code(record: EvidenceRecord, own_code: bool) -> None:
     """Refuse a record made with code of somebody's own, unless it may be run."""
-    named = [x for x in record.arguments().values() if isinstance(x, str) and ":" in x]
+    told = (record["env_id"], *record.arguments().values())
+    named = [x for x in told if isinstance(x, str) and ":" in x]
     if named and not own_code:
         raise ValueError(
             f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "

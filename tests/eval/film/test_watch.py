@@ -132,6 +132,9 @@ def test_code_that_a_record_names_is_not_run_unasked(diagnosis):
     record = record_where(run, f"{LEVELS} AND integrator = 'planted:Silent'")
     with pytest.raises(ValueError, match=r"names 'planted:Silent'.*pass --own-code"):
         watch(run, record["record_id"])
+    of_theirs = replace(record, fields={**record.fields, "env_id": "their_module:Task-v0"})
+    with pytest.raises(ValueError, match=r"names 'their_module:Task-v0'.*pass --own-code"):
+        of_record._check_code(of_theirs, own_code=False)
 
 
 def test_a_training_record_is_shown_on_its_own(panel_directory):

@@ -138,7 +138,7 @@ def test_a_cell_begins_with_its_numbers_and_its_worst_seed(browser: Browser, rep
     opened(browser, report + cell)
     parts = f"[...{DRAWER}.querySelectorAll('.summary, .facts, .episodes')]"
     assert browser.value(f"{parts}.map((part) => part.className)") == [
-        "summary", "facts", "episodes",
+        "summary", "episodes", "facts",
     ]  # fmt: skip
     assert browser.value(f"{parts}[0].textContent").startswith("success ")
     rows = f"[...{DRAWER}.querySelectorAll('.episodes [role=row]')]"
