@@ -18,7 +18,7 @@ from .starts import GivenNumbers, checked_state, made_start, possible, start_tab
 Array = npt.NDArray[Any]
 
 AHEAD, MOST = 32, 1 << 17
-"""Starts that are drawn ahead, at most: of a lane, and of all."""
+"""Starts that are drawn ahead: of a lane at most, and of all about."""
 
 
 class Begun(NamedTuple):
@@ -175,7 +175,8 @@ def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Arra
 
 def _in_a_row(numbers: Array) -> Array:
     """Numbers of the starts of all lanes, lane by lane."""
-    return numbers.reshape(-1, numbers.shape[-1])
+    lanes, ahead, size = numbers.shape
+    return numbers.reshape(lanes * ahead, size)
 
 
 def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:

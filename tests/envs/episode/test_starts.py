@@ -192,6 +192,27 @@ def test_an_impossible_start_is_refused_when_it_is_drawn():
         starts.begin(quick[:1], lambda state: ())
 
 
+def test_a_task_may_always_start_alike():
+    setup = environment_setup("IntegPendulum-v0", {})
+    fixed = type(setup)(**{**vars(setup), "task": Fixed()})
+    assert numbers_per_start(fixed) == 0
+    generators, untouched = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
+    starts = LaneStarts(fixed, generators, 0)
+    np.testing.assert_array_equal(starts.draw(np.array([0, 2]), {}), [[1.0, 0.5]] * 2)
+    begun = starts.begin(np.array([1, 2]), lambda state: ())
+    np.testing.assert_array_equal(begun.values[:2], [[1.0] * 2, [0.5] * 2])
+    starts.put_back()
+    for mine, own in zip(generators, untouched, strict=True):
+        assert mine.bit_generator.state == own.bit_generator.state
+
+
+class Fixed(PendulumSwingUp):
+    """It starts in one state."""
+
+    def draw_start(self, rng, start, options):
+        return 1.0, 0.5
+
+
 class Faster(PendulumSwingUp):
     """Some of its starts are faster than a motion may be."""
 

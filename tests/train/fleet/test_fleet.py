@@ -156,7 +156,7 @@ def test_advantages_values_and_log_probabilities_are_those_of_sb3(env_id):
     """SB3's buffer, filled from a fleet's rollout by SB3's rules, holds the same numbers."""
     config = small_run(env_id, env_arguments={"duration": 0.3}, learning_rate=1e-3)
     trainer = fleet._Trainer(kind_of(config), [config], None)
-    learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
+    learner, knobs, params = trainer._new(), trainer._knobs(), trainer._params
     program = trainer._program
     _, steps = jax.jit(program._collect)(learner, learner.keys, params)
     _, outcome, observed, observed_after = jax.jit(program._again)(steps, params)

@@ -206,10 +206,10 @@ def _fails(capsys, *arguments: str) -> str:
 
 def test_another_panel_in_the_directory_is_refused(panel_directory, tmp_path, capsys):
     other = tmp_path / "other.toml"
-    other.write_text(TOML.replace("episodes = 3", "episodes = 4"), encoding="utf-8")
+    other.write_text(TOML.replace("episodes = 3", "episodes = 2"), encoding="utf-8")
     before = sorted(panel_directory.rglob("*"))
     message = _fails(capsys, "panel", str(other), "--out", str(panel_directory))
-    assert "holds another panel: `episodes` 3 (now 4); give another" in message
+    assert "holds another panel: `episodes` 3 (now 2); give another" in message
     assert "--out" in message
     assert sorted(panel_directory.rglob("*")) == before
 
