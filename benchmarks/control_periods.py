@@ -21,17 +21,14 @@ corrected by Holm's method. Gains at the periods between are told without a test
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, gained, read, successes, told_p
+from measuring.trained import Done, Experiment, Unit, command, gained, successes, told_p
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
-from integ_gym.support import cores
 from integ_gym.train.fleet import train_in_stages
 
 ENV_ID = "IntegPendulum-v0"
@@ -51,6 +48,16 @@ EXPERIMENT = Experiment(
     values=(0.2, 0.1, 0.05, 0.025, 0.0125),
     arms=("per decision", "per second"),
     seeds=range(2200, 2216),
+    settings={
+        "env_id": ENV_ID,
+        "environment": ENVIRONMENT,
+        "tuned_for": PERIOD,
+        "seconds": SECONDS,
+        "n_steps": STEPS,
+        "batch_size": BATCH,
+        "gae_lambda": GAE_LAMBDA,
+        "discount_time": DISCOUNT_TIME,
+    },
 )
 DECLARED = (max(EXPERIMENT.values), min(EXPERIMENT.values))
 
@@ -89,6 +96,8 @@ def run(unit: Unit) -> list[int]:
 def tables(done: Done) -> str:
     """Success with 95 % intervals, and what is gained by physical time, as Markdown."""
     lines = EXPERIMENT.table(done, "control period, s")
+    if not EXPERIMENT.complete(done):
+        return "\n".join(lines) + "\n"
     lines += ["", "| control period, s | `per second` gains | p (Holm) |", "|---|---|---|"]
     gains = dict(comparisons(done))
     tested = [period for period in gains if period in DECLARED]
@@ -100,26 +109,12 @@ def tables(done: Done) -> str:
 
 
 def comparisons(done: Done) -> Iterator[tuple[float, Difference]]:
-    """Gains at the periods that were run."""
+    """Gains at all periods but the one at which both arms are the same."""
     for period in EXPERIMENT.values:
-        decision, second = (EXPERIMENT.rates(done, period, arm) for arm in EXPERIMENT.arms)
-        if decision and second:
+        if period != PERIOD:
+            decision, second = (EXPERIMENT.rates(done, period, arm) for arm in EXPERIMENT.arms)
             yield period, unpaired_difference(second, decision)
 
 
-def main() -> None:
-    """Run, or print what was found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON of successes")
-    parser.add_argument("--table", action="store_true", help="run nothing: print the tables")
-    parser.add_argument("--workers", type=int, default=cores(), metavar="N", help="processes")
-    given = parser.parse_args()
-    if not given.table:
-        EXPERIMENT.run_missing(run, given.out, given.workers)
-    print(tables(read(given.out)), end="")
-
-
 if __name__ == "__main__":
-    main()
+    command(EXPERIMENT, run, tables, __doc__)

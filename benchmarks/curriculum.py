@@ -23,18 +23,15 @@ corrected by Holm's method. What has been run is kept in the file and not run ag
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, gained, read, successes, told_p
+from measuring.trained import Done, Experiment, Unit, command, gained, successes, told_p
 
 from integ_gym import Discretization, PPOConfig
 from integ_gym.eval.atlas.numbers import critical_limit
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
-from integ_gym.support import cores
 from integ_gym.train.fleet import train_in_stages
 
 ENV_ID = "IntegPendulum-v0"
@@ -55,6 +52,15 @@ EXPERIMENT = Experiment(
     values=(1.2, 1.4, 1.6, 1.8),
     arms=("curriculum", "truth", "mixture", "easier torque", "equal ease"),
     seeds=range(2100, 2132),
+    settings={
+        "env_id": ENV_ID,
+        "environment": ENVIRONMENT,
+        "control_period": PERIOD,
+        "truth": TRUTH,
+        "pumping": PUMPING,
+        "easier": EASIER,
+        "training": TRAINING,
+    },
 )
 
 
@@ -107,6 +113,8 @@ def run(unit: Unit) -> list[int]:
 def tables(done: Done) -> str:
     """Success with 95 % intervals, and what the curriculum gains, as Markdown."""
     lines = EXPERIMENT.table(done, "torque over the critical one")
+    if not EXPERIMENT.complete(done):
+        return "\n".join(lines) + "\n"
     lines += ["", "| torque | held against | curriculum gains | p (Holm) |", "|---|---|---|---|"]
     gains = list(comparisons(done))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
@@ -116,28 +124,12 @@ def tables(done: Done) -> str:
 
 
 def comparisons(done: Done) -> Iterator[tuple[float, str, Difference]]:
-    """The declared ones that were run."""
+    """The declared ones."""
     for ratio in EXPERIMENT.values:
         ours = EXPERIMENT.rates(done, ratio, "curriculum")
         for arm in EXPERIMENT.arms[1:]:
-            other = EXPERIMENT.rates(done, ratio, arm)
-            if ours and other:
-                yield ratio, arm, unpaired_difference(ours, other)
-
-
-def main() -> None:
-    """Run, or print what was found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON of successes")
-    parser.add_argument("--table", action="store_true", help="run nothing: print the tables")
-    parser.add_argument("--workers", type=int, default=cores(), metavar="N", help="processes")
-    given = parser.parse_args()
-    if not given.table:
-        EXPERIMENT.run_missing(run, given.out, given.workers)
-    print(tables(read(given.out)), end="")
+            yield ratio, arm, unpaired_difference(ours, EXPERIMENT.rates(done, ratio, arm))
 
 
 if __name__ == "__main__":
-    main()
+    command(EXPERIMENT, run, tables, __doc__)

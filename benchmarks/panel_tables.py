@@ -110,7 +110,7 @@ def predicted(summary: dict[str, Any]) -> Iterator[str]:
     """What was to be expected of every row of one discretization, and what it lost on the truth."""
     spec = built_in_spec()
     found = {row["row"]: row for row in summary["rows"]}
-    yield "| trained on | predicted loss (90% interval) | loss | within |"
+    yield "| trained on | predicted loss (90 % interval) | loss | within |"
     yield "|---|---|---|---|"
     for home in spec.train:
         if not isinstance(home, Discretization) or home.name not in found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -16,7 +17,7 @@ from tqdm import tqdm
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, rate_interval
-from integ_gym.support import replace_file
+from integ_gym.support import cores, instruction_sets, package_version, replace_file
 from integ_gym.train.fleet import preparation
 from integ_gym.train.fleet.training import Outcome
 from integ_gym.train.policy_files import actor_of
@@ -26,6 +27,9 @@ STARTS = 20
 
 TOGETHER = 8
 """Seeds that are trained at once."""
+
+PACKAGES = ("integ-gym", "numpy", "jax", "jaxlib")
+"""Whose versions are told."""
 
 Done = dict[str, list[int]]
 """Successes of the seeds of a unit, by its name."""
@@ -58,11 +62,13 @@ class Experiment:
         values: of what is varied.
         arms: names.
         seeds: of every arm at every value, a multiple of `TOGETHER`.
+        settings: all else that decides an outcome, as JSON has it.
     """
 
     values: tuple[float, ...]
     arms: tuple[str, ...]
     seeds: range
+    settings: Mapping[str, Any]
 
     def units(self) -> list[Unit]:
         """All there are, the first seeds of all arms first."""
@@ -73,27 +79,61 @@ class Experiment:
             for arm in self.arms
         ]
 
+    def complete(self, done: Done) -> bool:
+        """Whether all was run that was declared, so that its tests are those."""
+        return all(unit.name in done for unit in self.units())
+
     def rates(self, done: Done, value: float, arm: str) -> list[float]:
         """Success rate of every seed that was run."""
         own = [unit for unit in self.units() if (unit.value, unit.arm) == (value, arm)]
         return [count / STARTS for unit in own for count in done.get(unit.name, [])]
 
     def run_missing(self, run: Callable[[Unit], list[int]], path: Path, workers: int) -> None:
-        """Run what the file has not; each unit is written as it is done."""
+        """Run what the file has not; each unit is written as it is done.
+
+        Raises:
+            ValueError: if the file is of other settings, versions or another processor.
+        """
+        self._check(path)
         done = read(path)
         left = [unit for unit in self.units() if unit.name not in done]
         pool = ProcessPoolExecutor(workers, get_context("spawn"), preparation("cpu"), (0,))
         with pool, tqdm(total=len(left), unit="unit") as bar:
             futures = {pool.submit(run, unit): unit for unit in left}
-            for future in as_completed(futures):
-                done[futures[future].name] = future.result()
-                self._write(done, path)
-                bar.update()
+            try:
+                for future in as_completed(futures):
+                    done[futures[future].name] = future.result()
+                    self._write(done, path)
+                    bar.update()
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+
+    def about(self) -> dict[str, Any]:
+        """What the outcomes of one file have in common."""
+        settings = {**self.settings, "starts": STARTS}
+        return {
+            "settings": json.loads(json.dumps(settings)),
+            "versions": {name: package_version(name) for name in PACKAGES},
+            "instruction_sets": list(instruction_sets()),
+        }
+
+    def _check(self, path: Path) -> None:
+        if not path.exists():
+            return
+        found = json.loads(path.read_text(encoding="utf-8"))
+        for name, value in self.about().items():
+            if found[name] != value:
+                raise ValueError(
+                    f"{path} was made with other {name.replace('_', ' ')}: {found[name]}, now "
+                    f"{value}; give another file with --out"
+                )
 
     def _write(self, done: Done, path: Path) -> None:
         names = [unit.name for unit in self.units() if unit.name in done]
-        lines = ",\n".join(f" {json.dumps(name)}: {done[name]}" for name in names)
-        replace_file(path, f"{{\n{lines}\n}}\n".encode())
+        lines = ",\n".join(f"  {json.dumps(name)}: {done[name]}" for name in names)
+        about = json.dumps(self.about(), indent=1).removesuffix("\n}")
+        replace_file(path, f'{about},\n "successes": {{\n{lines}\n }}\n}}\n'.encode())
 
     def table(self, done: Done, what: str) -> list[str]:
         """Success with 95 % intervals over seeds, as Markdown; empty: not run."""
@@ -124,7 +164,9 @@ def told_p(p: float) -> str:
 
 def read(path: Path) -> Done:
     """Successes by unit, of a file that need not be there."""
-    found: Done = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if not path.exists():
+        return {}
+    found: Done = json.loads(path.read_text(encoding="utf-8"))["successes"]
     return found
 
 
@@ -149,3 +191,29 @@ def successes(config: PPOConfig, outcome: Outcome, judged: Mapping[str, Any]) ->
         ended = ended | ending
     envs.close()
     return int(succeeded.sum())
+
+
+def command(
+    experiment: Experiment,
+    run: Callable[[Unit], list[int]],
+    tables: Callable[[Done], str],
+    what: str | None,
+) -> None:
+    """Run what is missing, and print what was found.
+
+    Args:
+        experiment: what is compared.
+        run: one unit.
+        tables: of what was found, as Markdown.
+        what: the script's docstring.
+    """
+    parser = argparse.ArgumentParser(
+        description=what, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON of successes")
+    parser.add_argument("--table", action="store_true", help="run nothing: print the tables")
+    parser.add_argument("--workers", type=int, default=cores(), metavar="N", help="processes")
+    given = parser.parse_args()
+    if not given.table:
+        experiment.run_missing(run, given.out, given.workers)
+    print(tables(read(given.out)), end="")

@@ -60,8 +60,11 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     files = write_figure(draw_phases(atlas.name, found, homes, atlas.ratios), out / "phases")
     seen = [point for point in found if point.ratio not in atlas.held_out]
     seals = tuple(summary.origin.seal for _, summary in done)
-    known = _fitted(atlas.name, seen, seals) if seen else law()
-    if seen:
+    own = set(atlas.ratios) > set(atlas.held_out)
+    if own and not seen:
+        raise ValueError(f"no limit of atlas {atlas.name!r} that a law may be fitted to was run")
+    known = _fitted(atlas.name, seen, seals) if own else law()
+    if own:
         content = msgspec.json.format(msgspec.json.encode(known)) + b"\n"
         files.append(replace_file(out / LAW, content))
     trials: tuple[Trial, ...] = ()
@@ -70,7 +73,9 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
         files += write_figure(drawn, out / "losses")
     if held_out := telling([point for point in found if point.ratio in atlas.held_out]):
         trials = tuple(trial(curve, held_out) for curve in known.curves)
-    told = [*_phase_table(found), *(["", *_trial_table(trials)] if trials else [])]
+    told = [*_phase_table(found)]
+    if trials:
+        told += ["", *_trial_table(trials, "" if own else f" of {known.atlas}")]
     files.append(replace_file(out / TABLES, ("\n".join(told) + "\n").encode()))
     return Published(tuple(files), known, trials)
 
@@ -102,9 +107,10 @@ def _rate(point: Point | None) -> str:
     return f"{fixed(own.estimate)} ({fixed(own.low)}–{fixed(own.high)})"
 
 
-def _trial_table(trials: Sequence[Trial]) -> Iterator[str]:
-    """Errors on the limits that were held out, as Markdown."""
-    yield "| number | error on held-out limits | 95 % interval | error on seen limits | covered |"
+def _trial_table(trials: Sequence[Trial], whose: str) -> Iterator[str]:
+    """Errors on the limits that were held out, and on those of the fit and whose they are."""
+    seen = f"error on seen limits{whose}"
+    yield f"| number | error on held-out limits | 95 % interval | {seen} | covered |"
     yield "|---|---|---|---|---|"
     for one in trials:
         interval = f"{fixed(one.low, 3)} to {fixed(one.high, 3)}"

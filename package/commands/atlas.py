@@ -108,7 +108,7 @@ def _agreed(found: Agreement) -> str:
     if found.difference is None:
         return f"{told}: all {found.rows} outcomes are the same."
     mean, low, high = found.difference
-    by = f"mean success differs by {mean:z.3f} (95% interval {low:z.3f} to {high:z.3f})"
+    by = f"mean success differs by {mean:z.3f} (95 % interval {low:z.3f} to {high:z.3f})"
     return f"{told}: other weights, but {by}, and by no more than chance on any training ground."
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from integ_gym.eval import Prediction, predict
-from integ_gym.support import CommandParser, named_value, percent, print_aligned, say
+from integ_gym.support import NONE, CommandParser, named_value, percent, print_aligned, say
 
 EXAMPLES = """\
 examples:
@@ -60,23 +60,25 @@ def _sentence(found: Prediction) -> str:
     name = found.discretization.name
     if not found.reachable:
         return f"No control that was searched for reaches the goal on {name} in time."
+    if not found.within:
+        least, most = found.fitted_on
+        return (
+            f"Not known of {name}: the limit of the control is {found.quantities.margin:.3g} times "
+            f"the least that the truth takes, and the law was fitted on {least:g} to {most:g} "
+            f"times; a loss of {found.loss:z.2f} is no more than a guess."
+        )
     low, high = found.interval
     return (
-        f"A policy that learns on {name} is expected to lose {found.loss:.2f} of its success on "
-        f"the truth ({percent(found.level)} interval {low:.2f} to {high:.2f})."
+        f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
+        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f})."
     )
 
 
 def _rows(found: Prediction) -> list[tuple[str, str, str]]:
     own = found.quantities
     safe = "none" if found.safe_dt is None else f"{found.safe_dt:g} s"
-    beyond = "" if found.within else "outside of what the law was fitted on"
     return [
-        (
-            "limit of the control",
-            f"{own.margin:.3g}",
-            f"of the least that the truth takes; {beyond}".rstrip("; "),
-        ),
+        ("limit of the control", f"{own.margin:.3g}", "of the least that the truth takes"),
         ("least limit there", f"{own.critical_ratio:.3g}", "of the least that the truth takes"),
         (
             "energy from the numerics",
@@ -85,5 +87,5 @@ def _rows(found: Prediction) -> list[tuple[str, str, str]]:
         ),
         ("power of the numerics", f"{own.power:+.3g}", "of the motor's full power"),
         ("force of the numerics", f"{own.force:.3g}", "of the motor's full force"),
-        ("coarsest safe step", safe, "expected loss at most 0.1"),
+        ("coarsest safe step", safe if found.within else NONE, "expected loss at most 0.1"),
     ]

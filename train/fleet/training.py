@@ -195,20 +195,22 @@ def train_in_stages(
         What the last stage gave, with its time alone.
 
     Raises:
-        ValueError: if there is no stage, or a stage's runs are of different kinds.
+        ValueError: if there is no stage, if there are more than rollouts, or if a stage's runs are
+            of different kinds.
     """
     if not stages:
         raise ValueError("there is no stage to train in")
     learner: Learner | None = None
     with jax.enable_x64(False):
-        for number, configs in enumerate(stages):
-            trainer = _Trainer(_common_kind(configs), configs)
-            begun, ended = (
-                round(place * trainer.rollouts / len(stages)) for place in (number, number + 1)
-            )
+        trainers = [_Trainer(_common_kind(configs), configs) for configs in stages]
+        rollouts = trainers[0].rollouts
+        if len(stages) > rollouts:
+            raise ValueError(f"{len(stages)} stages of {rollouts} rollouts: some would have none")
+        ends = [round(place * rollouts / len(stages)) for place in range(len(stages) + 1)]
+        for trainer, begun, ended in zip(trainers, ends, ends[1:], strict=False):
             learner = trainer.train(on_steps, ended - begun, learner)
-            outcomes = trainer.outcomes(learner)
-    return outcomes
+        assert learner is not None
+        return trainers[-1].outcomes(learner)
 
 
 def _common_kind(configs: Sequence[PPOConfig]) -> Kind:

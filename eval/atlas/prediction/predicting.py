@@ -68,7 +68,7 @@ class Prediction:
         loss: expected success there less success on the truth.
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.
-        within: whether the limit of the control is among those that the law was fitted on.
+        fitted_on: smallest and largest limit of the control over the critical one that the law saw.
         safe_dt: coarsest step of this integrator with an expected loss of at most 0.1, s; None
             where there is none down to a 64th of the control period.
     """
@@ -78,9 +78,15 @@ class Prediction:
     reachable: bool
     loss: float
     half_width: float
-    within: bool
+    fitted_on: tuple[float, float]
     safe_dt: float | None
     level: ClassVar[float] = LEVEL
+
+    @property
+    def within(self) -> bool:
+        """Whether the limit of the control is among those that the law was fitted on."""
+        low, high = self.fitted_on
+        return low <= self.quantities.margin <= high
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -123,14 +129,13 @@ def predict(
     at = Discretization(integrator, dt, period, engine)
     _check_twin(at)
     known, numbers = law(), Quantities(env_id, environment, _native(at))
-    low, high = known.margins
     return Prediction(
         at,
         numbers,
         numbers.critical_ratio <= numbers.margin,
         known.curve(numbers),
         known.curve.half_width,
-        low <= numbers.margin <= high,
+        known.margins,
         _safe_dt(env_id, environment, at),
     )
 

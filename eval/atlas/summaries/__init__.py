@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .agreement import Agreement, check_agree, compare, first_difference, note, noted_in
+    from .agreement import (
+        Agreement,
+        check_agree,
+        compare,
+        first_difference,
+        note,
+        noted_in,
+        same_processor,
+    )
     from .outcomes import Point, points
     from .summary import Origin, Summary, read_summary, summarize, write_summary
 else:

@@ -47,8 +47,8 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
     """Hold what was run again against what there was.
 
     The same processor gives the same policies to the last bit. Another rounds otherwise, and
-    training does not forget it. A whole block then agrees if mean success differs by less than
-    `MARGIN`, and that of no training ground by more than chance.
+    training does not forget it. A whole block then agrees if the 95 % interval of the difference of
+    mean success lies within `MARGIN`, and no training ground's differs by more than chance.
 
     Args:
         name: of the block.
@@ -56,20 +56,27 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
         again: of all or some of the same policies.
 
     Raises:
-        ValueError: naming the first outcome that differs, where not the whole block was run again;
-            else what differs by more than chance.
+        ValueError: naming the first outcome that differs, where the processor is known to be the
+            same or not the whole block was run again; else what differs by more than chance.
     """
     told = first_difference(first, again)
     before, after = first.rows.to_pylist(), again.rows.to_pylist()
     codes = (first.origin.code, again.origin.code)
     difference = None
     if told is not None:
-        if {_key(row) for row in before} != {_key(row) for row in after}:
+        whole = {_key(row) for row in before} == {_key(row) for row in after}
+        if same_processor(first, again) or not whole:
             raise ValueError(f"block {name}, {told} differ between code {' and '.join(codes)}")
         found = _by_chance(name, _success(before), _success(after))
         difference = (found.estimate, found.low, found.high)
     policies = len({(row["home"], row["seed"]) for row in after})
     return Agreement(codes, name, policies, len(after), difference)
+
+
+def same_processor(first: Summary, again: Summary) -> bool:
+    """Whether both were run on processors that are known to compute alike."""
+    known = first.origin.instruction_sets
+    return bool(known) and known == again.origin.instruction_sets
 
 
 def first_difference(first: Summary, again: Summary) -> str | None:

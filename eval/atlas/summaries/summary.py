@@ -48,6 +48,7 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
         weights: hash of all policies' hashes.
         code: version of the code, see :func:`code_version`.
         versions: of the packages that matter.
+        instruction_sets: of the processor; empty: not known.
         specification: of the panel, everything resolved.
         cost: core time of training and evaluation, s.
     """
@@ -61,6 +62,7 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str | None]
     specification: dict[str, Any]
     cost: dict[str, float]
+    instruction_sets: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ def summarize(run: Path, atlas: str, block: Block) -> Summary:
         versions=versions,
         specification=block.panel.to_json(),
         cost={"train": panel.cost.train_seconds, "evaluate": panel.cost.evaluate_seconds},
+        instruction_sets=panel.instruction_sets,
     )
     return Summary(origin, table)
 

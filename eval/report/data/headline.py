@@ -66,7 +66,8 @@ def _explored(panel: Panel) -> str:
     found = panel.exploratory
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
     lost = sum(loss > FAIL_MARGIN for loss in losses)
-    rest = "; ".join([f"{lost} of {plural(len(found), 'transfer')} lose more than {FAIL_MARGIN}",
+    lose = _verb(lost, "loses", "lose")
+    rest = "; ".join([f"{lost} of {plural(len(found), 'transfer')} {lose} more than {FAIL_MARGIN}",
                       *_closed(panel)])  # fmt: skip
     return f"{_largest(panel, found[0], 'exploratory')} No family was declared: {rest}."
 

@@ -32,10 +32,10 @@ ROWS = [
 ]
 
 
-def summary(code, rows=ROWS):
+def summary(code, rows=ROWS, instruction_sets=()):
     origin = Origin(
         atlas="a", ratio=1.5, limit=0.6, seal="s", weights="w", code=code, versions={},
-        specification={}, cost={},
+        specification={}, cost={}, instruction_sets=instruction_sets,
     )  # fmt: skip
     return Summary(origin, pa.Table.from_pylist(rows))
 
@@ -83,6 +83,13 @@ def test_a_block_of_another_processor_agrees_where_it_differs_by_chance():
 def test_a_block_that_differs_by_more_is_refused(change, told):
     with pytest.raises(ValueError, match=told):
         compare("b", summary("one", BEFORE), summary("two", block(change)))
+
+
+def test_on_the_same_processor_nothing_is_chance():
+    after = block(lambda home, seed: (-1) ** seed if home == "mixture" else 0)
+    first, second = (summary(code, rows, ("AVX2",)) for code, rows in (("a", BEFORE), ("b", after)))
+    with pytest.raises(ValueError, match=r"seed 0 of mixture .* differ between code a and b"):
+        compare("b", first, second)
 
 
 def test_a_policy_that_was_not_there_is_no_agreement():

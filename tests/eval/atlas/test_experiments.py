@@ -43,14 +43,20 @@ def test_what_was_run_is_not_run_again(experiment, monkeypatch, tmp_path):
 
     path = tmp_path / "found.json"
     script.EXPERIMENT.run_missing(run, path, 1)
-    first = json.loads(path.read_text(encoding="utf-8"))
+    written = json.loads(path.read_text(encoding="utf-8"))
+    first = written["successes"]
     assert list(first) == [unit.name for unit in script.EXPERIMENT.units()]
     assert sorted(asked) == sorted(first)
-    path.write_text(json.dumps(dict(list(first.items())[:-1])), encoding="utf-8")
+    fewer = {**written, "successes": dict(list(first.items())[:-1])}
+    path.write_text(json.dumps(fewer), encoding="utf-8")
+    assert script.tables(trained.read(path)).count("|---") < script.tables(first).count("|---")
     asked.clear()
     script.EXPERIMENT.run_missing(run, path, 1)
     assert asked == [list(first)[-1]]
     assert trained.read(path) == first
+    path.write_text(json.dumps({**written, "versions": {}}), encoding="utf-8")
+    with pytest.raises(ValueError, match="was made with other versions"):
+        script.EXPERIMENT.run_missing(run, path, 1)
     arm = script.EXPERIMENT.arms[0]
     assert len(script.EXPERIMENT.rates(first, script.EXPERIMENT.values[0], arm)) == len(
         script.EXPERIMENT.seeds

@@ -39,3 +39,17 @@ def test_a_map_that_is_ours_is_predicted_alike_on_any_engine(capsys):
     native = capsys.readouterr().out
     assert main(["predict", "--engine", "mujoco", "--integrator", "RK4", *own]) == 0
     assert capsys.readouterr().out == native.replace("rk4 dt=0.05", "mujoco RK4 dt=0.05")
+
+
+def test_beyond_what_the_law_was_fitted_on_nothing_is_promised(capsys):
+    """From upright, the start unless another is given, hardly any torque is the least."""
+    assert main(["predict", "--integrator", "rk4", "--dt", "0.05"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "Not known of rk4 dt=0.05: the limit of the control is" in told
+    assert "interval" not in told
+    assert "coarsest safe step – expected loss at most 0.1" in told
+
+
+def test_where_nothing_has_to_be_lifted_no_control_is_the_least(capsys):
+    assert main(["predict", "--integrator", "rk4", "--dt", "0.05", "--env-arg", "gravity=0"]) == 2
+    assert "the goal takes no energy" in capsys.readouterr().err

@@ -309,6 +309,8 @@ def test_stages_go_on_where_the_stage_before_ended(pair):
     assert any(not np.array_equal(one.weights[name], other.weights[name]) for name in one.weights)
     with pytest.raises(ValueError, match="no stage"):
         train_in_stages([])
+    with pytest.raises(ValueError, match="some would have none"):
+        train_in_stages([[config]] * (rollouts + 1))
 
 
 def test_files_open_everywhere_and_act_the_same(pair, tmp_path):

@@ -36,11 +36,11 @@ def answer_of(
     if not judged:
         if judgements:
             return _unjudged_answer(judgements, layout, matrix)
-        explored = exploratory_answer(panel)
-        if explored is not None:
-            explored += _unreached(layout, matrix)
-        told = agreement_answer(panel.engine_agreement) or explored
-        return told or _range_answer(layout, matrix)
+        if told := agreement_answer(panel.engine_agreement):
+            return told
+        if explored := exploratory_answer(panel):
+            return explored + _unreached(layout, matrix)
+        return _range_answer(layout, matrix)
     failed = [one for one in judged if one[0].verdict == "fails"]
     worst, pair = max(failed or judged, key=lambda one: one[0].loss.overfitting.estimate)
     fails, unreached = len(failed), _unreached(layout, matrix)

@@ -35,7 +35,8 @@ def exploratory_answer(panel: Panel) -> str | None:
     ]
     return (
         f"Exploratory, since no family of transfers was declared: of {len(found)} transfers to "
-        f"cells that can be solved in time {lost} lose more than {FAIL_MARGIN} of success by "
+        f"cells that can be solved in time {lost} {'loses' if lost == 1 else 'lose'} more than "
+        f"{FAIL_MARGIN} of success by "
         f"overfitting and {small} at most {EQUIVALENCE_MARGIN}; the most is lost by overfitting to "
         f"{worst.row}: success is {at_home}{worst.success.estimate:.2f} on {worst.cell} "
         f"(overfitting {worst.overfitting}{''.join(otherwise)})."

@@ -155,13 +155,13 @@ def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None
     told = [(entry.row, entry.cell) for entry in panel.exploratory]
     assert told == [(TRUTH.name, HERE.name), (HERE.name, TRUTH.name)]
     assert panel.answer.startswith("Exploratory, since no family of transfers was declared: of 2")
-    assert "1 lose more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
+    assert "1 loses more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
     assert f"to {TRUTH.name}: success is 1.00 at home and 0.30 on {HERE.name}" in panel.answer
     assert f"{THERE.name} cannot be solved" in panel.answer
     assert headline_of(panel) == (
         f"Policies trained on {TRUTH.name} reach success 1.00 at home and 0.30 on {HERE.name}; "
         "0.70 is lost by overfitting to the simulator (exploratory). No family was declared: 1 of "
-        f"2 transfers lose more than 0.2; no control that was found solves {THERE.name}."
+        f"2 transfers loses more than 0.2; no control that was found solves {THERE.name}."
     )
 
 
