@@ -161,12 +161,14 @@ def test_the_fleet_refuses_shares_that_are_no_whole_environments():
     check_spec(parse_spec({**data, "trainer": "sb3"}, "panel.toml"))
 
 
-@pytest.fixture(scope="module", params=["sb3", pytest.param("fleet", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.slow) for name in ("sb3", "fleet")]
+)
 def finished(request, made_once):
     """Directory of a finished run with each trainer, and the command that made it.
 
-    What trainers differ in ends with the policies, which are asked of the fleet in its own tests;
-    what panels make of its mixtures is asked in `make test-slow`.
+    What trainers differ in ends with the policies, which are asked of each in its own tests; what
+    panels make of mixtures is asked in `make test-slow`.
     """
 
     def command(folder: Path) -> list[str]:
