@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 
+import msgspec
 import pyarrow as pa
 import pytest
 from small_atlas import written
@@ -77,15 +78,19 @@ def test_where_the_first_seed_differs_the_whole_block_is_run_again(run, tmp_path
     assert main([*command, "--no-progress"]) == 0
     path = tmp_path / "runs" / "summaries" / "3-seed3.parquet"
     summary = read_summary(path)
-    rows = summary.rows.to_pylist()
-    elsewhere = [{**row, "policy_hash": bytes(32)} for row in rows]
-    write_summary(replace(summary, rows=pa.Table.from_pylist(elsewhere)), path)
+    assert summary.origin.instruction_sets
+    rows = [{**row, "policy_hash": bytes(32)} for row in summary.rows.to_pylist()]
+    here = replace(summary, rows=pa.Table.from_pylist(rows))
+    origin = msgspec.structs.replace(summary.origin, instruction_sets=("another",))
     again = ["atlas", str(spec), "--out", str(tmp_path / "runs"), "--again", "3-seed3"]
+    write_summary(here, path)
+    assert main(again) == 2
+    assert "policy_hash differ between code" in capsys.readouterr().err
+    write_summary(replace(here, origin=origin), path)
     assert main(again) == 0
-    assert (
-        "4 policies trained again in 3-seed3: other weights, but mean success differs by 0.000"
-        in (" ".join(capsys.readouterr().out.split()))
-    )
+    told = " ".join(capsys.readouterr().out.split())
+    assert "4 policies trained again in 3-seed3: other weights" in told
+    assert "mean success differs by 0.000" in told
 
 
 @pytest.mark.slow
