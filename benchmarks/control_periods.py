@@ -25,7 +25,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, command, gained, successes, told_p
+from measuring.results import p_value
+from measuring.trained import Done, Experiment, Unit, command, gained, successes
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
@@ -95,17 +96,18 @@ def run(unit: Unit) -> list[int]:
 
 def tables(done: Done) -> str:
     """Success with 95 % intervals, and what is gained by physical time, as Markdown."""
-    lines = EXPERIMENT.table(done, "control period, s")
-    if not EXPERIMENT.complete(done):
-        return "\n".join(lines) + "\n"
-    lines += ["", "| control period, s | `per second` gains | p (Holm) |", "|---|---|---|"]
+    return EXPERIMENT.tables(done, "control period, s", lambda: _tests(done))
+
+
+def _tests(done: Done) -> list[str]:
+    lines = ["| control period, s | `per second` gains | p (Holm) |", "|---|---|---|"]
     gains = dict(comparisons(done))
     tested = [period for period in gains if period in DECLARED]
     corrected = holm([gains[period].p_greater() for period in tested])
-    p = {period: told_p(one) for period, one in zip(tested, corrected, strict=True)}
+    p = {period: p_value(one) for period, one in zip(tested, corrected, strict=True)}
     for period, gain in gains.items():
         lines.append(f"| {period:g} | {gained(gain)} | {p.get(period, '')} |")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def comparisons(done: Done) -> Iterator[tuple[float, Difference]]:

@@ -27,7 +27,8 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from measuring.trained import Done, Experiment, Unit, command, gained, successes, told_p
+from measuring.results import p_value
+from measuring.trained import Done, Experiment, Unit, command, gained, successes
 
 from integ_gym import Discretization, PPOConfig
 from integ_gym.eval.atlas.numbers import critical_limit
@@ -112,15 +113,16 @@ def run(unit: Unit) -> list[int]:
 
 def tables(done: Done) -> str:
     """Success with 95 % intervals, and what the curriculum gains, as Markdown."""
-    lines = EXPERIMENT.table(done, "torque over the critical one")
-    if not EXPERIMENT.complete(done):
-        return "\n".join(lines) + "\n"
-    lines += ["", "| torque | held against | curriculum gains | p (Holm) |", "|---|---|---|---|"]
+    return EXPERIMENT.tables(done, "torque over the critical one", lambda: _tests(done))
+
+
+def _tests(done: Done) -> list[str]:
+    lines = ["| torque | held against | curriculum gains | p (Holm) |", "|---|---|---|---|"]
     gains = list(comparisons(done))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
     for (ratio, arm, difference), p in zip(gains, corrected, strict=True):
-        lines.append(f"| {ratio:g} | {arm} | {gained(difference)} | {told_p(p)} |")
-    return "\n".join(lines) + "\n"
+        lines.append(f"| {ratio:g} | {arm} | {gained(difference)} | {p_value(p)} |")
+    return lines
 
 
 def comparisons(done: Done) -> Iterator[tuple[float, str, Difference]]:

@@ -17,6 +17,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from measuring.results import interval, minus, p_value
+
 from integ_gym import Discretization, predict
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.panel import Panel
@@ -90,10 +92,10 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
     yield "| trained on | judged on | overfitting | deadline | difficulty | verdict | adjusted p |"
     yield "|---|---|---|---|---|---|---|"
     for one in summary["verdicts"]:
-        parts = (_interval(one[part]) for part in ("overfitting", "deadline", "difficulty"))
+        parts = (interval(one[part]) for part in ("overfitting", "deadline", "difficulty"))
         yield (
             f"| {_named(one['row'])} | {_named(one['cell'])} | {' | '.join(parts)} | "
-            f"{one['verdict']} | {_p(one['p'])} |"
+            f"{one['verdict']} | {p_value(one['p'])} |"
         )
     known = [cell["numerics_share"] for row in summary["rows"] for cell in row["cells"].values()]
     if not any(known):
@@ -102,7 +104,7 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
     yield f"| energy that the numerics gave | {' | '.join(CELLS.values())} |"
     yield "|---|" + "---|" * len(CELLS)
     for row in summary["rows"]:
-        cells = (_interval(row["cells"][cell]["numerics_share"]) for cell in CELLS)
+        cells = (interval(row["cells"][cell]["numerics_share"]) for cell in CELLS)
         yield f"| {_named(row['row'])} | {' | '.join(cells)} |"
 
 
@@ -121,30 +123,13 @@ def predicted(summary: dict[str, Any]) -> Iterator[str]:
         lost = row["home"][0] - row["cells"][spec.reference.name]["success"][0]
         low, high = expected.interval
         within = "yes" if low <= lost <= high else "no"
-        told = _interval([expected.loss, low, high])
-        yield f"| {_named(home.name)} | {told} | {_minus(f'{lost:z.2f}')} | {within} |"
+        told = interval([expected.loss, low, high])
+        yield f"| {_named(home.name)} | {told} | {minus(f'{lost:z.2f}')} | {within} |"
 
 
 def _success(cell: dict[str, Any]) -> str:
     """Success with its interval, and behind a stroke that within two horizons."""
-    return f"{_interval(cell['success'])} / {cell['recovered'][0]:.2f}"
-
-
-def _interval(numbers: list[float] | None) -> str:
-    if numbers is None:
-        return "–"
-    value, low, high = numbers
-    return _minus(f"{value:z.2f}" + ("" if low is None else f" ({low:z.2f} to {high:z.2f})"))
-
-
-def _minus(text: str) -> str:
-    return text.replace("-", "−")
-
-
-def _p(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+    return f"{interval(cell['success'])} / {cell['recovered'][0]:.2f}"
 
 
 def _named(name: str) -> str:

@@ -47,6 +47,26 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         print("  ".join((first.ljust(widths[0]), *rest)))
 
 
+def interval(numbers: Sequence[float | None] | None) -> str:
+    """An estimate with its ends, as Markdown says it; a dash where there is none."""
+    if numbers is None:
+        return "–"
+    value, low, high = numbers
+    return minus(f"{value:z.2f}" + ("" if low is None else f" ({low:z.2f} to {high:z.2f})"))
+
+
+def minus(text: str) -> str:
+    """Text with minus signs in place of hyphens."""
+    return text.replace("-", "−")
+
+
+def p_value(value: float | None) -> str:
+    """A p-value as Markdown says it; a dash where there is none."""
+    if value is None:
+        return "–"
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
 def write(path: Path | None, content: dict[str, Any], packages: Iterable[str]) -> None:
     """Write ``content`` with the machine and versions as JSON; nothing without a path."""
     if path is not None:

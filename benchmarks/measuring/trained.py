@@ -22,6 +22,8 @@ from integ_gym.train.fleet import preparation
 from integ_gym.train.fleet.training import Outcome
 from integ_gym.train.policy_files import actor_of
 
+from . import results
+
 STARTS = 20
 """That every policy is judged from."""
 
@@ -135,8 +137,21 @@ class Experiment:
         about = json.dumps(self.about(), indent=1).removesuffix("\n}")
         replace_file(path, f'{about},\n "successes": {{\n{lines}\n }}\n}}\n'.encode())
 
-    def table(self, done: Done, what: str) -> list[str]:
-        """Success with 95 % intervals over seeds, as Markdown; empty: not run."""
+    def tables(self, done: Done, what: str, tests: Callable[[], list[str]]) -> str:
+        """Success, and the tests that were declared where all was run that they are of.
+
+        Args:
+            done: what was run.
+            what: is varied.
+            tests: lines of their table.
+        """
+        lines = self._success(done, what)
+        if self.complete(done):
+            lines += ["", *tests()]
+        return "\n".join(lines) + "\n"
+
+    def _success(self, done: Done, what: str) -> list[str]:
+        """With 95 % intervals over seeds, as Markdown; empty: not run."""
         lines = [f"| {what} | {' | '.join(self.arms)} |", "|---" * (1 + len(self.arms)) + "|"]
         for value in self.values:
             cells = [_told(self.rates(done, value, arm)) for arm in self.arms]
@@ -154,12 +169,7 @@ def _told(rates: list[float]) -> str:
 def gained(found: Difference) -> str:
     """A difference of success with its 95 % interval, in words."""
     own = found.interval
-    return f"{own.estimate:z.2f} ({own.low:z.2f} to {own.high:z.2f})".replace("-", "−")
-
-
-def told_p(p: float) -> str:
-    """A p-value in words."""
-    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+    return results.interval((own.estimate, own.low, own.high))
 
 
 def read(path: Path) -> Done:

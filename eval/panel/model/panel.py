@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
-from ...verdict import UNSOLVABLE, require_unique
+from ...verdict import FAIL_MARGIN, UNSOLVABLE, require_unique
 from .conclusions import (
     EngineAgreement,
     Failure,
@@ -229,6 +229,12 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return tuple(
             entry for entry in self.undeclared if self.cell(entry.cell).achievability != "undecided"
         )
+
+    @property
+    def exploratory_failures(self) -> int:
+        """How many of them lose more by overfitting than verdicts let pass."""
+        losses = [entry.overfitting for entry in self.exploratory]
+        return sum(loss is not None and loss.estimate > FAIL_MARGIN for loss in losses)
 
     @cached_property
     def _row_places(self) -> dict[str, int]:

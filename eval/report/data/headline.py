@@ -63,9 +63,7 @@ def _value(panel: Panel, entry: Entry) -> float:
 
 def _explored(panel: Panel) -> str:
     """Of a panel without a declared family: the largest loss, then how many there are."""
-    found = panel.exploratory
-    losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
-    lost = sum(loss > FAIL_MARGIN for loss in losses)
+    found, lost = panel.exploratory, panel.exploratory_failures
     lose = _verb(lost, "loses", "lose")
     rest = "; ".join([f"{lost} of {plural(len(found), 'transfer')} {lose} more than {FAIL_MARGIN}",
                       *_closed(panel)])  # fmt: skip

@@ -25,7 +25,7 @@ def exploratory_answer(panel: Panel) -> str | None:
     worst = found[0]
     home = panel.row(worst.row).home_success
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
-    lost = sum(loss > FAIL_MARGIN for loss in losses)
+    lost = panel.exploratory_failures
     small = sum(loss <= EQUIVALENCE_MARGIN for loss in losses)
     at_home = f"{home.estimate:.2f} at home and " if home else ""
     otherwise = [
