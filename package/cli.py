@@ -7,8 +7,9 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
-from integ_gym.support import CommandParser, end_quietly, package_version, report_errors
+from integ_gym.support import CommandParser, end_quietly, report_errors
 
 COMMANDS = {
     "panel": "train and evaluate a whole panel (the main job)",
@@ -57,11 +58,19 @@ def _main(arguments: list[str]) -> int:
     )
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="see below")
     parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
-    parser.add_argument(
-        "--version", action="version", version=f"integ-gym {package_version('integ-gym')}"
-    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     chosen = parser.parse_args(arguments[:1] or ["--help"])
     return report_errors(f"integ-gym {chosen.command}", lambda: _run(chosen.command, arguments[1:]))
+
+
+class _Version(argparse.Action):
+    """Looks for the version when it is asked for, which takes longer than the help."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from integ_gym.support import package_version
+
+        print(f"integ-gym {package_version('integ-gym')}")
+        parser.exit()
 
 
 def _run(name: str, arguments: Sequence[str]) -> int:

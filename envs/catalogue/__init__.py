@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .registration import (
+    from .lookup import (
         BRING_YOUR_OWN,
-        ENVIRONMENTS,
         environment_class,
         environment_mixture,
         environment_setup,
         is_integ_environment,
-        register_environments,
     )
+    from .registration import ENVIRONMENTS, register_environments
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -1,23 +1,16 @@
-"""The environment ids: registration with Gymnasium, and their classes."""
+"""The environment ids, and their registration with Gymnasium.
+
+Importing the package imports this, so that it takes no more than Gymnasium itself does.
+"""
 
 from __future__ import annotations
 
-import importlib
 import re
-from collections.abc import Mapping
-from functools import cache, partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import gymnasium as gym
-from gymnasium.envs.registration import load_env_creator
 
-from integ_gym.support import unknown_name
-
-from ..environments import IntegEnv, make_setup
-from ..episode import Mixture, Setup, make_mixture
-
-_OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
 _ID = re.compile(r'^ENV_ID: Final = "(\w+)(-v\d+)"$', re.MULTILINE)
 
 
@@ -34,85 +27,8 @@ ENVIRONMENTS: Final = _declared()
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
 
-BRING_YOUR_OWN: Final = 'your own as "module:Id-v0", or as a testbed "module:Class"'
-"""What to say to somebody whose id is unknown."""
-
-
 def register_environments() -> None:
     """Register every id once; a second call changes nothing."""
     for env_id, stem in ENVIRONMENTS.items():
         if env_id not in gym.registry:
             gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")
-
-
-def is_integ_environment(env_id: str) -> bool:
-    """Whether an id is of an :class:`IntegEnv`: one of ours, or ``"my_task:Settle-v0"``.
-
-    Raises:
-        ValueError: if the module that such an id names cannot be imported, or registers no such id.
-    """
-    return env_id in ENVIRONMENTS or _own_class(env_id) is not None
-
-
-def environment_class(env_id: str) -> type[IntegEnv]:
-    """The single environment's class.
-
-    Args:
-        env_id: one of ours, or one that a module registers, in Gymnasium's notation
-            ``"module:Id-v0"``.
-
-    Raises:
-        ValueError: for an id that is of no :class:`IntegEnv`, with the valid ones.
-    """
-    if env_id in ENVIRONMENTS:
-        return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
-    own = _own_class(env_id)
-    if own is None:
-        raise ValueError(f"{unknown_name('environment', env_id, ENVIRONMENTS)}; {BRING_YOUR_OWN}")
-    return own
-
-
-@cache
-def _own_class(env_id: str) -> type[IntegEnv] | None:
-    """The class of an id in Gymnasium's notation; None if it is none, or no :class:`IntegEnv`."""
-    named = _OWN_ID.fullmatch(env_id)
-    if named is None:
-        return None
-    module, name = named["module"], named["name"]
-    try:
-        importlib.import_module(module)
-    except Exception as error:  # whatever the user's module does while it is imported
-        raise ValueError(
-            f"cannot import {module!r} of {env_id!r}: {type(error).__name__}: {error}; start where "
-            "its file lies, or put its folder on PYTHONPATH"
-        ) from error
-    if name not in gym.registry:
-        raise ValueError(
-            f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
-        )
-    entry = gym.registry[name].entry_point
-    made = load_env_creator(entry) if isinstance(entry, str) else entry
-    return made if isinstance(made, type) and issubclass(made, IntegEnv) else None
-
-
-def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
-    """Plant, task, timing and engine that an id and its constructor arguments stand for.
-
-    Raises:
-        TypeError, ValueError: for what the environment's constructor refuses.
-    """
-    return make_setup(environment_class(env_id), arguments)
-
-
-def environment_mixture(env_id: str, arguments: Mapping[str, Any]) -> Mixture:
-    """The discretizations that an id and the arguments of its vector environment stand for.
-
-    Args:
-        env_id: a registered id.
-        arguments: constructor arguments, ``mixture`` included or not.
-
-    Raises:
-        TypeError, ValueError: for what the environment's constructor refuses.
-    """
-    others = {name: value for name, value in arguments.items() if name != "mixture"}
-    return make_mixture(partial(environment_setup, env_id), others, arguments.get("mixture"))

@@ -340,9 +340,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         count = self.setup.task.discrete
         if count is None:
             return values[:, 0]
-        known = (values >= 0.0) & (values < count)
-        if getattr(actions, "dtype", _FLOATS).kind not in "biu":
-            known &= values == np.floor(values)
+        if getattr(actions, "dtype", _FLOATS).kind in "biu":
+            known = actions.astype(np.uint64) < count  # what is negative becomes large
+            known[ignored] = True
+        else:
+            known = (values >= 0.0) & (values < count) & (values == np.floor(values))
         if np.count_nonzero(known) < known.size:
             wrong = np.isfinite(values) & ~known
             if wrong.any():

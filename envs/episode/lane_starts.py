@@ -17,8 +17,8 @@ from .starts import GivenNumbers, checked_state, made_start, possible, start_tab
 
 Array = npt.NDArray[Any]
 
-AHEAD, MOST = 32, 1 << 17
-"""Starts that are drawn ahead: of a lane at most, and of all about."""
+AT_ONCE, MOST = 32, 1 << 16
+"""Starts that are drawn at once: of a lane at most, and of all about."""
 
 
 class Begun(NamedTuple):
@@ -37,6 +37,8 @@ class Begun(NamedTuple):
 class LaneStarts:
     """Draws starts as each lane's own generator would, some ahead.
 
+    A lane has two banks of starts: one is drawn anew when the other is begun.
+
     Args:
         setup: of the lanes.
         generators: one per lane, with PCG64; entries may be replaced after :meth:`forget`.
@@ -47,10 +49,12 @@ class LaneStarts:
         lanes = len(generators)
         self._setup = setup
         self._generators = generators
-        self._ahead = max(2, min(AHEAD, MOST // lanes))
-        self._numbers = np.empty((lanes, self._ahead, size))
-        self._next = np.full(lanes, self._ahead)
-        self._first = np.arange(lanes) * self._ahead
+        self._bank = max(1, min(AT_ONCE, MOST // lanes))
+        self._numbers = np.zeros((2 * lanes * self._bank, size))
+        self._banks = [*self._numbers.reshape(2 * lanes, self._bank, size)]
+        self._first = 2 * self._bank * np.arange(lanes)
+        self._taken = np.zeros(lanes, dtype=np.int64)
+        self._drawn = np.zeros(lanes, dtype=np.int64)
         self._ready: _Ready | None = None
 
     def draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
@@ -59,8 +63,7 @@ class LaneStarts:
         Raises:
             ValueError: for one that is not possible.
         """
-        numbers = _in_a_row(self._numbers)[self._places(lanes)]
-        starts = _starts_of(self._setup, numbers, options)
+        starts = _starts_of(self._setup, self._numbers[self._places(lanes)], options)
         fine = possible(self._setup, tuple(starts.T))
         if not fine.all():
             checked_state(self._setup, starts[np.argmin(fine)])
@@ -78,43 +81,40 @@ class LaneStarts:
         """
         places = self._places(lanes)
         if self._ready is None or self._ready.first != first:
-            self._ready = _Ready(self._setup, first, _in_a_row(self._numbers))
+            self._ready = _Ready(self._setup, first, self._numbers)
         return self._ready.at(places)
 
     def put_back(self) -> None:
         """Leave every generator as it would be had nothing been drawn ahead."""
-        for lane in np.flatnonzero(self._next < self._ahead).tolist():
+        ahead = self._drawn - self._taken
+        for lane in np.flatnonzero(ahead).tolist():
             source = self._generators[lane].bit_generator
             state = source.state
-            source.advance(-int(self._numbers[lane, self._next[lane] :].size))  # type: ignore[attr-defined]
+            source.advance(-int(ahead[lane]) * self._numbers.shape[1])  # type: ignore[attr-defined]
             source.state = {**state, "state": source.state["state"]}
-        self._next[:] = self._ahead
+        self._taken[:] = self._drawn[:] = 0
 
     def forget(self, lane: int) -> None:
         """Drop what was drawn ahead for a lane."""
-        self._next[lane] = self._ahead
+        self._taken[lane] = self._drawn[lane] = 0
 
     def _places(self, lanes: Array) -> Array:
         """Where the next start of each of some lanes is, which is then taken."""
-        taken = self._next[lanes]
-        if np.count_nonzero(taken == self._ahead):
-            self._fill_up((self._next > self._ahead // 2).nonzero()[0])
-            taken = self._next[lanes]
-        self._next[lanes] = taken + 1
-        places: Array = self._first[lanes] + taken
+        taken = self._taken[lanes]
+        if np.count_nonzero(taken == self._drawn[lanes]):
+            self._draw_banks((self._drawn - self._taken <= self._bank).nonzero()[0])
+        self._taken[lanes] = taken + 1
+        places: Array = self._first[lanes] + taken % (2 * self._bank)
         return places
 
-    def _fill_up(self, lanes: Array) -> None:
-        """Draw for some lanes as many starts as there is room for."""
-        for lane, taken in zip(lanes.tolist(), self._next[lanes].tolist(), strict=True):
-            numbers = self._numbers[lane]
-            left = self._ahead - taken
-            numbers[:left] = numbers[taken:]
-            self._generators[lane].random(out=numbers[left:])
-        self._next[lanes] = 0
+    def _draw_banks(self, lanes: Array) -> None:
+        """Draw a bank of starts for some lanes that have one to be drawn."""
+        banks = 2 * lanes + (self._drawn[lanes] // self._bank) % 2
+        for lane, bank in zip(lanes.tolist(), banks.tolist(), strict=True):
+            self._generators[lane].random(out=self._banks[bank])
+        self._drawn[lanes] += self._bank
         if self._ready is not None:
-            places = (self._first[lanes, None] + np.arange(self._ahead)).ravel()
-            self._ready.put(places, _in_a_row(self._numbers[lanes]))
+            self._ready.make(banks, self._bank)
 
 
 class _Ready:
@@ -123,7 +123,7 @@ class _Ready:
     Args:
         setup: of the lanes.
         first: see :meth:`LaneStarts.begin`.
-        numbers: of the starts, shape (starts, numbers per start); a view of what is drawn ahead.
+        numbers: of the starts, shape (starts, numbers per start), which change in place.
     """
 
     def __init__(self, setup: Setup, first: Callable[[EnvState], Any], numbers: Array) -> None:
@@ -150,9 +150,15 @@ class _Ready:
         energy, goal_since = self._told(values)
         return Begun(self._in_order(values), energy, goal_since, rows[:, self._observed])
 
-    def put(self, places: Array, numbers: Array) -> None:
-        """Make others in the place of some."""
-        _, self._table[places], self._fine[places] = self._made(numbers)
+    def make(self, banks: Array, size: int) -> None:
+        """Make those of some banks, of `size` starts each, anew."""
+        numbers, table, fine = (
+            array.reshape(len(array) // size, size, *array.shape[1:])
+            for array in (self._numbers, self._table, self._fine)
+        )
+        _, made, possible_ones = self._made(_in_a_row(numbers[banks]))
+        table[banks] = made.reshape(len(banks), *table.shape[1:])
+        fine[banks] = possible_ones.reshape(len(banks), size)
         self._all_fine = bool(self._fine.all())
 
     def _made(self, numbers: Array) -> tuple[Any, Array, Array]:
@@ -174,9 +180,9 @@ def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Arra
 
 
 def _in_a_row(numbers: Array) -> Array:
-    """Numbers of the starts of all lanes, lane by lane."""
-    lanes, ahead, size = numbers.shape
-    return numbers.reshape(lanes * ahead, size)
+    """Numbers of the starts of all banks, bank by bank."""
+    banks, starts, size = numbers.shape
+    return numbers.reshape(banks * starts, size)
 
 
 def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:

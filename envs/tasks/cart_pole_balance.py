@@ -84,7 +84,7 @@ class CartPoleBalance:
 
     def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
         """Beyond a threshold."""
-        return (abs(q[0]) > self.x_threshold) | (abs(q[1]) > self.theta_threshold)
+        return self.at_goal(ops, q, v) == False  # noqa: E712
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Within the thresholds."""

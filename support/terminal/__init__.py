@@ -9,7 +9,7 @@ from ..doors import lazy_door
 
 if TYPE_CHECKING:
     from .colour import DIM, GREEN, RED, YELLOW, painted, shows_colours
-    from .command_line import CommandParser, named_value, run_place, told_command, whole_number
+    from .command_line import CommandParser, told_command
     from .ending import end_quietly, report_errors
     from .formatting import (
         NONE,
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         together,
         true_minus,
     )
+    from .options import named_value, run_place, whole_number
     from .text_table import (
         FITS,
         beside,

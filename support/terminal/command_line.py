@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import os
 import shlex
 import shutil
@@ -15,7 +13,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..files import told_path
-from ..storing import named_place
 from .text_table import NARROWEST, fitted
 
 
@@ -24,37 +21,6 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"cannot use {error.filename}: {error.strerror}; give another path"
     return " ".join(str(error).split())
-
-
-def named_value(word: str) -> tuple[str, Any]:
-    """``name=value``, the value read as JSON where it is JSON, else as text."""
-    name, equals, value = word.partition("=")
-    if not equals or not name:
-        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
-    try:
-        return name, json.loads(value)
-    except (ValueError, RecursionError):
-        return name, value
-
-
-def whole_number(word: str) -> int:
-    """A whole number, also as ``1e5``: a ``type`` of options.
-
-    >>> whole_number("1e5"), whole_number("-3")
-    (100000, -3)
-
-    Raises:
-        argparse.ArgumentTypeError: for anything else.
-    """
-    try:
-        return int(word)
-    except ValueError:
-        number = _float(word)
-    if not number.is_integer():
-        raise argparse.ArgumentTypeError(
-            f"expected a whole number, such as 100000 or 1e5, got {word!r}"
-        )
-    return int(number)
 
 
 def path_here(word: str) -> Path:
@@ -66,25 +32,6 @@ def path_here(word: str) -> Path:
     if "://" in word:
         raise argparse.ArgumentTypeError(f"expected a path of this machine, got {word!r}")
     return Path(word)
-
-
-def run_place(word: str) -> str | Path:
-    """A folder, or the URL of a place in an object store: a ``type`` of options.
-
-    Raises:
-        argparse.ArgumentTypeError: for another URL.
-    """
-    try:
-        return named_place(word)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _float(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
 
 
 def told_command(words: Sequence[str]) -> str:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from variants import VARIANTS
 
+from integ_gym.envs import ENVIRONMENTS, environment_setup
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.arithmetic.tracing.compiling import compiled
 from integ_gym.envs.arithmetic.tracing.dialects import SCALARS, Unusual
 from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
 from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_state
 from integ_gym.envs.episode.steps import WARM_UP, plain_step, traced_step
 from integ_gym.envs.integrators import INTEGRATORS

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS, environment_setup
-from integ_gym.envs.episode.lane_starts import AHEAD, LaneStarts
+from integ_gym.envs import ENVIRONMENTS, environment_setup
+from integ_gym.envs.episode.lane_starts import AT_ONCE, LaneStarts
 from integ_gym.envs.episode.starts import GivenNumbers, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 
@@ -45,7 +45,7 @@ def test_start_after_start_is_the_single_environments(env_id):
     ours.reset(seed=4), sync.reset(seed=4)
     _assert_same_states(ours, sync)
     rng = np.random.default_rng(0)
-    for _ in range(3 * AHEAD):
+    for _ in range(3 * AT_ONCE):
         mask = rng.random(LANES) < 0.5
         if mask.any():
             options = {"reset_mask": mask}
@@ -146,7 +146,7 @@ def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
     setup = environment_setup("IntegCartPole-v0", {})
     generators, alone = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
     starts, rng = LaneStarts(setup, generators, 4), np.random.default_rng(0)
-    for number in range(2 * AHEAD):
+    for number in range(2 * AT_ONCE):
         lanes = np.flatnonzero(rng.random(LANES) < 0.7)
         expected = np.array([alone[lane].uniform(-0.05, 0.05, 4) for lane in lanes]).reshape(-1, 4)
         if number % 3:

@@ -9,7 +9,7 @@ import gymnasium as gym
 import jsonschema
 import pytest
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs import ENVIRONMENTS
 from integ_gym.envs.episode.settings import Settings
 from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import state_names

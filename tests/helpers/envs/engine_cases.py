@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from pairing import covering
 
+from integ_gym.envs import environment_setup
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.catalogue.registration import environment_setup
 from integ_gym.envs.engines import ENGINES, missing_modules
 from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.integrators import INTEGRATORS

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from engine_cases import mapped, one_step
 
-from integ_gym.envs.catalogue.registration import environment_setup
+from integ_gym.envs import environment_setup
 from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.maps import one_step_map
 

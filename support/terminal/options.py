@@ -1,0 +1,61 @@
+"""Types of options: what argparse makes of a word, and says of a wrong one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ..storing import named_place
+
+
+def named_value(word: str) -> tuple[str, Any]:
+    """``name=value``, the value read as JSON where it is JSON, else as text."""
+    name, equals, value = word.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {word!r}")
+    try:
+        return name, json.loads(value)
+    except (ValueError, RecursionError):
+        return name, value
+
+
+def whole_number(word: str) -> int:
+    """A whole number, also as ``1e5``: a ``type`` of options.
+
+    >>> whole_number("1e5"), whole_number("-3")
+    (100000, -3)
+
+    Raises:
+        argparse.ArgumentTypeError: for anything else.
+    """
+    try:
+        return int(word)
+    except ValueError:
+        number = _float(word)
+    if not number.is_integer():
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number, such as 100000 or 1e5, got {word!r}"
+        )
+    return int(number)
+
+
+def run_place(word: str) -> str | Path:
+    """A folder, or the URL of a place in an object store: a ``type`` of options.
+
+    Raises:
+        argparse.ArgumentTypeError: for another URL.
+    """
+    try:
+        return named_place(word)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _float(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
