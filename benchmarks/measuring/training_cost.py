@@ -31,8 +31,13 @@ ROLLOUTS = 5
 REPEATS = 5
 
 
-def fleet_seconds(configs: Sequence[PPOConfig], workers: int) -> dict[str, float]:
+def fleet_seconds(configs: Sequence[PPOConfig], workers: int, cache: Path) -> dict[str, float]:
     """Train as a panel does: processes started, programs compiled, evidence and files written.
+
+    Args:
+        configs: of the runs.
+        workers: processes.
+        cache: folder of the programs that runs before have compiled.
 
     Returns:
         Wall time in s, and the most memory that a worker took, in MiB (this process's at least).
@@ -46,7 +51,7 @@ def fleet_seconds(configs: Sequence[PPOConfig], workers: int) -> dict[str, float
             evidence=[_evidence_of(config, folder) for config in configs],
             progress=False,
             workers=workers,
-            cache_dir=folder / "cache",
+            cache_dir=cache,
         )
         seconds = time.perf_counter() - start
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
@@ -113,7 +118,7 @@ def relative_cost(configs: Sequence[PPOConfig], baseline: Sequence[PPOConfig]) -
 def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     """Processor time of the parts of one rollout of all runs, s."""
     trainer = fleet._Trainer(fleet.kind_of(configs[0]), configs, None)
-    learner, knobs, params = trainer._begin(), trainer._knobs(), trainer._params
+    learner, knobs, params = trainer._new(), trainer._knobs(), trainer._params
     program = trainer._program
     parts: dict[str, float] = {}
 
@@ -137,7 +142,7 @@ def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
 def acting_seconds(configs: Sequence[PPOConfig]) -> float:
     """Processor time of acting in the environments for one rollout of all runs, s."""
     trainer = fleet._Trainer(fleet.kind_of(configs[0]), configs, None)
-    learner = trainer._begin()
+    learner = trainer._new()
     given = learner, learner.keys, trainer._params
     seconds: float = _compiled(trainer._program._collect, *given)[1]
     return seconds
