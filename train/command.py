@@ -70,7 +70,7 @@ def _train(given: dict[str, Any], on_config: Callable[[TrainingConfig], None]) -
             raise ValueError(f"the fleet trains PPO; train {config.algorithm} with --trainer sb3")
         from .fleet import train_fleet
 
-        (trained,) = train_fleet([config], [folder], **options)
+        (trained,) = train_fleet([config], [folder], workers=0, **options)
     else:
         (trained,) = algorithm.train([config], [folder], tensorboard=tensorboard, **options)
     card = trained.card

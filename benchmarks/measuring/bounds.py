@@ -161,8 +161,8 @@ BOUNDS = (
     Bound("reference_cost", "reference / RK4 step", reference, 20.0, 20.0, most=True),
     startup("integ-gym --help / import gymnasium", "help", 1.3, 1.3),
     startup("import integ_gym / import gymnasium", "import", 1.3, 1.3),
-    startup("one fleet policy, whole process, s", "policy", 6.0, 14.0),
-    startup("the same / its training alone", "policy over training", 2.0, 4.0),
+    startup("one fleet policy, whole process, s", "policy", 6.0, 8.0),
+    startup("the same / its training alone", "policy over training", 2.0, 2.5),
 )
 
 

@@ -94,6 +94,10 @@ class Progress:
             initargs=(watched, self._done, self._context.Value("i", 0), prepare),
         )
 
+    def at_once(self) -> Executor:
+        """This thread, which does a task when it is submitted and moves the bar meanwhile."""
+        return _AtOnce(self.add)
+
     def here(self) -> Executor:
         """One thread of this process that reports here, for work that is not worth a pool."""
         return ThreadPoolExecutor(1, initializer=_report_to, initargs=(self._done,))
@@ -115,6 +119,21 @@ class _Pool(ProcessPoolExecutor):
             if not issubclass(kind, Exception):
                 self._stopped.set()
         return super().__exit__(kind, error, trace)
+
+
+class _AtOnce(Executor):
+    def __init__(self, report: Callable[[float], None]) -> None:
+        self._report = report
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """A future that has ended; what is no `Exception`, as an interruption, is raised."""
+        future: Future[Any] = Future()
+        with _reported_by(self._report):
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except Exception as error:
+                future.set_exception(error)
+        return future
 
 
 def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
@@ -148,11 +167,17 @@ def report_work(amount: float) -> None:
 @contextmanager
 def reporting() -> Iterator[list[float]]:
     """What is reported in this process while the block lasts, in place of a pool's count."""
-    global _report
-    before, told = _report, list[float]()
-    _report = told.append
-    try:
+    told = list[float]()
+    with _reported_by(told.append):
         yield told
+
+
+@contextmanager
+def _reported_by(report: Callable[[float], None]) -> Iterator[None]:
+    global _report
+    before, _report = _report, report
+    try:
+        yield
     finally:
         _report = before
 

@@ -93,7 +93,8 @@ def train_fleet(
         evidence: where the training episodes of each are recorded; None: nowhere.
         progress: show a bar on stderr.
         workers: processes; by default one per GPU, or one per core. There is never more than one
-            per GPU.
+            per GPU. 0: none but this one, which is set up as they are: for a program that has not
+            used JAX before, and trains no more at once than one of them would.
         force: replace policies that are already there.
         on_trained: told the place of every policy in `configs` once it and its evidence are
             written.
@@ -115,7 +116,15 @@ def train_fleet(
     require("fleet")
     runs = checked_runs(configs, out_dirs, evidence, force)
     with used(executor, address, workers, memory_gib) as cluster:
-        processes = fleet_workers(workers) if cluster is None else workers_of(cluster)
+        here = workers == 0
+        processes = (
+            fleet_workers(1 if here else workers) if cluster is None else workers_of(cluster)
+        )
+        prepare = preparation(processes.device, cache_dir)
+        if here:
+            for config in configs:
+                kind_of(config)  # refuses, before anything of this process is changed
+            prepare(0)
         chunks = (
             plan(configs, processes, memory_gib)
             if together is None
@@ -124,18 +133,18 @@ def train_fleet(
         for _, folder, _ in runs:
             folder.mkdir(parents=True, exist_ok=True)
         remote = cluster is not None
-        if not remote and can_save():
+        if not (remote or here) and can_save():
             import_ahead()
         return train_in_processes(
-            _run_and_write if remote else _run,
+            _run_and_write if remote else _run_here if here else _run,
             {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
-            processes.count,
+            0 if here else processes.count,
             training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
             on_trained,
             write=lambda place, done: (
                 done if remote else write_outcome(configs[place], done, runs[place][1])
             ),
-            prepare=preparation(processes.device, cache_dir),
+            prepare=prepare,
             starting="compiling",
             cluster=cluster,
         )
@@ -362,10 +371,23 @@ class _Trainer:
                 assembler.add(rows[:, :, place], first_rows[:, :, place], *of_steps)
 
 
-def _run(runs: Sequence[Run[PPOConfig]]) -> list[Outcome]:
+def _run(
+    runs: Sequence[Run[PPOConfig]], on_steps: Callable[[int], None] = report_work
+) -> list[Outcome]:
     """One chunk, in a worker process."""
     evidence = [told for _, _, told in runs if told is not None]
-    return train_chunk([config for config, _, _ in runs], evidence or None, report_work)
+    return train_chunk([config for config, _, _ in runs], evidence or None, on_steps)
+
+
+def _run_here(runs: Sequence[Run[PPOConfig]]) -> list[Outcome]:
+    """One chunk, in this process: it imports while the compiled program runs, and not before."""
+
+    def report(steps: int) -> None:
+        if can_save():
+            import_ahead()
+        report_work(steps)
+
+    return _run(runs, report)
 
 
 def _run_and_write(runs: Sequence[Run[PPOConfig]]) -> list[TrainedPolicy]:

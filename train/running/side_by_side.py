@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import AbstractContextManager, contextmanager
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -114,11 +114,11 @@ def train_in_processes(
     Args:
         train: a job; importable from a module. What it reports as work moves the bar.
         jobs: what is to be trained.
-        processes: at most so many at once.
+        processes: at most so many at once; 0: none, but this one.
         bar: see :func:`training_bar`; closed at the end.
         on_trained: told of each policy.
         write: called here for each place with what ``train`` returned for it.
-        prepare: called once in each process, with its number from 0.
+        prepare: called once in each process but this one, with its number from 0.
         starting: what the bar says until some work is done.
         cluster: an engine of others, in place of processes of this machine.
 
@@ -127,11 +127,12 @@ def train_in_processes(
     """
     trained: dict[int, TrainedPolicy] = {}
     progress, policies = Progress(bar, starting), sum(map(len, jobs))
-    made = (
-        progress.pool(max(1, min(processes, len(jobs))), prepare)
-        if cluster is None
-        else cluster.pool(progress, prepare)
-    )
+    if cluster is not None:
+        made: AbstractContextManager[Executor] = cluster.pool(progress, prepare)
+    elif processes:
+        made = progress.pool(max(1, min(processes, len(jobs))), prepare)
+    else:
+        made = progress.at_once()
     with bar, made as pool:
         running = {pool.submit(train, *given): places for places, given in jobs.items()}
         for future in progress.ended(running):

@@ -6,7 +6,7 @@ import io
 import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib import import_module
+from functools import cache
 from pathlib import Path
 from threading import Thread
 from typing import Any, TypeAlias
@@ -25,9 +25,19 @@ def can_save() -> bool:
     return not absent(("stable_baselines3", "torch"))
 
 
-def import_ahead() -> None:
-    """Begin to import what :func:`zip_of_weights` takes a second to, beside other work."""
-    Thread(target=import_module, args=("stable_baselines3",)).start()
+@cache
+def import_ahead() -> Thread:
+    """Import what :func:`zip_of_weights` takes seconds to, once, beside other work."""
+    thread = Thread(target=_import)
+    thread.start()
+    return thread
+
+
+def _import() -> None:
+    import stable_baselines3  # noqa: F401
+    import torch
+
+    torch.optim.Adam([torch.zeros(1)])  # the first optimizer imports half of torch
 
 
 def zip_of_weights(
@@ -46,6 +56,8 @@ def zip_of_weights(
         weights: by SB3's names.
         steps: decisions taken.
     """
+    import_ahead().join()  # two threads that import the same find it half done
+
     import torch
     from stable_baselines3 import PPO
 

@@ -8,6 +8,10 @@ import subprocess
 import sys
 import time
 
+import pytest
+
+from integ_gym.support import Progress, report_work, work_bar
+
 SCRIPT = """
 import signal
 import time
@@ -23,6 +27,28 @@ if __name__ == "__main__":
         print(*[process.pid for process in active_children()], flush=True)
         tasks[0].result()
 """
+
+
+def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
+    bar = work_bar("work", 10.0, shown=True)
+    progress = Progress(bar, "starting")
+
+    def work(amount, error=None):
+        report_work(amount)
+        if error is not None:
+            raise error
+        return amount
+
+    with progress.at_once() as executor:
+        assert executor.submit(work, 4.0).result() == bar.n == 4.0
+        failed = executor.submit(work, 1.0, ValueError("no"))
+        with pytest.raises(ValueError, match="no"):
+            failed.result()
+        assert bar.n == 5.0
+        with pytest.raises(KeyboardInterrupt):
+            executor.submit(work, 1.0, KeyboardInterrupt())
+    report_work(1.0)
+    assert bar.n == 6.0
 
 
 def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):

@@ -417,6 +417,40 @@ if __name__ == "__main__":
 """
 
 
+HERE = """
+import sys
+from pathlib import Path
+from integ_gym.cli import main
+from integ_gym.train import train_fleet
+from integ_gym.train.ppo import PPOConfig
+
+if __name__ == "__main__":
+    folder, environment = Path(sys.argv[1]), {"integrator": "rk4", "dt": 0.05}
+    train_fleet(
+        [PPOConfig.of("IntegPendulum-v0", total_steps=4096, env_arguments=environment)],
+        [folder / "worker"], progress=False, workers=1,
+    )
+    flags = "--integrator rk4 --dt 0.05 --total-steps 4096 --no-progress".split()
+    sys.exit(main(["train", "--trainer", "fleet", *flags, "--out", str(folder / "here")]))
+"""
+
+
+def test_the_command_trains_in_its_own_process_what_a_worker_does(tmp_path):
+    script = tmp_path / "both.py"
+    script.write_text(HERE)
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    here, worker = ((tmp_path / name / "policy.safetensors") for name in ("here", "worker"))
+    assert here.read_bytes() == worker.read_bytes()
+    (here_zip, here_card), (worker_zip, worker_card) = (
+        read_trained(tmp_path / name / "policy.zip") for name in ("here", "worker")
+    )
+    assert set(here_card) == set(worker_card)
+    assert type(here_zip) is type(worker_zip)
+
+
 @pytest.mark.slow
 def test_processes_train_and_leave_this_one_as_it_was(tmp_path):
     script = tmp_path / "work.py"
