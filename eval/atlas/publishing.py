@@ -12,7 +12,7 @@ from integ_gym.support import NONE, fixed, make_folder, percent, replace_file, w
 
 from ..statistics import draws_for, rate_interval
 from .figures import draw_losses, draw_phases
-from .prediction import CANDIDATES, GUESSES, LAW, LEVEL, Law, Trial, fit, law, telling, trial
+from .prediction import CANDIDATES, GUESSES, LAW, LEVEL, Law, Trial, fit, law, telling, trials
 from .running import finished
 from .specification import Atlas
 from .summaries import Point, noted_in, points
@@ -67,17 +67,17 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     if own:
         content = msgspec.json.format(msgspec.json.encode(known)) + b"\n"
         files.append(replace_file(out / LAW, content))
-    trials: tuple[Trial, ...] = ()
+    tried: tuple[Trial, ...] = ()
     if telling(found):
         drawn = draw_losses(atlas.name, found, atlas.held_out, known.curve)
         files += write_figure(drawn, out / "losses")
     if held_out := telling([point for point in found if point.ratio in atlas.held_out]):
-        trials = tuple(trial(curve, held_out) for curve in known.curves)
+        tried = trials(known.curves, held_out)
     told = [*_phase_table(found)]
-    if trials:
-        told += ["", *_trial_table(trials, "" if own else f" of {known.atlas}")]
+    if tried:
+        told += ["", *_trial_table(tried, "" if own else f" of {known.atlas}")]
     files.append(replace_file(out / TABLES, ("\n".join(told) + "\n").encode()))
-    return Published(tuple(files), known, trials)
+    return Published(tuple(files), known, tried)
 
 
 def _fitted(name: str, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
@@ -107,14 +107,21 @@ def _rate(point: Point | None) -> str:
     return f"{fixed(own.estimate)} ({fixed(own.low)}–{fixed(own.high)})"
 
 
-def _trial_table(trials: Sequence[Trial], whose: str) -> Iterator[str]:
+def _trial_table(tried: Sequence[Trial], whose: str) -> Iterator[str]:
     """Errors on the limits that were held out, and on those of the fit and whose they are."""
+    first = tried[0]
     seen = f"error on seen limits{whose}"
-    yield f"| number | error on held-out limits | 95 % interval | {seen} | covered |"
+    more = f"more than by {first.number}"
+    yield f"| number | error on held-out limits | {more} | {seen} | covered |"
     yield "|---|---|---|---|---|"
-    for one in trials:
-        interval = f"{fixed(one.low, 3)} to {fixed(one.high, 3)}"
+    for one in tried:
+        beside = NONE if one is first else _with_interval(one.more, one.more_low, one.more_high)
         yield (
-            f"| {one.number} | {fixed(one.error, 3)} | {interval} | {fixed(one.seen_error, 3)} | "
+            f"| {one.number} | {_with_interval(one.error, one.low, one.high)} | {beside} | "
+            f"{fixed(one.seen_error, 3)} | "
             f"{percent(one.covered)} of {one.points} (wanted {percent(LEVEL)}) |"
         )
+
+
+def _with_interval(value: float, low: float, high: float) -> str:
+    return f"{fixed(value, 3)} ({fixed(low, 3)} to {fixed(high, 3)})"

@@ -9,7 +9,7 @@ import pytest
 
 from integ_gym.envs import Discretization
 from integ_gym.eval.atlas.numbers import Quantities
-from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, number_of, trial
+from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, number_of, trials
 from integ_gym.eval.atlas.summaries import Point
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
@@ -38,7 +38,8 @@ def planted(generator, ratios=RATIOS, noise=0.0):
 def test_the_number_that_decides_predicts_best_what_was_not_seen():
     generator = np.random.default_rng(5)
     seen, unseen = planted(generator), planted(generator, (1.2, 2.5))
-    errors = {name: trial(fit(name, seen), unseen).error for name in (*CANDIDATES, *GUESSES)}
+    curves = [fit(name, seen) for name in (*CANDIDATES, *GUESSES)]
+    errors = {one.number: one.error for one in trials(curves, unseen)}
     assert min(errors, key=errors.__getitem__) == "force of the numerics"
     assert errors["force of the numerics"] < 0.05 < 0.15 < errors["nothing"]
 
@@ -57,15 +58,21 @@ def test_curves_never_fall_and_their_intervals_cover():
         curve = fit("force of the numerics", planted(generator, noise=0.1))
         assert list(curve.at) == sorted(set(curve.at))
         assert list(curve.loss) == sorted(curve.loss)
-        covered.append(trial(curve, planted(generator, noise=0.1)).covered)
+        covered.append(trials([curve], planted(generator, noise=0.1))[0].covered)
     assert 0.85 < np.mean(covered) < 0.97
 
 
 def test_an_error_lies_in_its_interval():
     generator = np.random.default_rng(8)
-    found = trial(fit("power of the numerics", planted(generator)), planted(generator, (1.7,)))
-    assert found.low < found.error < found.high
-    assert found.points == len(HOMES)
+    seen, unseen = planted(generator), planted(generator, (1.7,))
+    best, power = trials(
+        [fit(f"{one} of the numerics", seen) for one in ("force", "power")], unseen
+    )
+    assert power.low < power.error < power.high
+    assert power.points == best.points == len(HOMES)
+    assert (best.more, best.more_low, best.more_high) == (0.0, 0.0, 0.0)
+    assert power.more == pytest.approx(power.error - best.error)
+    assert 0.0 < power.more_low < power.more < power.more_high
 
 
 def test_policies_that_learned_nothing_are_left_out():
