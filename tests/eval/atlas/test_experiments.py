@@ -10,7 +10,7 @@ import pytest
 from house import ROOT
 
 PAGE = ROOT / "docs" / "explanation" / "atlas.md"
-EXPERIMENTS = ("control_periods", "curriculum")
+EXPERIMENTS = ("control_periods", "curriculum", "fresh_points")
 
 
 @pytest.fixture(params=EXPERIMENTS)
@@ -69,6 +69,8 @@ def test_every_arm_trains(experiment, monkeypatch):
     monkeypatch.setattr(trained, "TOGETHER", 2)
     if script.__name__ == "curriculum":
         monkeypatch.setitem(script.TRAINING, "total_steps", 16_384)
+    elif script.__name__ == "fresh_points":
+        monkeypatch.setitem(script._atlas().panel.training, "total_steps", 16_384)
     else:
         monkeypatch.setattr(script, "SECONDS", 800.0)
     for arm in script.EXPERIMENT.arms:
