@@ -413,6 +413,7 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
 
 def _zip(config: PPOConfig, env: FunctionalEnv, outcome: Outcome) -> bytes:
     """The policy as stable-baselines3 saves it."""
+    import_ahead().join()  # two threads that import the same find it half done
     return zip_of_weights(
         model_arguments(config, env.setup.timing.control_period),
         config.n_envs,

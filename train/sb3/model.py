@@ -56,8 +56,6 @@ def zip_of_weights(
         weights: by SB3's names.
         steps: decisions taken.
     """
-    import_ahead().join()  # two threads that import the same find it half done
-
     import torch
     from stable_baselines3 import PPO
 
