@@ -35,7 +35,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDE, HIGH = 0.5, 0.27  # inches of a cell
-_LEFT, _TOP, _GAP = 2.2, 1.35, 0.5
+_LEFT, _TOP, _GAP = 2.8, 1.35, 0.5
+_NARROWEST = 9.2
+"""Figure that its heading fits, in."""
+
 SMALLEST = 1e-3
 """Of a number, where losses begin to be drawn."""
 
@@ -52,7 +55,8 @@ def draw_phases(
         ratios: columns from left to right.
     """
     across = WIDE * len(ratios)
-    figure = blank_figure(_LEFT + 2 * across + _GAP + 0.3, _TOP + HIGH * len(homes) + 0.55)
+    width = max(_LEFT + 2 * across + _GAP + 0.3, _NARROWEST)
+    figure = blank_figure(width, _TOP + HIGH * len(homes) + 0.55)
     axes = inch_canvas(figure)
     draw_heading(
         axes, 0.3, f"{name}: where a policy learns, and what it keeps",
@@ -72,7 +76,8 @@ def draw_phases(
                 _draw_cell(axes, left + WIDE * k, _TOP + HIGH * row, rates)
     for row, home in enumerate(homes):
         y = _TOP + HIGH * (row + 0.5)
-        axes.text(_LEFT - 0.12, y, home, size=8, color=INK, ha="right", va="center")
+        own = home.rpartition(":")[2]  # of a map of one's own, "module:Class"
+        axes.text(_LEFT - 0.12, y, own, size=8, color=INK, ha="right", va="center")
     return figure
 
 
