@@ -11,7 +11,7 @@ from house import ROOT
 from small_panel import small_data
 
 from integ_gym.envs import environment_setup
-from integ_gym.envs.catalogue import registration
+from integ_gym.envs.catalogue import lookup
 from integ_gym.envs.testbeds import making
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
@@ -37,7 +37,7 @@ def settle(request, tmp_path, monkeypatch) -> str:
         monkeypatch.delitem(sys.modules, name.removesuffix(".py"), raising=False)
     monkeypatch.syspath_prepend(tmp_path)
     making._found.cache_clear()
-    registration._own_class.cache_clear()
+    lookup._own_class.cache_clear()
     yield "my_task:Settle-v0"
     gym.registry.pop("Settle-v0", None)
     for name, _ in BLOCKS:
