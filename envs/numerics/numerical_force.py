@@ -21,10 +21,13 @@ class Disturbance:
             changes in the same time; dimensionless.
         power: mean of the energy that it adds, over what the full control would work in the same
             time; dimensionless, negative where it drains.
+        coherence: of the energy that it adds and takes, the share that is left over the motion: 1
+            where it only pumps or only drains, 0 where it takes back all that it gives.
     """
 
     force: float
     power: float
+    coherence: float
 
 
 def disturbance(truth: Setup, discretized: Setup, states: Array, controls: Array) -> Disturbance:
@@ -44,8 +47,11 @@ def disturbance(truth: Setup, discretized: Setup, states: Array, controls: Array
     pushed, _ = _after(truth, states, controls - np.copysign(limit, controls))
     force = np.sqrt(((moved - exact) ** 2).sum() / ((pushed - exact) ** 2).sum())
     displaced = np.abs(exact[:, truth.plant.actuated]) * truth.timing.control_period
-    power = (moved_energy - exact_energy).sum() / (limit * displaced.sum())
-    return Disturbance(float(force), float(power))
+    added = moved_energy - exact_energy
+    power = added.sum() / (limit * displaced.sum())
+    exchanged = np.abs(added).sum()
+    coherence = abs(added.sum()) / exchanged if exchanged else 1.0
+    return Disturbance(float(force), float(power), float(coherence))
 
 
 def _after(setup: Setup, states: Array, controls: Array) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from integ_gym.support import (
 )
 
 from ..scheme_style import styles_of
-from .prediction import Curve, number_of, telling
+from .prediction import Curve, Line, Term, telling, terms_of
 from .summaries import Point
 
 if TYPE_CHECKING:
@@ -38,6 +38,15 @@ WIDE, HIGH = 0.5, 0.27  # inches of a cell
 _LEFT, _TOP, _GAP = 2.8, 1.35, 0.5
 _NARROWEST = 9.2
 """Figure that its heading fits, in."""
+
+_PANEL = 5.4
+"""Width of one part's losses, in."""
+
+_PARTS = {
+    "loss": "success at home − on the truth",
+    "lost": "lost: not there in twice the time either",
+    "late": "late: there in twice the time",
+}
 
 SMALLEST = 1e-3
 """Of a number, where losses begin to be drawn."""
@@ -93,32 +102,50 @@ def _draw_cell(axes: Axes, x: float, y: float, rates: np.ndarray[Any, Any] | Non
 def draw_losses(
     name: str, found: Sequence[Point], held_out: Sequence[float], curve: Curve
 ) -> Figure:
-    """Losses of all that learned over one number, with the fitted curve and its interval."""
-    figure = blank_figure(7.2, 4.9)
+    """Losses of all that learned over one number, or each part over its own, with what is fitted.
+
+    Args:
+        name: of the atlas.
+        found: its points.
+        held_out: limits of the control that the fit has not seen.
+        curve: that was fitted.
+    """
+    terms, learned = terms_of(curve.number), telling(found)
+    wide = _PANEL + 1.0
+    figure = blank_figure(max(len(terms) * wide, 7.2), 5.1)
     canvas = inch_canvas(figure)
     draw_heading(
-        canvas, 0.3, f"{name}: loss by the {curve.number}",
+        canvas, 0.3, f"{name}: loss by {curve.number}",
         "one mark for each training ground and limit of the control; open: held out of the fit",
     )  # fmt: skip
-    axes = axes_at(figure, 0.75, 0.65, 6.2, 2.85)
-    bare(axes)
-    learned = telling(found)
-    numbers = [number_of(curve.number, point.known) for point in learned]
-    at = np.geomspace(SMALLEST, max([*numbers, 2 * SMALLEST]), 400)
-    loss = np.interp(at, curve.at, curve.loss)
-    width = curve.half_width
-    axes.fill_between(at, loss - width, loss + width, color=SUNK, linewidth=0)
-    axes.plot(at, loss, color=INK, linewidth=1.4)
     styles = styles_of(point.known.home.integrator for point in learned)
-    for point, number in zip(learned, numbers, strict=True):
-        style = styles[point.known.home.integrator]
-        look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
-        fill = PAPER if point.ratio in held_out else style.colour
-        axes.plot([max(number, SMALLEST)], [point.loss], linestyle="none", color=fill, **look)
-    draw_legend(canvas, scheme_entries(styles), 7.0)
+    for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
+        axes = axes_at(figure, 0.75 + place * wide, 0.65, _PANEL, 3.0)
+        bare(axes)
+        _draw_line(axes, term, line, learned, curve.half_width)
+        for point in learned:
+            style = styles[point.known.home.integrator]
+            look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
+            fill = PAPER if point.ratio in held_out else style.colour
+            at = max(term.number(point.known), SMALLEST)
+            axes.plot([at], [getattr(point, term.part)], linestyle="none", color=fill, **look)
+    draw_legend(canvas, scheme_entries(styles), len(terms) * wide)
+    return figure
+
+
+def _draw_line(
+    axes: Axes, term: Term, line: Line, learned: Sequence[Point], half_width: float
+) -> None:
+    """What was fitted of one part of a loss; the interval is that of the whole."""
+    most = max(term.number(point.known) for point in learned)
+    at = np.geomspace(SMALLEST, max(1.1 * most, 2 * SMALLEST), 400)
+    loss = line(at)
+    if term.part == "loss":
+        axes.fill_between(at, loss - half_width, loss + half_width, color=SUNK, linewidth=0)
+    axes.plot(at, loss, color=INK, linewidth=1.4)
     axes.set_xscale("log")
     axes.set_xlabel(
-        f"{curve.number} (log scale; what is smaller stands at the left edge)", size=9, color=INK
+        f"{term.name}\n(log scale; what is smaller stands at the edge)", size=9, color=INK
     )
-    axes.set_ylabel("success at home − on the truth", size=9, color=INK)
-    return figure
+    axes.set_ylabel(_PARTS[term.part], size=9, color=INK)
+    axes.set_ylim(-0.1, 1.05)

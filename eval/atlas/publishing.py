@@ -8,7 +8,15 @@ from pathlib import Path
 
 import msgspec
 
-from integ_gym.support import NONE, fixed, make_folder, percent, replace_file, write_figure
+from integ_gym.support import (
+    NONE,
+    fixed,
+    make_folder,
+    percent,
+    replace_file,
+    unknown_name,
+    write_figure,
+)
 
 from ..statistics import draws_for, rate_interval
 from .figures import draw_losses, draw_phases
@@ -39,9 +47,9 @@ class Published:
 def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     """Write phase diagram, losses, tables and law.
 
-    The number that the law is made of is the one whose curve predicts each limit of those that may
-    be seen best from the others; limits that are held out have no part in it. Where all are, the
-    law that comes with the package is held against them.
+    The number that the law is made of is the one that the atlas states, or else the one whose curve
+    predicts each limit of those that may be seen best from the others; limits that are held out
+    have no part in it. Where all are, the law that comes with the package is held against them.
 
     Args:
         atlas: whose summaries they are.
@@ -49,7 +57,8 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
         out: folder of what is written.
 
     Raises:
-        ValueError: if there is no summary, or summaries may not be combined.
+        ValueError: if there is no summary, summaries may not be combined, or the stated number is
+            none of the candidates.
     """
     done = finished(atlas, summaries)
     if not done:
@@ -63,7 +72,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     own = set(atlas.ratios) > set(atlas.held_out)
     if own and not seen:
         raise ValueError(f"no limit of atlas {atlas.name!r} that a law may be fitted to was run")
-    known = _fitted(atlas.name, seen, seals) if own else law()
+    known = _fitted(atlas, seen, seals) if own else law()
     if own:
         content = msgspec.json.format(msgspec.json.encode(known)) + b"\n"
         files.append(replace_file(out / LAW, content))
@@ -80,13 +89,15 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     return Published(tuple(files), known, tried)
 
 
-def _fitted(name: str, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
+def _fitted(atlas: Atlas, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
     """Every candidate's and guess's curve, that of the chosen number first."""
-    curves = [fit(number, seen) for number in (*CANDIDATES, *GUESSES)]
-    chosen = min(curves[: len(CANDIDATES)], key=lambda curve: curve.seen_error)
-    ordered = (chosen, *(curve for curve in curves if curve is not chosen))
+    if atlas.number is not None and atlas.number not in CANDIDATES:
+        raise ValueError(unknown_name("number of an atlas", atlas.number, CANDIDATES))
+    curves = {number: fit(number, seen) for number in (*CANDIDATES, *GUESSES)}
+    chosen = atlas.number or min(CANDIDATES, key=lambda number: curves[number].seen_error)
+    ordered = (curves.pop(chosen), *curves.values())
     margins = [point.ratio for point in seen]
-    return Law(name, ordered, (min(margins), max(margins)), seals)
+    return Law(atlas.name, ordered, (min(margins), max(margins)), seals)
 
 
 def _phase_table(found: Sequence[Point]) -> Iterator[str]:

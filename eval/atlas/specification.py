@@ -20,6 +20,7 @@ class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     held_out: list[float] = []
     critical: float | None = None
     seeds_per_block: int = 16
+    number: str | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Atlas:
         ratios: its values over the critical one, ascending.
         held_out: those of them that no fit may see.
         seeds_per_block: training seeds that are run in one piece.
-        stated: critical value where the task has no search for it, N m or N.
+        stated: critical value where it is not searched for, N m or N.
+        number: that the law goes by; None: the one with the least error on the limits of the fit.
     """
 
     panel: PanelSpec
@@ -61,6 +63,7 @@ class Atlas:
     held_out: tuple[float, ...] = ()
     seeds_per_block: int = 16
     stated: float | None = None
+    number: str | None = None
 
     @property
     def name(self) -> str:
@@ -120,6 +123,7 @@ def read_atlas(path: Path) -> Atlas:
         held_out=tuple(axis.held_out),
         seeds_per_block=axis.seeds_per_block,
         stated=axis.critical,
+        number=axis.number,
     )
 
 

@@ -68,9 +68,10 @@ def _sentence(found: Prediction) -> str:
             f"times; a loss of {found.loss:z.2f} is no more than a guess."
         )
     low, high = found.interval
+    late = "" if found.late is None else f"; {found.late:z.2f} of it comes too late"
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
-        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f})."
+        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){late}."
     )
 
 
@@ -87,5 +88,7 @@ def _rows(found: Prediction) -> list[tuple[str, str, str]]:
         ),
         ("power of the numerics", f"{own.power:+.3g}", "of the motor's full power"),
         ("force of the numerics", f"{own.force:.3g}", "of the motor's full force"),
+        ("of it reactive", f"{own.reactive_force:.3g}", "which takes back what it gives"),
+        ("time to spare", f"{own.time_to_spare:.3g}", "of a greedy swing-up's on the truth"),
         ("coarsest safe step", safe if found.within else NONE, "expected loss at most 0.1"),
     ]

@@ -140,10 +140,13 @@ def line_style(style: SeriesStyle, width: float = 1.6) -> dict[str, Any]:
 
 def marker_style(style: SeriesStyle) -> dict[str, Any]:
     """Properties of a series' marker, as Matplotlib takes them."""
+    from matplotlib.path import Path as Outline
+
     corners = MARKERS[style.marker]
     reach = max(abs(place) for corner in corners for place in corner)
     edge = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-    return {"marker": corners, "markersize": 6.2 * reach, **edge}
+    closed = Outline([*corners, corners[0]], closed=True)
+    return {"marker": closed, "markersize": 6.2 * reach, **edge}
 
 
 def scheme_entries(schemes: SeriesStyles) -> list[Entry]:

@@ -18,6 +18,9 @@ FINE = 0.05
 """Step times fastest rate at which RK4 has the truth's critical limits: to the last digit of the
 search on a pendulum, to 0.5 % on a cart-pole that strikes the ends of its track."""
 
+LEAST_SPARE = 0.05
+"""Time to spare that is told where there is less, or none."""
+
 UNREACHED = 1e3
 """Critical ratio of a discretization in which no limit suffices that was tried."""
 
@@ -86,6 +89,22 @@ class Quantities:
         return self._disturbance.power
 
     @property
+    def reactive_force(self) -> float:
+        """The part of the force that takes back what it gives: that which pumps is left out."""
+        found = self._disturbance
+        return found.force * math.sqrt(1.0 - found.coherence**2)
+
+    @cached_property
+    def time_to_spare(self) -> float:
+        """Time that is left after a greedy swing-up on the truth and a stay, over what it takes.
+
+        A swing-up that comes too late, or never, leaves `LEAST_SPARE`; none at all, infinity.
+        """
+        swing_up = float(self._motion.time[0])
+        there_is = float(self._truth.settings.duration - self._truth.task.goal_stay)
+        return max(there_is / swing_up - 1.0, LEAST_SPARE) if swing_up else math.inf
+
+    @property
     def step(self) -> float:
         """Integration step over the control period."""
         return self.home.dt / self.home.control_period
@@ -114,9 +133,12 @@ class Quantities:
 
     @cached_property
     def _disturbance(self) -> numerics.Disturbance:
-        path = self._swing_up(self._truth)
-        states, controls = path.states[:-1, 0], path.controls[:, 0]
+        states, controls = self._motion.states[:-1, 0], self._motion.controls[:, 0]
         return numerics.disturbance(self._truth, self._there, states, controls)
+
+    @cached_property
+    def _motion(self) -> numerics.Reach:
+        return self._swing_up(self._truth)
 
     def _swing_up(self, setup: Any) -> numerics.Reach:
         """The greedy one, from the middle of the starts."""

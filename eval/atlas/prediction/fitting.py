@@ -1,16 +1,16 @@
-"""One number that predicts what a policy loses on the truth.
+"""A number that predicts what a policy loses on the truth, or one for each part of it.
 
-A loss is predicted by a nondecreasing function of one number, the least-squares fit over the points
-that may be seen; its interval covers as many of their residuals, each left out of its own fit with
-all points of its limit, as the level says (jackknife+ by groups: Barber, Candès, Ramdas and
-Tibshirani, Annals of Statistics 49 (2021) 486-507).
+A loss, or a part of it, is predicted by a nondecreasing function of one number, the least-squares
+fit over the points that may be seen; its interval covers as many of their residuals, each left out
+of its own fit with all points of its limit, as the level says (jackknife+ by groups: Barber,
+Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021) 486-507).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -27,47 +27,101 @@ LEVEL: Final = 0.9
 DRAWS: Final = 2000
 """Resamples of the training grounds, for the interval of an error."""
 
-CANDIDATES: Final[Mapping[str, Callable[[Quantities], float]]] = {
-    "force of the numerics": lambda q: q.force,
-    "power of the numerics": lambda q: abs(q.power),
-    "energy share of the numerics": lambda q: abs(q.energy_share),
-    "critical ratio": lambda q: abs(np.log(q.critical_ratio)),
-    "step times fastest rate": lambda q: q.h_omega,
+
+class Term(NamedTuple):
+    """A part of a loss, and the number that it goes by.
+
+    Attributes:
+        part: of :class:`Point`: ``loss``, or ``lost`` or ``late``, which add up to it.
+        number: nondecreasing in what is expected of it.
+        name: of the number.
+    """
+
+    part: str
+    number: Callable[[Quantities], float]
+    name: str
+
+
+def _whole(numbers: Mapping[str, Callable[[Quantities], float]]) -> dict[str, tuple[Term, ...]]:
+    """Numbers that the whole loss goes by, by name."""
+    return {name: (Term("loss", number, name),) for name, number in numbers.items()}
+
+
+CANDIDATES: Final[Mapping[str, tuple[Term, ...]]] = {
+    **_whole(
+        {
+            "force of the numerics": lambda q: q.force,
+            "force over time to spare": lambda q: q.force / q.time_to_spare,
+            "power of the numerics": lambda q: abs(q.power),
+            "energy share of the numerics": lambda q: abs(q.energy_share),
+            "critical ratio": lambda q: abs(np.log(q.critical_ratio)),
+            "step times fastest rate": lambda q: q.h_omega,
+        }
+    ),
+    "reactive force, and power over time to spare": (
+        Term("lost", lambda q: q.reactive_force, "reactive force of the numerics"),
+        Term(
+            "late",
+            lambda q: max(q.power, 0.0) / q.time_to_spare,
+            "power of the numerics over time to spare",
+        ),
+    ),
 }
 """What may decide, by name."""
 
-GUESSES: Final[Mapping[str, Callable[[Quantities], float]]] = {
-    "step alone": lambda q: q.step,
-    "order alone": lambda q: q.inverse_order,
-    "spectral radius": lambda q: abs(q.growth),
-    "nothing": lambda q: 0.0,
-}
+GUESSES: Final[Mapping[str, tuple[Term, ...]]] = _whole(
+    {
+        "step alone": lambda q: q.step,
+        "order alone": lambda q: q.inverse_order,
+        "spectral radius": lambda q: abs(q.growth),
+        "nothing": lambda q: 0.0,
+    }
+)
 """What people go by, by name."""
 
-_NUMBERS: Final = {**CANDIDATES, **GUESSES}
+_TERMS: Final = {**CANDIDATES, **GUESSES}
 
 
-class Curve(msgspec.Struct, frozen=True):
+class Line(msgspec.Struct, frozen=True):
     """A nondecreasing function of one number, constant beyond its ends.
 
     Attributes:
-        number: name of what it is a function of.
         at: numbers, ascending.
-        loss: at each.
+        loss: at each, or the part of it.
+    """
+
+    at: tuple[float, ...]
+    loss: tuple[float, ...]
+
+    def __call__(self, numbers: float | Array) -> Array:
+        """What is to be expected at numbers, of their shape."""
+        return np.asarray(np.interp(np.asarray(numbers), self.at, self.loss))
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """The loss that is to be expected, by a number or by one for each of its parts.
+
+    Attributes:
+        number: name of a candidate or a guess.
+        lines: of its terms.
         half_width: of the interval of a prediction.
         seen_error: mean of the absolute error over the points of the fit, each predicted from the
             other limits of the control.
     """
 
     number: str
-    at: tuple[float, ...]
-    loss: tuple[float, ...]
+    lines: tuple[Line, ...]
     half_width: float
     seen_error: float
 
     def __call__(self, quantities: Quantities) -> float:
         """Loss that is to be expected."""
-        return float(np.interp(number_of(self.number, quantities), self.at, self.loss))
+        return sum(self.parts(quantities).values())
+
+    def parts(self, quantities: Quantities) -> dict[str, float]:
+        """What is to be expected of each part that it tells, by the part's name."""
+        terms = zip(terms_of(self.number), self.lines, strict=True)
+        return {term.part: float(line(term.number(quantities))) for term, line in terms}
 
 
 @dataclass(frozen=True)
@@ -99,9 +153,9 @@ class Trial:
     more_high: float
 
 
-def number_of(name: str, quantities: Quantities) -> float:
-    """A candidate or a guess, by name."""
-    return float(_NUMBERS[name](quantities))
+def terms_of(name: str) -> tuple[Term, ...]:
+    """The terms of a candidate or a guess."""
+    return _TERMS[name]
 
 
 def fit(name: str, seen: Sequence[Point]) -> Curve:
@@ -113,10 +167,9 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
     learned = telling(seen)
     if not learned:
         raise ValueError("no policy learned its task in any of the points")
-    at, loss = _curve(name, learned)
     ratios = sorted({point.ratio for point in learned})
     residuals = [
-        abs(point.loss - float(np.interp(number_of(name, point.known), *others)))
+        abs(point.loss - others(point.known))
         for ratio in ratios
         if (rest := [p for p in learned if p.ratio != ratio] or learned)
         for others in [_curve(name, rest)]
@@ -124,8 +177,7 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
         if point.ratio == ratio
     ]
     width = float(np.quantile(residuals, LEVEL, method="higher"))
-    error = float(np.mean(residuals))
-    return Curve(name, tuple(at.tolist()), tuple(loss.tolist()), width, error)
+    return _curve(name, learned, width, float(np.mean(residuals)))
 
 
 def telling(found: Sequence[Point]) -> list[Point]:
@@ -160,16 +212,23 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
     return tuple(found)
 
 
-def _curve(name: str, learned: Sequence[Point]) -> tuple[Array, Array]:
-    """Numbers, ascending and each once, and the fitted loss at each."""
+def _curve(
+    name: str, learned: Sequence[Point], width: float = np.inf, error: float = np.nan
+) -> Curve:
+    return Curve(name, tuple(_line(term, learned) for term in terms_of(name)), width, error)
+
+
+def _line(term: Term, learned: Sequence[Point]) -> Line:
+    """Numbers, ascending and each once, and the fitted part of the loss at each."""
     from scipy.optimize import isotonic_regression
 
-    numbers = np.array([number_of(name, point.known) for point in learned])
-    losses = np.array([point.loss for point in learned])
+    numbers = np.array([term.number(point.known) for point in learned])
+    losses = np.array([getattr(point, term.part) for point in learned])
     at, places = np.unique(numbers, return_inverse=True)
     counts = np.bincount(places).astype(float)
     means = np.bincount(places, weights=losses) / counts
-    return at, np.asarray(isotonic_regression(means, weights=counts).x)
+    fitted = isotonic_regression(means, weights=counts).x
+    return Line(tuple(at.tolist()), tuple(np.asarray(fitted).tolist()))
 
 
 def _resampled(errors: Array, homes: npt.NDArray[np.str_]) -> tuple[float, float]:

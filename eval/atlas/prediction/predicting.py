@@ -66,6 +66,7 @@ class Prediction:
         quantities: its numbers and the task's.
         reachable: whether a search over controls reaches the goal's energy there in time.
         loss: expected success there less success on the truth.
+        late: of it what twice the time is expected to bring back; None where the law does not tell.
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
@@ -77,6 +78,7 @@ class Prediction:
     quantities: Quantities
     reachable: bool
     loss: float
+    late: float | None
     half_width: float
     fitted_on: tuple[float, float]
     safe_dt: float | None
@@ -129,11 +131,13 @@ def predict(
     at = Discretization(integrator, dt, period, engine)
     _check_twin(at)
     known, numbers = law(), Quantities(env_id, environment, _native(at))
+    parts = known.curve.parts(numbers)
     return Prediction(
         at,
         numbers,
         numbers.critical_ratio <= numbers.margin,
-        known.curve(numbers),
+        sum(parts.values()),
+        parts.get("late"),
         known.curve.half_width,
         known.margins,
         _safe_dt(env_id, environment, at),

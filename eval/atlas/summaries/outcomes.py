@@ -62,6 +62,16 @@ class Point:
         """Mean success at home less that on the truth."""
         return float(self.at_home.mean() - self.on_truth.mean())
 
+    @property
+    def lost(self) -> float:
+        """The part of the loss that twice the time does not bring back."""
+        return max(float(self.at_home.mean() - self.recovered.mean()), 0.0)
+
+    @property
+    def late(self) -> float:
+        """The rest of the loss."""
+        return self.loss - self.lost
+
 
 def points(
     atlas: Atlas, summaries: Sequence[tuple[Block, Summary]], agreements: Iterable[Agreement] = ()

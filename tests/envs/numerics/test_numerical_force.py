@@ -35,7 +35,7 @@ def test_it_falls_with_the_step_as_the_order_says(integrator):
 
 def test_the_truth_disturbs_nothing():
     found = numerics.disturbance(TRUTH, TRUTH, STATES, CONTROLS)
-    assert (found.force, found.power) == (0.0, 0.0)
+    assert (found.force, found.power, found.coherence) == (0.0, 0.0, 1.0)
 
 
 def test_explicit_euler_pumps_and_implicit_euler_drains():
@@ -45,6 +45,18 @@ def test_explicit_euler_pumps_and_implicit_euler_drains():
     )
     assert pumped > 0.01
     assert drained == pytest.approx(-pumped, rel=0.1)
+
+
+def test_what_symplectic_euler_gives_it_takes_back():
+    """Over a whole swing; explicit Euler gives all the way, implicit Euler takes."""
+    angles = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
+    swing = np.stack([math.pi + 0.3 * np.cos(angles), 0.3 * math.sqrt(15.0) * np.sin(angles)], 1)
+    coherence = {
+        name: numerics.disturbance(TRUTH, setup(name, 0.0125), swing, np.zeros(64)).coherence
+        for name in ("explicit_euler", "implicit_euler", "symplectic_euler")
+    }
+    assert coherence["symplectic_euler"] < 0.05
+    assert min(coherence["explicit_euler"], coherence["implicit_euler"]) > 0.999
 
 
 def test_a_stronger_motor_is_disturbed_less():

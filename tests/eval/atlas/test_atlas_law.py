@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from integ_gym.envs import Discretization
 from integ_gym.eval.atlas.numbers import Quantities
-from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, number_of, trials
+from integ_gym.eval.atlas.numbers.quantities import LEAST_SPARE
+from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, terms_of, trials
 from integ_gym.eval.atlas.summaries import Point
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
@@ -20,16 +22,19 @@ HOMES = [
 ]
 
 
+NUMBERS = (
+    *("force", "reactive_force", "power", "energy_share", "critical_ratio", "h_omega", "step"),
+    *("growth", "inverse_order", "time_to_spare"),
+)
+
+
 def planted(generator, ratios=RATIOS, noise=0.0):
     """Losses that the force decides, and nothing else."""
     found = []
     for ratio in ratios:
         for home in HOMES:
-            names = ("force", "power", "energy_share", "critical_ratio", "h_omega", "step")
-            own = {name: float(generator.uniform(0.01, 1.0)) for name in (*names, "growth")}
-            own = SimpleNamespace(**own, inverse_order=float(generator.uniform(0.1, 1.0)))
-            force = own.force
-            loss = min(1.0, max(0.0, force - 0.2 + noise * generator.normal()))
+            own = SimpleNamespace(**{name: float(generator.uniform(0.01, 1.0)) for name in NUMBERS})
+            loss = min(1.0, max(0.0, own.force - 0.2 + noise * generator.normal()))
             on_truth = np.full(4, 1.0 - loss)
             found.append(Point(ratio, home, own, (0, 1, 2, 3), np.ones(4), on_truth, on_truth))
     return found
@@ -44,11 +49,41 @@ def test_the_number_that_decides_predicts_best_what_was_not_seen():
     assert errors["force of the numerics"] < 0.05 < 0.15 < errors["nothing"]
 
 
+def test_a_loss_of_two_kinds_is_predicted_by_two_numbers():
+    """What is lost goes by the reactive force, what is late by power and time."""
+    generator = np.random.default_rng(10)
+    seen, unseen = (
+        [_of_two_kinds(point, generator) for point in planted(generator, ratios)]
+        for ratios in (RATIOS, (1.2, 2.5))
+    )
+    curves = [fit(name, seen) for name in (*CANDIDATES, *GUESSES)]
+    best = min(trials(curves, unseen), key=lambda one: one.error)
+    assert best.number == "reactive force, and power over time to spare"
+    assert best.error < 0.05
+    curve = next(one for one in curves if one.number == best.number)
+    for point in unseen:
+        parts = curve.parts(point.known)
+        assert parts["lost"] == pytest.approx(point.lost, abs=0.2)
+        assert parts["late"] == pytest.approx(point.late, abs=0.2)
+        assert curve(point.known) == pytest.approx(parts["lost"] + parts["late"])
+
+
+def _of_two_kinds(point, generator):
+    own = point.quantities
+    own.power *= generator.choice([-1.0, 1.0])
+    lost = 0.5 * own.reactive_force
+    late = min(0.5, 0.1 * max(own.power, 0.0) / own.time_to_spare)
+    return replace(
+        point, on_truth=np.full(4, 1.0 - lost - late), recovered=np.full(4, 1.0 - lost)
+    )  # fmt: skip
+
+
 def test_nothing_predicts_the_mean_of_what_was_seen():
     generator = np.random.default_rng(6)
     seen = planted(generator)
     curve = fit("nothing", seen)
-    assert curve.loss == (pytest.approx(np.mean([point.loss for point in seen])),)
+    (line,) = curve.lines
+    assert line.loss == (pytest.approx(np.mean([point.loss for point in seen])),)
 
 
 def test_curves_never_fall_and_their_intervals_cover():
@@ -56,8 +91,9 @@ def test_curves_never_fall_and_their_intervals_cover():
     covered = []
     for _ in range(20):
         curve = fit("force of the numerics", planted(generator, noise=0.1))
-        assert list(curve.at) == sorted(set(curve.at))
-        assert list(curve.loss) == sorted(curve.loss)
+        (line,) = curve.lines
+        assert list(line.at) == sorted(set(line.at))
+        assert list(line.loss) == sorted(line.loss)
         covered.append(trials([curve], planted(generator, noise=0.1))[0].covered)
     assert 0.85 < np.mean(covered) < 0.97
 
@@ -82,9 +118,7 @@ def test_policies_that_learned_nothing_are_left_out():
         Point(p.ratio, p.home, p.quantities, p.seeds, 0 * p.at_home, *2 * (p.on_truth,))
         for p in seen
     ]
-    assert (
-        fit("force of the numerics", seen + failed).loss == fit("force of the numerics", seen).loss
-    )
+    assert fit("force of the numerics", seen + failed) == fit("force of the numerics", seen)
     with pytest.raises(ValueError, match="no policy learned"):
         fit("force of the numerics", failed)
 
@@ -102,4 +136,29 @@ def test_numbers_of_known_discretizations():
         assert abs(getattr(own["reference"], name)) < 1e-9
     assert own["explicit_euler"].critical_ratio < 0.2 < 1.0 < own["implicit_euler"].critical_ratio
     assert own["explicit_euler"].power > 0.5 > -0.5 > own["implicit_euler"].power
-    assert number_of("order alone", own["explicit_euler"]) == 1.0
+    assert terms_of("order alone")[0].number(own["explicit_euler"]) == 1.0
+
+
+def test_numerics_that_give_and_take_back_have_a_reactive_force_alone():
+    given = {"start": "hanging", "max_torque": 0.714}
+    symplectic, explicit = (
+        Quantities(
+            "IntegPendulum-v0", {**given, "duration": 10.0}, Discretization(name, 0.05, 0.05)
+        )
+        for name in ("symplectic_euler", "explicit_euler")
+    )
+    assert symplectic.reactive_force == pytest.approx(symplectic.force, rel=0.01)
+    assert explicit.reactive_force < 0.01 * explicit.force
+
+
+def test_time_to_spare_is_what_swing_up_and_stay_leave():
+    given = {"start": "hanging", "max_torque": 0.714}
+    at = Discretization("rk4", 0.05, 0.05)
+    short, long, hopeless = (
+        Quantities("IntegPendulum-v0", {**given, "duration": duration}, at).time_to_spare
+        for duration in (10.0, 18.0, 4.0)
+    )
+    swing_up = 8.0 / (short + 1.0)
+    assert 5.0 < swing_up < 7.0
+    assert long == pytest.approx(16.0 / swing_up - 1.0)
+    assert hopeless == LEAST_SPARE
