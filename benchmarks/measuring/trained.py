@@ -31,7 +31,7 @@ TOGETHER = 8
 """Seeds that are trained at once."""
 
 PACKAGES = ("integ-gym", "numpy", "jax", "jaxlib")
-"""Whose versions are told."""
+"""Of an experiment whose policies the fleet trains."""
 
 Done = dict[str, list[int]]
 """Successes of the seeds of a unit, by its name."""
@@ -65,12 +65,14 @@ class Experiment:
         arms: names.
         seeds: of every arm at every value, a multiple of `TOGETHER`.
         settings: all else that decides an outcome, as JSON has it.
+        packages: whose versions are told.
     """
 
     values: tuple[float, ...]
     arms: tuple[str, ...]
     seeds: range
     settings: Mapping[str, Any]
+    packages: tuple[str, ...] = PACKAGES
 
     def units(self) -> list[Unit]:
         """All there are, the first seeds of all arms first."""
@@ -116,7 +118,7 @@ class Experiment:
         settings = {**self.settings, "starts": STARTS}
         return {
             "settings": json.loads(json.dumps(settings)),
-            "versions": {name: package_version(name) for name in PACKAGES},
+            "versions": {name: package_version(name) for name in self.packages},
             "instruction_sets": list(instruction_sets()),
         }
 
@@ -188,14 +190,26 @@ def successes(config: PPOConfig, outcome: Outcome, judged: Mapping[str, Any]) ->
         outcome: of its training.
         judged: arguments of the environment that it is judged in.
     """
-    envs = gym.make_vec(config.env_id, num_envs=STARTS, **judged)
-    space, hidden = envs.single_action_space, len(config.net_arch)
-    policy = actor_of(outcome.weights, hidden, config.activation, space)
-    first = 1_000_000 + STARTS * config.seed
+    space = gym.spec(config.env_id).make(**judged).action_space
+    policy = actor_of(outcome.weights, len(config.net_arch), config.activation, space)
+    return judged_in(config.env_id, judged, policy.act, config.seed)
+
+
+def judged_in(env_id: str, judged: Mapping[str, Any], act: Callable[[Any], Any], seed: int) -> int:
+    """Successes of a policy, from `STARTS` starts of its seed's own.
+
+    Args:
+        env_id: of the environment.
+        judged: its arguments.
+        act: observations to actions, of all starts at once.
+        seed: that it was trained with.
+    """
+    envs = gym.make_vec(env_id, num_envs=STARTS, **judged)
+    first = 1_000_000 + STARTS * seed
     observed, _ = envs.reset(seed=list(range(first, first + STARTS)))
     succeeded = ended = np.zeros(STARTS, dtype=bool)
     while not ended.all():
-        observed, _, terminated, truncated, info = envs.step(policy.act(observed))
+        observed, _, terminated, truncated, info = envs.step(act(observed))
         ending = (terminated | truncated) & ~ended
         succeeded = succeeded | (ending & info["success"])
         ended = ended | ending

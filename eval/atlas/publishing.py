@@ -97,7 +97,10 @@ def _fitted(atlas: Atlas, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
     chosen = atlas.number or min(CANDIDATES, key=lambda number: curves[number].seen_error)
     ordered = (curves.pop(chosen), *curves.values())
     margins = [point.ratio for point in seen]
-    return Law(atlas.name, ordered, (min(margins), max(margins)), seals)
+    ratios = [point.known.critical_ratio for point in telling(seen)]
+    return Law(
+        atlas.name, ordered, (min(margins), max(margins)), (min(ratios), max(ratios)), seals
+    )  # fmt: skip
 
 
 def _phase_table(found: Sequence[Point]) -> Iterator[str]:

@@ -61,17 +61,28 @@ def _sentence(found: Prediction) -> str:
     if not found.reachable:
         return f"No control that was searched for reaches the goal on {name} in time."
     if not found.within:
-        least, most = found.fitted_on
-        return (
-            f"Not known of {name}: the limit of the control is {found.quantities.margin:.3g} times "
-            f"the least that the truth takes, and the law was fitted on {least:g} to {most:g} "
-            f"times; a loss of {found.loss:z.2f} is no more than a guess."
-        )
+        return f"Not known of {name}: {_beyond(found)}; {found.loss:z.2f} lost is a mere guess."
     low, high = found.interval
     late = "" if found.late is None else f"; {found.late:z.2f} of it comes too late"
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
         f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){late}."
+    )
+
+
+def _beyond(found: Prediction) -> str:
+    """What the law was not fitted on."""
+    own = found.quantities
+    if found.by_itself:
+        return (
+            f"the least limit there is {own.critical_ratio:.2g} of the truth's, and the law was "
+            f"fitted where it is {found.seen_ratios[0]:.2g} at least; numerics that nearly do the "
+            "task by themselves teach little"
+        )
+    least, most = found.fitted_on
+    return (
+        f"the limit of the control is {own.margin:.3g} times the least that the truth takes, and "
+        f"the law was fitted on {least:g} to {most:g} times"
     )
 
 

@@ -43,12 +43,15 @@ class Law(msgspec.Struct, frozen=True):
         atlas: its name.
         curves: loss by one number, each; that of the number that was chosen first.
         margins: smallest and largest limit of the control over the critical one that it saw.
+        critical_ratios: smallest and largest critical limit of a training ground over the truth's
+            that it saw, where the task was learned.
         seals: of the runs.
     """
 
     atlas: str
     curves: tuple[Curve, ...]
     margins: tuple[float, float]
+    critical_ratios: tuple[float, float]
     seals: tuple[str, ...]
 
     @property
@@ -70,6 +73,7 @@ class Prediction:
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
+        seen_ratios: smallest and largest critical limit over the truth's that the law saw.
         safe_dt: coarsest step of this integrator with an expected loss of at most 0.1, s; None
             where there is none down to a 64th of the control period.
     """
@@ -81,14 +85,19 @@ class Prediction:
     late: float | None
     half_width: float
     fitted_on: tuple[float, float]
+    seen_ratios: tuple[float, float]
     safe_dt: float | None
     level: ClassVar[float] = LEVEL
 
     @property
     def within(self) -> bool:
-        """Whether the limit of the control is among those that the law was fitted on."""
-        low, high = self.fitted_on
-        return low <= self.quantities.margin <= high
+        """Whether the law was fitted on such limits of the control, here and on the truth."""
+        return _among(self.quantities.margin, self.fitted_on) and not self.by_itself
+
+    @property
+    def by_itself(self) -> bool:
+        """Whether the numerics leave less to the control than wherever the law saw it learn."""
+        return self.quantities.critical_ratio < self.seen_ratios[0]
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -140,6 +149,7 @@ def predict(
         parts.get("late"),
         known.curve.half_width,
         known.margins,
+        known.critical_ratios,
         _safe_dt(env_id, environment, at),
     )
 
@@ -168,6 +178,10 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         f"a policy that learns on {at.name} is expected to lose {loss:.2f} of its success on the "
         f"truth; `integ-gym predict` tells more"
     )
+
+
+def _among(value: float, ends: tuple[float, float]) -> bool:
+    return ends[0] <= value <= ends[1]
 
 
 def _safe_dt(env_id: str, environment: Mapping[str, Any], at: Discretization) -> float | None:

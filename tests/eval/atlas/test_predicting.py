@@ -50,6 +50,18 @@ def test_beyond_what_the_law_was_fitted_on_nothing_is_promised(capsys):
     assert "coarsest safe step – expected loss at most 0.1" in told
 
 
+def test_where_numerics_do_the_task_nothing_is_promised(capsys):
+    """In 20 s explicit Euler swings the pendulum up with hardly any torque."""
+    own = ["--env-arg", "max_torque=0.65", "--env-arg", "start=hanging", "--dt", "0.05"]
+    own += ["--integrator", "explicit_euler", "--env-arg"]
+    assert main(["predict", *own, "duration=20"]) == 0
+    assert "numerics that nearly do the task by themselves" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert main(["predict", *own, "duration=10"]) == 0
+    assert "of it comes too late." in " ".join(capsys.readouterr().out.split())
+
+
 def test_where_nothing_has_to_be_lifted_no_control_is_the_least(capsys):
     assert main(["predict", "--integrator", "rk4", "--dt", "0.05", "--env-arg", "gravity=0"]) == 2
     assert "the goal takes no energy" in capsys.readouterr().err
