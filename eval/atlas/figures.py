@@ -43,7 +43,7 @@ _PANEL = 5.4
 """Width of one part's losses, in."""
 
 _PARTS = {
-    "loss": "success at home − on the truth",
+    "loss": "share of the success at home that is lost",
     "lost": "lost: not there in twice the time either",
     "late": "late: there in twice the time",
 }

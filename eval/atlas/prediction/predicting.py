@@ -68,7 +68,7 @@ class Prediction:
         discretization: where.
         quantities: its numbers and the task's.
         reachable: whether a search over controls reaches the goal's energy there in time.
-        loss: expected success there less success on the truth.
+        loss: share of the success there that is expected to be missing on the truth.
         late: of it what twice the time is expected to bring back; None where the law does not tell.
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.

@@ -59,13 +59,13 @@ class Point:
 
     @property
     def loss(self) -> float:
-        """Mean success at home less that on the truth."""
-        return float(self.at_home.mean() - self.on_truth.mean())
+        """Share of the success at home that is not there on the truth; negative: more is."""
+        return float(1.0 - self.on_truth.mean() / self.at_home.mean())
 
     @property
     def lost(self) -> float:
         """The part of the loss that twice the time does not bring back."""
-        return max(float(self.at_home.mean() - self.recovered.mean()), 0.0)
+        return max(float(1.0 - self.recovered.mean() / self.at_home.mean()), 0.0)
 
     @property
     def late(self) -> float:
