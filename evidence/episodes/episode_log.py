@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,7 @@ from .summary import summarise
 Array = npt.NDArray[Any]
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodeHead:
+class EpisodeHead(NamedTuple):
     """What identifies an episode.
 
     Attributes:

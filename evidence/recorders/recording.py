@@ -103,7 +103,7 @@ class Recorder:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.episodes.attribution.ReplayLookups`.
         """
         table = self._table(replays)
         self._log.clear()
@@ -115,7 +115,7 @@ class Recorder:
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.episodes.attribution.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.
