@@ -27,6 +27,9 @@ _FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
 
 _LEVEL = 1
 
+_BATCH = 1 << 20
+"""Numbers that the writer encodes at once: more than a column of a group mostly has."""
+
 _REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
 
 
@@ -88,6 +91,7 @@ def _writer(schema: Any, file: Path) -> Any:
         schema,
         compression="zstd",
         compression_level=_LEVEL,
+        write_batch_size=_BATCH,
         use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
         use_byte_stream_split=streams,
         write_statistics=[f.name for f in schema if not is_trace(f.name)],
