@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .attribution import ReplayLookups, SetupOfLane
     from .context import EpisodeContext
     from .decisions import choices, told_setup
-    from .episode_log import EpisodeHead, EpisodeLog
+    from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
     from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout
     from .record import (
@@ -24,6 +24,6 @@ if TYPE_CHECKING:
         told_perturbation,
         told_training,
     )
-    from .table import record_table
+    from .table import record_table, unhashed_table
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -81,13 +81,15 @@ def attributed(
     lookups = _lookups(contexts, replays)
     known: dict[Any, tuple[Any, ...]] = {}
     rows = []
-    for episode, (head, bits) in enumerate(zip(episodes.heads, _bits(episodes), strict=True)):
-        lookup = lookups[head.context]
-        said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
-        said = with_home(head.context, head.setup, said)
-        same = (bits, head.context, head.setup, said)
+    heads = episodes.heads
+    columns = zip(heads.index, heads.context, heads.setup, _bits(episodes), strict=True)
+    for episode, (index, context, setup, bits) in enumerate(columns):
+        lookup = lookups[context]
+        said = lookup if isinstance(lookup, Replays) else lookup.get(index, Replays())
+        said = with_home(context, setup, said)
+        same = (bits, context, setup, said)
         if same not in known:
-            known[same] = explained(episode, head.context, head.setup, said)
+            known[same] = explained(episode, context, setup, said)
         rows.append(known[same])
     names = ("failure_label", "failure_reason", *Replays().columns())
     return dict(zip(names, zip(*rows, strict=True), strict=True))

@@ -162,8 +162,9 @@ class _Rule(NamedTuple):
 def _rules(facts: EpisodeFacts, replays: Replays) -> Iterator[_Rule]:
     """The rules for which there is something to replay without."""
     if not isinstance(replays.home, str):
-        several = facts.homes > 1
-        home = f"on {'a training discretization of it' if several else 'its training discretization'}"
+        home = "on its training discretization"
+        if facts.homes > 1:
+            home = "on a training discretization of it"
         here = f"on {facts.discretization}"
         yield _Rule("discretization_error", replays.home, home, home, here)
     if facts.observation_noise:

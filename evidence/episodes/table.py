@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from ..schema import SUMMARY_FIELDS, Field, arrow_schema, arrow_type, pyarrow, with_hashes
 from .attribution import ReplayLookups, SetupOfLane, attributed
 from .context import EpisodeContext
-from .episode_log import EpisodeHead, EpisodeLog, Episodes
+from .episode_log import EpisodeHeads, EpisodeLog, Episodes
 from .layout import Layout
 
 Array = npt.NDArray[Any]
@@ -25,7 +24,17 @@ def record_table(
     setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None = None,
 ) -> Any:
-    """The records of a log's episodes.
+    """The records of a log's episodes; see :func:`unhashed_table`."""
+    return with_hashes(unhashed_table(log, env_id, setups, replays))
+
+
+def unhashed_table(
+    log: EpisodeLog,
+    env_id: str,
+    setups: Sequence[SetupOfLane],
+    replays: ReplayLookups | None = None,
+) -> Any:
+    """The records of a log's episodes, whose content hashes are empty.
 
     Args:
         log: the finished episodes, at least one.
@@ -49,7 +58,7 @@ def record_table(
     trace = _Trace(log.layout, episodes)
     arrays = [trace.column(field) if field.at else columns[field.name] for field in fields]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
-    return with_hashes(_in_order(table, episodes.heads))
+    return _in_order(table, episodes.heads)
 
 
 _KINDS = {field.name: field.kind for field in SUMMARY_FIELDS}
@@ -60,8 +69,8 @@ def _narrower(told: int | None, width: int | None) -> int | None:
     return None if told is None or width is None else min(told, width)
 
 
-def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
-    order = np.lexsort(([head.index for head in heads], [head.context for head in heads]))
+def _in_order(table: Any, heads: EpisodeHeads) -> Any:
+    order = np.lexsort((heads.index, heads.context))
     return table if (np.diff(order) > 0).all() else table.take(order)
 
 
@@ -70,10 +79,8 @@ def _summary_columns(
 ) -> dict[str, Any]:
     """Arrow arrays of all fields that have an origin, by name."""
     pa = pyarrow()
-    heads = [(head, contexts[head.context]) for head in episodes.heads]
-    used, setup_of = np.unique([head.setup for head in episodes.heads], return_inverse=True)
-    context_of = pa.array([head.context for head in episodes.heads])
-    columns = {}
+    heads, columns = episodes.heads, {}
+    used, setup_of = np.unique(heads.setup, return_inverse=True)
     for field in SUMMARY_FIELDS:
         origin, kind = field.origin, arrow_type(field.kind)
         if origin is None:
@@ -81,10 +88,10 @@ def _summary_columns(
         if origin.of == "rows":
             columns[field.name] = _of_rows(field, episodes.summary[field.name])
         elif origin.of == "head":
-            columns[field.name] = pa.array(list(starmap(origin.value, heads)), kind)
+            columns[field.name] = pa.array(origin.value(heads, contexts), kind)
         elif origin.of == "context":
             told = [origin.value(context) for context in contexts]
-            columns[field.name] = pa.array(told, kind).take(context_of)
+            columns[field.name] = pa.array(told, kind).take(pa.array(heads.context))
         else:
             made = [origin.value(*setups[place]) for place in used]
             columns[field.name] = pa.array(made, kind).take(pa.array(setup_of))
@@ -144,7 +151,13 @@ class _Trace:
         """The rows' numbers, each with its control instant or the step that follows."""
         if field.source not in self._layout:
             return None
-        numbers: Array = self._rows[self._layout.place(field.source)]
-        if not numbers.size or (np.isnan(numbers[0]) and np.isnan(numbers).all()):
+        parts = [rows[self._layout.place(field.source)] for rows in self._rows]
+        if all(_unknown(part) for part in parts):
             return None
-        return np.append(numbers[1:], 0.0) if field.at == "step" else numbers
+        if field.at == "step":
+            return np.concatenate([*parts, [0.0]])[1:]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _unknown(numbers: Array) -> bool:
+    return not numbers.size or bool(np.isnan(numbers[0]) and np.isnan(numbers).all())

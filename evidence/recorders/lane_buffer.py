@@ -54,7 +54,7 @@ class LaneBuffer:
     @property
     def full(self) -> bool:
         """Whether there is no room for a step; gathering what waits makes some."""
-        return self._time == self._steps.shape[1]
+        return self._time >= len(self._steps[0])
 
     def add(self, row: Sequence[Array]) -> None:
         """Take in a control step: every entry of its row, of shape (lanes,).
@@ -99,7 +99,8 @@ class LaneBuffer:
             Their rows one after the other, shape (entries, sum of counts), and how many each has,
             its reset's included.
         """
-        ended = _Ended(*(np.concatenate(parts, axis=-1) for parts in zip(*self._ended, strict=True)))
+        columns = zip(*self._ended, strict=True)
+        ended = _Ended(*(np.concatenate(parts, axis=-1) for parts in columns))
         self._ended, self.waiting = [], 0
         return self._rows_of(ended), ended.counts
 

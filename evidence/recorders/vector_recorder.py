@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs import DiscretizedVectorEnv
 
-from ..episodes import EpisodeContext, EpisodeHead
+from ..episodes import EpisodeContext, EpisodeHeads
 from ..store import EvidenceStore
 from .lane_buffer import LaneBuffer
 from .recording import Recorder, all_setups, now, recorded
@@ -90,7 +89,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._wall_start = np.zeros(self.num_envs, dtype=np.int64)
         self._draws = np.full(self.num_envs, -1)
         self._seeds: list[int | None] = [None] * self.num_envs
-        self._heads: list[EpisodeHead] = []
+        self._heads: list[EpisodeHeads] = []
 
     def assign(self, episodes: Sequence[int]) -> None:
         """Give every lane its next paired episode, which begins when the lane is next reset.
@@ -222,21 +221,21 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         if not lanes.size:
             return
         buffer.end(lanes)
-        self._heads += self._heads_of(lanes)
+        self._heads.append(self._heads_of(lanes))
         if buffer.waiting >= _ROWS_AT_ONCE:
             self._hand_over()
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 
     def _waiting_to_be_written(self) -> int:
-        return len(self._log) + len(self._heads)
+        return len(self._log) + sum(map(len, self._heads))
 
     def _hand_over(self) -> None:
         if self._buffer is not None and self._heads:
-            self._log.add(*self._buffer.gathered(), self._heads)
+            self._log.add(*self._buffer.gathered(), EpisodeHeads.joined(self._heads))
             self._heads = []
 
-    def _heads_of(self, lanes: Array) -> list[EpisodeHead]:
+    def _heads_of(self, lanes: Array) -> EpisodeHeads:
         """What identifies the episodes that end now in ``lanes``, which ascend."""
         entropies, setups = self._inner.np_random_seed, self._member[lanes] * self._per_member
         if self._per_member > 1:
@@ -244,16 +243,15 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         contexts = lanes // self._share
         ended = zip(lanes.tolist(), self._draws[lanes].tolist(), strict=True)
         keys = [f"{entropies[lane]}/{draws}" for lane, draws in ended]
-        columns = (
-            self._indices(lanes, contexts),
-            [self._seeds[lane] for lane in lanes.tolist()],
-            keys,
-            self._wall_start[lanes].tolist(),
-            repeat(now()),
-            setups.tolist(),
-            contexts.tolist(),
+        return EpisodeHeads(
+            index=self._indices(lanes, contexts),
+            seed=[self._seeds[lane] for lane in lanes.tolist()],
+            rng_key=keys,
+            wall_start=self._wall_start[lanes].tolist(),
+            wall_end=[now()] * len(lanes),
+            setup=setups.tolist(),
+            context=contexts.tolist(),
         )
-        return list(map(EpisodeHead, *columns))
 
     def _indices(self, lanes: Array, contexts: Array) -> list[int]:
         """Numbers of the episodes in ``lanes``, which are then taken."""

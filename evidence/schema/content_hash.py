@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from itertools import chain, groupby, repeat
+from itertools import pairwise, repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,8 +57,8 @@ def content_hashes(table: Any) -> list[str]:
     fields = {name: _texts(table.column(name)) for name in names if not is_trace(name)}
     flat = {name: _flatten(table.column(name)) for name in names if is_trace(name)}
     counts = _counts({name: column.counts for name, column in flat.items()})
-    same, *pieces = _merged(["[", *_object(fields), ",", counts, "]"])
-    start = hashlib.sha256((_json(about) + same).encode())
+    same, pieces = _merged([_json(about), "[", *_object(fields), ",", counts, "]"])
+    start = hashlib.sha256(same.encode())
     hashes = []
     traces = _laid_out([column.rows for column in flat.values()], table.num_rows)
     for text, trace in zip(_joined(pieces, table.num_rows), traces, strict=True):
@@ -93,23 +93,26 @@ def _counts(columns: dict[str, list[int | None]]) -> Texts:
     """JSON of {column: count}; what is there many times is encoded once."""
     if not columns:
         return "{}"
-    rows = list(zip(*columns.values(), strict=True))
-    known = {row: _json(dict(zip(columns, row, strict=True))) for row in set(rows)}
-    return [known[row] for row in rows]
+    different = set(zip(*columns.values(), strict=True))
+    known = {row: _json(dict(zip(columns, row, strict=True))) for row in different}
+    return [known[row] for row in zip(*columns.values(), strict=True)]
 
 
-def _merged(pieces: Sequence[Texts]) -> list[Texts]:
-    """Pieces in which what is the same in all rows stands together, and comes first."""
-    merged: list[Texts] = []
-    for same, group in groupby(pieces, lambda piece: isinstance(piece, str)):
-        merged += ["".join(group)] if same else group  # type: ignore[arg-type]
-    return merged
+def _merged(pieces: Sequence[Texts]) -> tuple[str, list[Texts]]:
+    """What all rows begin with; the pieces after it, with what all rows share put together."""
+    merged: list[Texts] = [""]
+    for piece in pieces:
+        if isinstance(piece, str) and isinstance(merged[-1], str):
+            merged[-1] += piece
+        else:
+            merged.append(piece)
+    return str(merged[0]), merged[1:]
 
 
 def _joined(pieces: Sequence[Texts], rows: int) -> Iterator[str]:
     """The text of every row."""
     columns = (repeat(piece, rows) if isinstance(piece, str) else piece for piece in pieces)
-    return map("".join, zip(*columns, strict=True))
+    return map("".join, zip(repeat("", rows), *columns, strict=True))
 
 
 def _texts(column: Any) -> Texts:
@@ -130,7 +133,7 @@ def _of_lists(array: Any) -> list[str]:
     """JSON of lists of scalars."""
     texts = _json_of_all(_values(array.flatten()))
     ends = _ends(array.value_lengths().fill_null(0).to_numpy())
-    lists = [f"[{','.join(texts[a:b])}]" for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    lists = [f"[{','.join(texts[a:b])}]" for a, b in pairwise(ends)]
     for place in np.flatnonzero(array.is_null()):
         lists[place] = "null"
     return lists
@@ -150,8 +153,9 @@ def _values(array: Any) -> list[Any]:
     types = pyarrow().types
     if array.null_count or not (types.is_integer(array.type) or types.is_floating(array.type)):
         values: list[Any] = array.to_pylist()
-        return values
-    return array.to_numpy().tolist()
+    else:
+        values = array.to_numpy().tolist()
+    return values
 
 
 def _json_of_all(values: list[Any]) -> list[str]:
@@ -203,7 +207,7 @@ def _laid_out(columns: list[Any], rows: int) -> Iterator[memoryview]:
         _, offsets, data = joined.buffers()
         ends = np.frombuffer(offsets, np.int64, len(joined) + 1).tolist()
         whole = memoryview(data)
-        yield from (whole[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True))
+        yield from (whole[a:b] for a, b in pairwise(ends))
 
 
 def with_hashes(table: Any) -> Any:
