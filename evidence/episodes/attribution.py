@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,8 @@ ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
 
 _ORIGINS = {field.name: field.origin for field in SUMMARY_FIELDS if field.origin is not None}
 
+_NOT_RUN = Replays()
+
 _COURSE = {
     "episode_return": "return",
     **{
@@ -46,7 +47,7 @@ def attributed(
     setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None,
 ) -> dict[str, Sequence[Any]]:
-    """Label, reason and what they rest on, by field name; equal episodes are explained once.
+    """Label, reason and what they rest on, by field name.
 
     Args:
         contexts: what the episodes are for.
@@ -54,45 +55,66 @@ def attributed(
         setups: setups with the lane whose plant parameters hold.
         replays: overrides what the contexts say.
     """
+    lookups, explanations = _lookups(contexts, replays), _Explanations(contexts, episodes, setups)
+    rows = []
+    owned = zip(episodes.heads.context, episodes.heads.index, strict=True)
+    for episode, (context, index) in enumerate(owned):
+        lookup = lookups[context]
+        said = lookup if isinstance(lookup, Replays) else lookup.get(index, _NOT_RUN)
+        rows.append(explanations.of(episode, said))
+    names = ("failure_label", "failure_reason", *_NOT_RUN.columns())
+    return dict(zip(names, zip(*rows, strict=True), strict=True))
 
-    @cache
-    def of_setup(setup: int) -> dict[str, Any]:
-        return _circumstances(*setups[setup])
 
-    @cache
-    def with_home(context: int, setup: int, said: Replays) -> Replays:
-        home = contexts[context].home(of_setup(setup)) if said.home is None else None
+class _Explanations:
+    """Explains episodes: those that are equal once."""
+
+    def __init__(
+        self,
+        contexts: Sequence[EpisodeContext],
+        episodes: Episodes,
+        setups: Sequence[SetupOfLane],
+    ) -> None:
+        heads = episodes.heads
+        self._contexts = contexts
+        self._cases = list(zip(heads.context, heads.setup, strict=True))
+        self._own = {setup: _circumstances(*setups[setup]) for setup in set(heads.setup)}
+        self._courses = {fact: _values(episodes.summary[name]) for fact, name in _COURSE.items()}
+        self._bits = _bits(episodes)
+        self._homes: dict[Any, tuple[Replays, Replays]] = {}
+        """What was said, kept so that its identity stays its own, and the same with the home."""
+        self._known: dict[Any, tuple[Any, ...]] = {}
+
+    def of(self, episode: int, said: Replays) -> tuple[Any, ...]:
+        """Label, reason and the columns of what replays said."""
+        case = (*self._cases[episode], id(said))
+        same = (self._bits[episode], case)
+        if same not in self._known:
+            if case not in self._homes:
+                self._homes[case] = said, self._with_home(*self._cases[episode], said)
+            said = self._homes[case][1]
+            label = failure_label(self._facts(episode), said)
+            self._known[same] = (*label, *said.columns().values())
+        return self._known[same]
+
+    def _with_home(self, context: int, setup: int, said: Replays) -> Replays:
+        """With whether the episode ran at home, where that needs no replay."""
+        home = self._contexts[context].home(self._own[setup]) if said.home is None else None
         return said if home is None else replace(said, home=home)
 
-    def explained(episode: int, context: int, setup: int, said: Replays) -> tuple[Any, ...]:
-        own = of_setup(setup)
-        course = {fact: values[episode] for fact, values in courses.items()}
-        facts = EpisodeFacts(
-            **{**course, "solver_status": STATUS_NAMES[course["solver_status"]]},
+    def _facts(self, episode: int) -> EpisodeFacts:
+        context, setup = self._cases[episode]
+        own = self._own[setup]
+        course = {fact: values[episode] for fact, values in self._courses.items()}
+        course["solver_status"] = STATUS_NAMES[course["solver_status"]]
+        return EpisodeFacts(
+            **course,
             goal=own["metric_definition"],
             discretization=own["in_words"],
             observation_noise=own["observation_noise"],
             staleness=own["staleness"],
-            homes=len(contexts[context].homes),
+            homes=len(self._contexts[context].homes),
         )
-        return (*failure_label(facts, said), *said.columns().values())
-
-    courses = {fact: _values(episodes.summary[name]) for fact, name in _COURSE.items()}
-    lookups = _lookups(contexts, replays)
-    known: dict[Any, tuple[Any, ...]] = {}
-    rows = []
-    heads = episodes.heads
-    columns = zip(heads.index, heads.context, heads.setup, _bits(episodes), strict=True)
-    for episode, (index, context, setup, bits) in enumerate(columns):
-        lookup = lookups[context]
-        said = lookup if isinstance(lookup, Replays) else lookup.get(index, Replays())
-        said = with_home(context, setup, said)
-        same = (bits, context, setup, said)
-        if same not in known:
-            known[same] = explained(episode, context, setup, said)
-        rows.append(known[same])
-    names = ("failure_label", "failure_reason", *Replays().columns())
-    return dict(zip(names, zip(*rows, strict=True), strict=True))
 
 
 def _circumstances(setup: Setup, lane: int) -> dict[str, Any]:
