@@ -90,6 +90,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._draws = np.full(self.num_envs, -1)
         self._seeds: list[int | None] = [None] * self.num_envs
         self._heads: list[EpisodeHeads] = []
+        self._not_in_log = 0
 
     def assign(self, episodes: Sequence[int]) -> None:
         """Give every lane its next paired episode, which begins when the lane is next reset.
@@ -222,18 +223,19 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             return
         buffer.end(lanes)
         self._heads.append(self._heads_of(lanes))
+        self._not_in_log += len(lanes)
         if buffer.waiting >= _ROWS_AT_ONCE:
             self._hand_over()
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 
     def _waiting_to_be_written(self) -> int:
-        return len(self._log) + sum(map(len, self._heads))
+        return len(self._log) + self._not_in_log
 
     def _hand_over(self) -> None:
         if self._buffer is not None and self._heads:
             self._log.add(*self._buffer.gathered(), EpisodeHeads.joined(self._heads))
-            self._heads = []
+            self._heads, self._not_in_log = [], 0
 
     def _heads_of(self, lanes: Array) -> EpisodeHeads:
         """What identifies the episodes that end now in ``lanes``, which ascend."""
