@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .episodes import (
         EpisodeContext,
         EpisodeHead,
+        EpisodeHeads,
         EpisodeLog,
         EvidenceRecord,
         Home,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
         record_table,
         told_perturbation,
         told_training,
+        unhashed_table,
     )
     from .exchange import (
         EXPORT_FORMATS,

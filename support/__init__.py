@@ -97,6 +97,7 @@ if TYPE_CHECKING:
         FileLock,
         Progress,
         SpawnError,
+        ahead,
         check_spawning,
         cores,
         host,

@@ -142,7 +142,7 @@ BOUNDS = (
     throughput("vector", PENDULUM, "symplectic_euler", MANY, "envpool", 16.0, 12.0),
     throughput("vector", PENDULUM, "rk4", MANY, "envpool", 5.0, 5.0),
     throughput("scan", PENDULUM, "symplectic_euler", SCANNED, "envpool", 60.0, 60.0),
-    recording(PENDULUM, MANY, 0.4, 0.06),
+    recording(PENDULUM, MANY, 0.4, 0.09),
     fleet("policies / one process of stable-baselines3's", "panel", "sb3", 60.0, 35.0),
     fleet("policies / one process per core's", "panel", "sb3 per core", 10.0, 10.0),
     fleet(

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .attribution import ReplayLookups, SetupOfLane
     from .context import EpisodeContext
     from .decisions import choices, told_setup
-    from .episode_log import EpisodeHead, EpisodeLog
+    from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
     from .labels import EpisodeFacts, Home, Replays, failure_label
     from .layout import Layout
     from .record import (
@@ -23,6 +24,6 @@ if TYPE_CHECKING:
         told_perturbation,
         told_training,
     )
-    from .table import ReplayLookups, SetupOfLane, record_table
+    from .table import record_table, unhashed_table
 else:
     __getattr__, __dir__ = lazy_door(__name__)

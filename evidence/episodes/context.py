@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from integ_gym.envs import DISCRETIZATION, agrees
@@ -99,5 +100,9 @@ class EpisodeContext:
 
     def record_id(self, episode_index: int) -> str:
         """Hash of cell, policy and episode index, 32 hexadecimal digits."""
-        identity = [self.cell, self.policy_id, self.policy_hash, episode_index]
-        return hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:32]
+        return hashlib.sha256(b"%s, %d]" % (self._identity, episode_index)).hexdigest()[:32]
+
+    @cached_property
+    def _identity(self) -> bytes:
+        """JSON of cell and policy, to be followed by the episode index."""
+        return json.dumps([self.cell, self.policy_id, self.policy_hash]).encode()[:-1]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -40,21 +41,48 @@ class EpisodeHead:
 
 
 @dataclass(frozen=True)
+class EpisodeHeads:
+    """What identifies episodes, column by column: see :class:`EpisodeHead`."""
+
+    index: list[int]
+    seed: list[int | None]
+    rng_key: list[str]
+    wall_start: list[int]
+    wall_end: list[int]
+    setup: list[int]
+    context: list[int]
+
+    @classmethod
+    def of(cls, heads: Sequence[EpisodeHead]) -> EpisodeHeads:
+        """Those of episodes one by one."""
+        return cls(*([getattr(head, field.name) for head in heads] for field in fields(cls)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[EpisodeHeads]) -> EpisodeHeads:
+        """One after the other."""
+        columns = ([getattr(part, field.name) for part in parts] for field in fields(cls))
+        return cls(*(list(chain.from_iterable(column)) for column in columns))
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True)
 class Episodes:
     """Finished episodes as columns.
 
     Attributes:
-        heads: one per episode.
+        heads: what identifies them.
         summary: see :func:`integ_gym.evidence.episodes.summary.summarise`.
         traced: whether an episode has a trace, shape (episodes,).
-        rows: rows of those that have, shape (entries, sum of counts).
+        rows: rows of those that have, in parts of shape (entries, rows of some episodes).
         counts: rows of each of those, shape (episodes with a trace,).
     """
 
-    heads: tuple[EpisodeHead, ...]
+    heads: EpisodeHeads
     summary: dict[str, Array]
     traced: Array
-    rows: Array
+    rows: tuple[Array, ...]
     counts: Array
 
 
@@ -74,24 +102,23 @@ class EpisodeLog:
         self._rows_at_once = rows_at_once
         self.contexts = tuple(contexts)
         self._parts: list[Episodes] = []
-        self._heads: list[EpisodeHead] = []
-        self._pending: list[tuple[Array, Array]] = []
+        self._pending: list[tuple[Array, Array, EpisodeHeads]] = []
         self._pending_rows = 0
 
     def __len__(self) -> int:
-        return sum(len(part.heads) for part in self._parts) + len(self._heads)
+        kept = sum(len(part.heads) for part in self._parts)
+        return kept + sum(len(heads) for *_, heads in self._pending)
 
-    def add(self, rows: Array, counts: Array, heads: Sequence[EpisodeHead]) -> None:
-        """Take in whole episodes.
+    def add(self, rows: Array, counts: Array, heads: EpisodeHeads) -> None:
+        """Take in whole episodes, at least one.
 
         Args:
             rows: their rows one after the other, shape (entries, sum of counts); not to be changed
                 afterwards.
             counts: rows of each, its reset included, shape (episodes,).
-            heads: one per episode.
+            heads: what identifies them.
         """
-        self._heads += heads
-        self._pending.append((rows, counts))
+        self._pending.append((rows, counts, heads))
         self._pending_rows += rows.shape[1]
         if self._pending_rows >= self._rows_at_once:
             self._summarise()
@@ -106,27 +133,29 @@ class EpisodeLog:
     def clear(self) -> None:
         """Forget them."""
         self._parts = []
-        self._heads, self._pending, self._pending_rows = [], [], 0
+        self._pending, self._pending_rows = [], 0
 
     def _summarise(self) -> None:
         """Summarise what is pending and drop the traces that are not wanted."""
-        if not self._heads:
+        if not self._pending:
             return
-        rows = _beside([rows for rows, _ in self._pending])
-        counts = np.concatenate([counts for _, counts in self._pending])
-        traced = np.array([self.contexts[h.context].has_trace(h.index) for h in self._heads])
+        rows = _beside([rows for rows, *_ in self._pending])
+        counts = np.concatenate([counts for _, counts, _ in self._pending])
+        heads = EpisodeHeads.joined([heads for *_, heads in self._pending])
+        owned = zip(heads.context, heads.index, strict=True)
+        traced = np.array([self.contexts[context].has_trace(index) for context, index in owned])
         kept = rows if traced.all() else rows[:, np.repeat(traced, counts)]
         summary = summarise(self.layout, rows, counts)
-        self._parts.append(Episodes(tuple(self._heads), summary, traced, kept, counts[traced]))
-        self._heads, self._pending, self._pending_rows = [], [], 0
+        self._parts.append(Episodes(heads, summary, traced, (kept,), counts[traced]))
+        self._pending, self._pending_rows = [], 0
 
 
 def _joined(parts: list[Episodes]) -> Episodes:
     return Episodes(
-        tuple(head for part in parts for head in part.heads),
+        EpisodeHeads.joined([part.heads for part in parts]),
         {name: np.concatenate([p.summary[name] for p in parts]) for name in parts[0].summary},
         np.concatenate([part.traced for part in parts]),
-        _beside([part.rows for part in parts]),
+        tuple(chain.from_iterable(part.rows for part in parts)),
         np.concatenate([part.counts for part in parts]),
     )
 
@@ -138,4 +167,5 @@ def _beside(rows: list[Array]) -> Array:
 def _nothing(layout: Layout) -> Episodes:
     rows, counts = np.zeros((len(layout), 2)), np.array([2])
     summary = {name: x[:0] for name, x in summarise(layout, rows, counts).items()}
-    return Episodes((), summary, np.zeros(0, dtype=bool), rows[:, :0], counts[:0])
+    nobody = EpisodeHeads.joined([])
+    return Episodes(nobody, summary, np.zeros(0, dtype=bool), (rows[:, :0],), counts[:0])

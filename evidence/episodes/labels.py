@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -152,39 +153,28 @@ class _Rule(NamedTuple):
 
     label: str
     replay: bool | None
-    """What the replay said; False where there is nothing to replay without."""
+    """What the replay said."""
     replayed: str
     otherwise: str
     here: str
 
 
-def _rules(facts: EpisodeFacts, replays: Replays) -> tuple[_Rule, ...]:
-    home = "on its training discretization"
-    if facts.homes > 1:
-        home = "on a training discretization of it"
-    return (
-        _Rule(
-            "discretization_error",
-            False if isinstance(replays.home, str) else replays.home,
-            home,
-            home,
-            f"on {facts.discretization}",
-        ),
-        _Rule(
-            "perception_error",
-            replays.without_noise if facts.observation_noise else False,
-            "without observation noise",
-            "without observation noise",
-            f"with standard deviation {facts.observation_noise:.4g}",
-        ),
-        _Rule(
-            "state_error",
-            replays.without_delay if facts.staleness else False,
-            "without latency and staleness",
-            "without delays",
-            f"with {facts.staleness:.4g} s of latency and staleness",
-        ),
-    )
+def _rules(facts: EpisodeFacts, replays: Replays) -> Iterator[_Rule]:
+    """The rules for which there is something to replay without."""
+    if not isinstance(replays.home, str):
+        home = "on its training discretization"
+        if facts.homes > 1:
+            home = "on a training discretization of it"
+        here = f"on {facts.discretization}"
+        yield _Rule("discretization_error", replays.home, home, home, here)
+    if facts.observation_noise:
+        without = "without observation noise"
+        here = f"with standard deviation {facts.observation_noise:.4g}"
+        yield _Rule("perception_error", replays.without_noise, without, without, here)
+    if facts.staleness:
+        here = f"with {facts.staleness:.4g} s of latency and staleness"
+        without = "without latency and staleness"
+        yield _Rule("state_error", replays.without_delay, without, "without delays", here)
 
 
 def _course(facts: EpisodeFacts) -> str:

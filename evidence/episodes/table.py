@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import DISCRETIZATION, Setup
-
-from ..schema import (
-    SUMMARY_FIELDS,
-    Field,
-    arrow_schema,
-    arrow_type,
-    in_words,
-    pyarrow,
-    staleness,
-    with_hashes,
-)
+from ..schema import SUMMARY_FIELDS, Field, arrow_schema, arrow_type, pyarrow, with_hashes
+from .attribution import ReplayLookups, SetupOfLane, attributed
 from .context import EpisodeContext
-from .episode_log import EpisodeHead, EpisodeLog, Episodes
-from .labels import EpisodeFacts, Replays, failure_label
+from .episode_log import EpisodeHeads, EpisodeLog, Episodes
 from .layout import Layout
 
 Array = npt.NDArray[Any]
-Columns = dict[str, Sequence[Any]]
-SetupOfLane = tuple[Setup, int]
-
-ReplayLookup = Replays | Mapping[int, Replays]
-
-ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
-"""What replays said, for all episodes or by episode index; or such for each context."""
 
 
 def record_table(
@@ -42,7 +24,17 @@ def record_table(
     setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None = None,
 ) -> Any:
-    """The records of a log's episodes.
+    """The records of a log's episodes; see :func:`unhashed_table`."""
+    return with_hashes(unhashed_table(log, env_id, setups, replays))
+
+
+def unhashed_table(
+    log: EpisodeLog,
+    env_id: str,
+    setups: Sequence[SetupOfLane],
+    replays: ReplayLookups | None = None,
+) -> Any:
+    """The records of a log's episodes, whose content hashes are empty.
 
     Args:
         log: the finished episodes, at least one.
@@ -59,18 +51,17 @@ def record_table(
     width = setups[0][0].engine.width
     contexts = [replace(c, float_width=_narrower(c.float_width, width)) for c in log.contexts]
     columns = _summary_columns(contexts, episodes, setups)
-    columns["env_id"] = [env_id] * len(episodes.heads)
-    columns["content_hash"] = [""] * len(episodes.heads)
-    attributed = list(_attributed(contexts, episodes, columns, setups, replays))
-    columns.update({name: [own[name] for own in attributed] for name in attributed[0]})
-    arrays = [
-        _trace_array(log.layout, episodes, field)
-        if field.at
-        else pa.array(columns[field.name], type=arrow_type(field.kind))
-        for field in fields
-    ]
+    columns["env_id"] = pa.array([env_id] * len(episodes.heads))
+    columns["content_hash"] = pa.array([""] * len(episodes.heads))
+    for name, values in attributed(contexts, episodes, setups, replays).items():
+        columns[name] = pa.array(values, arrow_type(_KINDS[name]))
+    trace = _Trace(log.layout, episodes)
+    arrays = [trace.column(field) if field.at else columns[field.name] for field in fields]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
-    return with_hashes(_in_order(table, episodes.heads))
+    return _in_order(table, episodes.heads)
+
+
+_KINDS = {field.name: field.kind for field in SUMMARY_FIELDS}
 
 
 def _narrower(told: int | None, width: int | None) -> int | None:
@@ -78,115 +69,95 @@ def _narrower(told: int | None, width: int | None) -> int | None:
     return None if told is None or width is None else min(told, width)
 
 
-def _in_order(table: Any, heads: Sequence[EpisodeHead]) -> Any:
-    order = np.lexsort(([head.index for head in heads], [head.context for head in heads]))
+def _in_order(table: Any, heads: EpisodeHeads) -> Any:
+    order = np.lexsort((heads.index, heads.context))
     return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 def _summary_columns(
     contexts: Sequence[EpisodeContext], episodes: Episodes, setups: Sequence[SetupOfLane]
-) -> Columns:
-    """Values of all fields that have an origin, by name."""
-    heads, columns = episodes.heads, Columns()
-    used = sorted({head.setup for head in heads})
+) -> dict[str, Any]:
+    """Arrow arrays of all fields that have an origin, by name."""
+    pa = pyarrow()
+    heads, columns = episodes.heads, {}
+    used, setup_of = np.unique(heads.setup, return_inverse=True)
     for field in SUMMARY_FIELDS:
-        origin = field.origin
+        origin, kind = field.origin, arrow_type(field.kind)
         if origin is None:
             continue
         if origin.of == "rows":
-            values = _values(episodes.summary[field.name])
-            columns[field.name] = [field.choices[x] for x in values] if field.choices else values
+            columns[field.name] = _of_rows(field, episodes.summary[field.name])
         elif origin.of == "head":
-            columns[field.name] = [origin.value(head, contexts[head.context]) for head in heads]
+            columns[field.name] = pa.array(origin.value(heads, contexts), kind)
         elif origin.of == "context":
             told = [origin.value(context) for context in contexts]
-            columns[field.name] = [told[head.context] for head in heads]
+            columns[field.name] = pa.array(told, kind).take(pa.array(heads.context))
         else:
-            made = {place: origin.value(*setups[place]) for place in used}
-            columns[field.name] = [made[head.setup] for head in heads]
+            made = [origin.value(*setups[place]) for place in used]
+            columns[field.name] = pa.array(made, kind).take(pa.array(setup_of))
     return columns
 
 
-def _attributed(
-    contexts: Sequence[EpisodeContext],
-    episodes: Episodes,
-    columns: Columns,
-    setups: Sequence[SetupOfLane],
-    replays: ReplayLookups | None,
-) -> Iterator[dict[str, Any]]:
-    """Label, reason and what they rest on, episode by episode."""
-    given = {**{name: _values(values) for name, values in episodes.summary.items()}, **columns}
-    lookups = _lookups(contexts, replays)
-    for i, head in enumerate(episodes.heads):
-        context, lookup = contexts[head.context], lookups[head.context]
-        own = {name: columns[name][i] for name in DISCRETIZATION}
-        facts = EpisodeFacts(
-            goal=given["metric_definition"][i],
-            discretization=in_words(own),
-            episode_return=given["return"][i],
-            staleness=staleness(setups[head.setup][0]),
-            homes=len(context.homes),
-            **{name: given[name][i] for name in _FACTS},
-        )
-        said = lookup if isinstance(lookup, Replays) else lookup.get(head.index, Replays())
-        if said.home is None and (home := context.home(own)) is not None:
-            said = replace(said, home=home)
-        label, reason = failure_label(facts, said)
-        yield {"failure_label": label, "failure_reason": reason, **said.columns()}
+def _of_rows(field: Field, values: Array) -> Any:
+    """An Arrow array of what rows say; null for what is not finite."""
+    pa, kind = pyarrow(), arrow_type(field.kind)
+    if field.choices:
+        return pa.array(np.array(field.choices, dtype=object)[values], kind)
+    if values.ndim > 1:
+        ends = np.arange(len(values) + 1, dtype=np.int32) * values.shape[1]
+        return pa.ListArray.from_arrays(pa.array(ends), pa.array(values.ravel()), type=kind)
+    known = np.isfinite(values)
+    if known.all():
+        return pa.array(values).cast(kind)
+    return pa.array(np.where(known, values, 0.0), mask=~known).cast(kind)
 
 
-def _lookups(
-    contexts: Sequence[EpisodeContext], replays: ReplayLookups | None
-) -> Sequence[ReplayLookup]:
-    """What replays said, context by context."""
-    if replays is None:
-        return [context.replays for context in contexts]
-    if isinstance(replays, Replays | Mapping):
-        return [replays] * len(contexts)
-    return replays
+class _Trace:
+    """Makes trace columns.
+
+    Args:
+        layout: what the entries of a row are.
+        episodes: finished episodes.
+    """
+
+    def __init__(self, layout: Layout, episodes: Episodes) -> None:
+        self._layout = layout
+        self._rows = episodes.rows
+        self._episodes = len(episodes.heads)
+        lengths = np.zeros(self._episodes, dtype=np.int64)
+        lengths[episodes.traced] = episodes.counts
+        ends = np.concatenate(([0], np.cumsum(lengths)))
+        self._last = ends[1:][lengths > 0] - 1
+        """The last row of every episode that has some, which no step follows."""
+        self._ends = pyarrow().array(ends, pyarrow().int32())
+        self._missing = None if episodes.traced.all() else pyarrow().array(~episodes.traced)
+
+    def column(self, field: Field) -> Any:
+        """One list per episode; null where it has no trace or the environment no such quantity."""
+        pa, kind = pyarrow(), arrow_type(field.kind)
+        numbers = self._numbers(field)
+        if numbers is None:
+            return pa.nulls(self._episodes, kind)
+        known, unknown = numbers, np.zeros(len(numbers), dtype=bool)
+        if not np.isfinite(numbers).all():
+            known, unknown = np.nan_to_num(numbers), np.isnan(numbers)
+        if field.at == "step":
+            unknown[self._last] = True
+        known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
+        values = pa.array(known, mask=unknown if unknown.any() else None)
+        return pa.ListArray.from_arrays(self._ends, values, type=kind, mask=self._missing)
+
+    def _numbers(self, field: Field) -> Array | None:
+        """The rows' numbers, each with its control instant or the step that follows."""
+        if field.source not in self._layout:
+            return None
+        parts = [rows[self._layout.place(field.source)] for rows in self._rows]
+        if all(_unknown(part) for part in parts):
+            return None
+        if field.at == "step":
+            return np.concatenate([*parts, [0.0]])[1:]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-_FACTS = (
-    *("success", "terminated", "time", "solver_status", "saturated_share", "observation_noise"),
-    *("goal_reached", "goal_left", "goal_since"),
-)
-"""Facts of :class:`EpisodeFacts` that a field or summary of the same name holds."""
-
-
-def _values(column: Array) -> list[Any]:
-    """Python values; None for what is not finite."""
-    values: list[Any] = column.tolist()
-    if column.dtype.kind != "f" or np.isfinite(column).all():
-        return values
-    return [x if y else None for x, y in zip(values, np.isfinite(column).tolist(), strict=True)]
-
-
-def _trace_array(layout: Layout, episodes: Episodes, field: Field) -> Any:
-    """One list per episode; null where it has no trace or the environment no such quantity."""
-    pa = pyarrow()
-    kind = arrow_type(field.kind)
-    if field.source not in layout:
-        return pa.nulls(len(episodes.heads), kind)
-    numbers = episodes.rows[layout.place(field.source)]
-    if not numbers.size or (np.isnan(numbers[0]) and np.isnan(numbers).all()):
-        return pa.nulls(len(episodes.heads), kind)
-    if field.at == "step":
-        numbers = np.append(numbers[1:], 0.0)
-    lengths = np.zeros(len(episodes.heads), dtype=np.int64)
-    lengths[episodes.traced] = episodes.counts
-    ends = np.concatenate(([0], np.cumsum(lengths)))
-    finite = np.isfinite(numbers).all()
-    unknown = np.zeros(len(numbers), dtype=bool) if finite else np.isnan(numbers)
-    if field.at == "step":
-        unknown[_last_rows(ends)] = True
-    known = numbers if finite else np.nan_to_num(numbers)
-    known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
-    values = pa.array(known, mask=unknown if unknown.any() else None)
-    missing = None if episodes.traced.all() else pa.array(~episodes.traced)
-    return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), values, type=kind, mask=missing)
-
-
-def _last_rows(ends: Array) -> Array:
-    """The last row of every episode that has some, which no step follows."""
-    rows: Array = ends[1:][np.diff(ends) > 0] - 1
-    return rows
+def _unknown(numbers: Array) -> bool:
+    return not numbers.size or bool(np.isnan(numbers[0]) and np.isnan(numbers).all())

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[Any]
+
+_WIDE, _GAP = 64, 8
+"""Lanes in whole multiples of the first are set apart by a gap, for a processor's cache keeps few
+numbers that lie a power of two apart, as those of a lane would."""
+
+
+class _Ended(NamedTuple):
+    """Episodes that have ended and wait to be gathered."""
+
+    lanes: Array
+    ends: Array
+    """Steps in the buffer when each ended, its last one included."""
+    counts: Array
+    """Rows of each, its reset's included."""
+    first: Array
+    """Their rows at the reset, shape (entries, episodes)."""
 
 
 class LaneBuffer:
@@ -21,21 +37,31 @@ class LaneBuffer:
 
     Attributes:
         active: lanes with an episode under way that is recorded, shape (lanes,).
+        waiting: rows of the episodes that have ended and are not gathered.
     """
 
     def __init__(self, entries: int, lanes: int, horizon: int) -> None:
         self.active = np.zeros(lanes, dtype=bool)
+        self.waiting = 0
+        self._ended: list[_Ended] = []
         self._first = np.zeros((entries, lanes))
-        self._steps = np.zeros((entries, horizon + 64 + horizon // 2, lanes))
+        self._stride = lanes + (0 if lanes % _WIDE else _GAP)
+        self._rows = np.zeros((entries, horizon + 64 + horizon // 2, self._stride))
+        self._steps = self._rows[:, :, :lanes]
         self._starts = np.zeros(lanes, dtype=np.int64)
         self._time = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no room for a step; gathering what waits makes some."""
+        return self._time >= len(self._steps[0])
 
     def add(self, row: Sequence[Array]) -> None:
         """Take in a control step: every entry of its row, of shape (lanes,).
 
-        Steps that no episode under way needs are dropped when there is no room.
+        Steps that no episode under way needs are dropped when there is no room; none may wait then.
         """
-        if self._time == self._steps.shape[1]:
+        if self.full:
             oldest = int(self._starts[self.active].min(initial=self._time))
             self._steps[:, : self._time - oldest] = self._steps[:, oldest : self._time]
             self._starts -= oldest
@@ -52,46 +78,63 @@ class LaneBuffer:
             first: their rows at the reset, shape (entries, len(lanes)).
             record: whether each of these episodes is recorded.
         """
-        if not self.active.any():
+        if not (self.waiting or self.active.any()):
             self._time = 0
         self._first[:, lanes] = first
         self._starts[lanes] = self._time
         self.active[lanes] = record
 
-    def end(self, lanes: Array) -> tuple[Array, Array]:
-        """End the episodes in ``lanes`` with the last row.
-
-        Returns:
-            Their rows one after the other, lane by lane, shape (entries, sum of counts), and how
-            many each has, its reset's included.
-        """
+    def end(self, lanes: Array) -> None:
+        """End the episodes in ``lanes`` with the last row; they wait to be gathered."""
         self.active[lanes] = False
         counts = self._time - self._starts[lanes] + 1
-        if len(lanes) > 1 and lanes[-1] - lanes[0] + 1 == len(lanes) and not np.ptp(counts):
-            return self._beside_each_other(lanes, int(counts[0])), counts
-        places, resets = self._places(lanes, counts)
-        rows = self._steps.reshape(len(self._steps), -1).take(places, axis=1)
-        rows[:, resets] = self._first[:, lanes]
-        return rows, counts
+        ends = np.full(len(lanes), self._time)
+        self._ended.append(_Ended(lanes, ends, counts, self._first[:, lanes]))
+        self.waiting += int(counts.sum())
 
-    def _places(self, lanes: Array, counts: Array) -> tuple[Array, Array]:
-        """Where the rows of some lanes are among all steps of all lanes, and which are resets'.
+    def gathered(self) -> tuple[Array, Array]:
+        """The episodes that wait, at least one, in the order in which they ended.
+
+        Returns:
+            Their rows one after the other, shape (entries, sum of counts), and how many each has,
+            its reset's included.
+        """
+        columns = zip(*self._ended, strict=True)
+        ended = _Ended(*(np.concatenate(parts, axis=-1) for parts in columns))
+        self._ended, self.waiting = [], 0
+        return self._rows_of(ended), ended.counts
+
+    def _rows_of(self, ended: _Ended) -> Array:
+        lanes, ends, counts, first = ended
+        together = not (np.ptp(ends) or np.ptp(counts))
+        if together and len(lanes) > 1 and (np.diff(lanes) == 1).all():
+            return self._beside_each_other(ended)
+        places, resets = self._places(ended)
+        rows = np.empty((len(self._rows), len(places)))
+        for entry, steps in enumerate(self._rows.reshape(len(self._rows), -1)):
+            steps.take(places, out=rows[entry], mode="clip")
+        rows[:, resets] = first
+        return rows
+
+    def _places(self, ended: _Ended) -> tuple[Array, Array]:
+        """Where the rows of episodes are among all steps of all lanes, and which are resets'.
 
         A reset's place is any.
         """
-        ends = np.cumsum(counts)
-        last = (self._time - 1) * self._steps.shape[2] + lanes
-        to_go = np.repeat(ends, counts) - np.arange(1, ends[-1] + 1)
-        places = np.repeat(last, counts) - to_go * self._steps.shape[2]
-        resets = ends - counts
+        stops = np.cumsum(ended.counts)
+        last = (ended.ends - 1) * self._stride + ended.lanes
+        to_go = np.repeat(stops, ended.counts) - np.arange(1, stops[-1] + 1)
+        places = np.repeat(last, ended.counts) - to_go * self._stride
+        resets = stops - ended.counts
         places[resets] = 0
         return places, resets
 
-    def _beside_each_other(self, lanes: Array, count: int) -> Array:
-        """Rows of neighbouring lanes whose episodes began together."""
-        neighbours = slice(int(lanes[0]), int(lanes[-1]) + 1)
-        rows = np.empty((len(self._first), len(lanes), count))
-        rows[:, :, 0] = self._first[:, neighbours]
-        steps = self._steps[:, self._time - count + 1 : self._time, neighbours]
+    def _beside_each_other(self, ended: _Ended) -> Array:
+        """Rows of neighbouring lanes whose episodes began and ended together."""
+        neighbours = slice(int(ended.lanes[0]), int(ended.lanes[-1]) + 1)
+        end, count = int(ended.ends[0]), int(ended.counts[0])
+        rows = np.empty((len(self._rows), len(ended.lanes), count))
+        rows[:, :, 0] = ended.first
+        steps = self._steps[:, end - count + 1 : end, neighbours]
         rows[:, :, 1:] = steps.transpose(0, 2, 1)
         return rows.reshape(len(rows), -1)

@@ -12,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from integ_gym.envs import IntegEnv, RediscretizedEnv
 
-from ..episodes import EpisodeContext, EpisodeHead
+from ..episodes import EpisodeContext, EpisodeHead, EpisodeHeads
 from ..store import EvidenceStore
 from .recording import Recorder, is_known, now, recorded
 from .reservation import from_on
@@ -135,6 +135,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         if self._heads:
             rows = np.frombuffer(b"".join(self._rows[: self._finished]))
             by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
-            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), self._heads)
+            heads = EpisodeHeads.of(self._heads)
+            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), heads)
         del self._rows[: self._finished]
         self._finished, self._heads, self._counts = 0, [], []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,15 @@ import numpy.typing as npt
 
 from integ_gym.envs import Setup, quiet_status
 
-from ..episodes import EpisodeContext, EpisodeLog, Layout, ReplayLookups, SetupOfLane, record_table
+from ..episodes import (
+    EpisodeContext,
+    EpisodeLog,
+    Layout,
+    ReplayLookups,
+    SetupOfLane,
+    record_table,
+    unhashed_table,
+)
 from ..store import EvidenceStore
 from .reservation import Episodes, Reservation, batch_name
 
@@ -96,16 +104,16 @@ class Recorder:
         """
         self._hand_over()
         episodes = self._log.episodes()
-        indices = np.array([head.index for head in episodes.heads], dtype=np.int64)
+        indices = np.array(episodes.heads.index, dtype=np.int64)
         return {"episode_index": indices, **episodes.summary}
 
     def take(self, replays: ReplayLookups | None = None) -> Any:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.episodes.attribution.ReplayLookups`.
         """
-        table = self._table(replays)
+        table = self._table(record_table, replays)
         self._log.clear()
         return table
 
@@ -115,15 +123,15 @@ class Recorder:
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.episodes.table.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.episodes.attribution.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.
         """
-        table = self._table(replays)
+        table = self._table(unhashed_table, replays)
         if table is None:
             return None
-        path = self._store.commit(name or self._batch_name(), table)
+        path = self._store.commit_unhashed(name or self._batch_name(), table)
         self._log.clear()
         return path
 
@@ -170,14 +178,15 @@ class Recorder:
         self._layout = Layout(setup.plant, setup.task, info)
         self._log = EpisodeLog(self._layout, self._contexts)
 
-    def _table(self, replays: ReplayLookups | None) -> Any:
+    def _table(self, made: Callable[..., Any], replays: ReplayLookups | None) -> Any:
         self._hand_over()
         if not len(self._log):
             return None
-        return record_table(self._log, self._env_id, self._setups, replays)
+        return made(self._log, self._env_id, self._setups, replays)
 
     def _batch_name(self) -> str:
-        episodes = [(head.context, head.index) for head in self._log.episodes().heads]
+        heads = self._log.episodes().heads
+        episodes = list(zip(heads.context, heads.index, strict=True))
         return batch_name(self._env_id, self._contexts, episodes)
 
 

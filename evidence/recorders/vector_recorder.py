@@ -12,13 +12,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs import DiscretizedVectorEnv
 
-from ..episodes import EpisodeContext, EpisodeHead
+from ..episodes import EpisodeContext, EpisodeHeads
 from ..store import EvidenceStore
 from .lane_buffer import LaneBuffer
 from .recording import Recorder, all_setups, now, recorded
 from .reservation import Episodes, from_on
 
 Array = npt.NDArray[Any]
+
+_ROWS_AT_ONCE = 1 << 16
+"""Rows of finished episodes that are gathered together, at least, where the buffer has room."""
 
 _SPACES = (
     "observation_space",
@@ -86,6 +89,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._wall_start = np.zeros(self.num_envs, dtype=np.int64)
         self._draws = np.full(self.num_envs, -1)
         self._seeds: list[int | None] = [None] * self.num_envs
+        self._heads: list[EpisodeHeads] = []
+        self._not_in_log = 0
 
     def assign(self, episodes: Sequence[int]) -> None:
         """Give every lane its next paired episode, which begins when the lane is next reset.
@@ -142,6 +147,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             final[done] = np.stack(info["final_obs"][done])
             last = self._row(info["final_info"], ending, self._inner.final_state.T, final)
             row = tuple(np.where(done, *both) for both in zip(last, row, strict=True))
+        if buffer.full:
+            self._hand_over()
         buffer.add(row)
         self._finish(buffer, np.flatnonzero(done & buffer.active))
         begun = np.flatnonzero(done if same_step else self._waiting)
@@ -152,6 +159,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
 
     def close(self, **kwargs: Any) -> None:
         """Commit, if wanted, and close the environment; finished episodes can still be taken."""
+        self._hand_over()
         self._buffer = None
         super().close(**kwargs)
 
@@ -210,27 +218,53 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             self._member[lanes] = info["mixture_index"][lanes]
 
     def _finish(self, buffer: LaneBuffer, lanes: Array) -> None:
-        """Hand the episodes that end in ``lanes`` to the log."""
+        """Note the episodes that end in ``lanes``."""
         if not lanes.size:
             return
-        ended = now()
-        entropies = self._inner.np_random_seed
-        heads = [self._head(lane, entropies[lane], ended) for lane in lanes.tolist()]
-        self._log.add(*buffer.end(lanes), heads)
+        buffer.end(lanes)
+        self._heads.append(self._heads_of(lanes))
+        self._not_in_log += len(lanes)
+        if buffer.waiting >= _ROWS_AT_ONCE:
+            self._hand_over()
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 
-    def _head(self, lane: int, entropy: int, ended: int) -> EpisodeHead:
-        context = lane // self._share
-        if self._episodes is None:
-            index = self._next_index[context]
-            self._next_index[context] += 1
-        else:
-            index = self._episodes[lane]
-        setup = int(self._member[lane]) * self._per_member + (lane if self._per_member > 1 else 0)
-        key = f"{entropy}/{self._draws[lane]}"
-        start = int(self._wall_start[lane])
-        return EpisodeHead(index, self._seeds[lane], key, start, ended, setup, context)
+    def _waiting_to_be_written(self) -> int:
+        return len(self._log) + self._not_in_log
+
+    def _hand_over(self) -> None:
+        if self._buffer is not None and self._heads:
+            self._log.add(*self._buffer.gathered(), EpisodeHeads.joined(self._heads))
+            self._heads, self._not_in_log = [], 0
+
+    def _heads_of(self, lanes: Array) -> EpisodeHeads:
+        """What identifies the episodes that end now in ``lanes``, which ascend."""
+        entropies, setups = self._inner.np_random_seed, self._member[lanes] * self._per_member
+        if self._per_member > 1:
+            setups += lanes
+        contexts = lanes // self._share
+        ended = zip(lanes.tolist(), self._draws[lanes].tolist(), strict=True)
+        keys = [f"{entropies[lane]}/{draws}" for lane, draws in ended]
+        return EpisodeHeads(
+            index=self._indices(lanes, contexts),
+            seed=[self._seeds[lane] for lane in lanes.tolist()],
+            rng_key=keys,
+            wall_start=self._wall_start[lanes].tolist(),
+            wall_end=[now()] * len(lanes),
+            setup=setups.tolist(),
+            context=contexts.tolist(),
+        )
+
+    def _indices(self, lanes: Array, contexts: Array) -> list[int]:
+        """Numbers of the episodes in ``lanes``, which are then taken."""
+        if self._episodes is not None:
+            return [self._episodes[lane] for lane in lanes.tolist()]
+        indices: list[int] = []
+        for context, count in enumerate(np.bincount(contexts).tolist()):
+            first = self._next_index[context]
+            self._next_index[context] += count
+            indices += range(first, first + count)
+        return indices
 
 
 def _seed_of(seed: int | Sequence[int | None] | None, lane: int) -> int | None:

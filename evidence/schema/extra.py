@@ -9,6 +9,9 @@ from integ_gym.support import load
 pyarrow = partial(load, "pyarrow", "evidence")
 """``pyarrow``; see :func:`integ_gym.support.packages.extras.load`."""
 
+compute = partial(load, "pyarrow.compute", "evidence")
+"""``pyarrow.compute``."""
+
 parquet = partial(load, "pyarrow.parquet", "evidence")
 """``pyarrow.parquet``."""
 

@@ -106,9 +106,14 @@ def _real(name: str, unit: str, meaning: str, origin: Origin, **about: Any) -> F
     return Field(name, "float64", unit, meaning, origin, **about)
 
 
-def _seed(own: Any, _: Any) -> int | None:
-    """The seed of an episode, if 64 bits hold it."""
-    return own.seed if own.seed is not None and -(2**63) <= own.seed < 2**63 else None
+def _record_ids(heads: Any, contexts: Any) -> list[str]:
+    owned = zip(heads.context, heads.index, strict=True)
+    return [contexts[context].record_id(index) for context, index in owned]
+
+
+def _seeds(heads: Any, _: Any) -> list[int | None]:
+    """The seeds of episodes, where 64 bits hold them."""
+    return [x if x is not None and -(2**63) <= x < 2**63 else None for x in heads.seed]
 
 
 def _group(name: str, *fields: Field) -> tuple[Field, ...]:
@@ -119,7 +124,7 @@ _IDENTITY = _group(
     "identity",
     _text(
         "record_id", "hash of cell, policy and episode index",
-        head(lambda own, told: told.record_id(own.index)),
+        head(_record_ids),
     ),
     _count("schema_version", "version of this table", context(lambda _: SCHEMA_VERSION)),
     _text("run_id", "the run that the record belongs to", context("run_id")),
@@ -130,7 +135,7 @@ _IDENTITY = _group(
     _count(
         "seed",
         "seed given at the reset that seeded the generator; null if none was, or beyond 64 bits",
-        head(_seed), nullable=True,
+        head(_seeds), nullable=True,
     ),
     _text(
         "rng_key",

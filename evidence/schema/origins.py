@@ -16,10 +16,11 @@ class Origin:
     Attributes:
         of: what they are read from: ``context``, an episode's
             :class:`~integ_gym.evidence.episodes.context.EpisodeContext`; ``setup``, its setup and
-            lane; ``head``, its :class:`~integ_gym.evidence.episodes.episode_log.EpisodeHead` and
-            its context; ``rows``, the
+            lane; ``head``, the :class:`~integ_gym.evidence.episodes.episode_log.EpisodeHeads`
+            of many episodes and all contexts; ``rows``, the
             :class:`~integ_gym.evidence.episodes.summary.EpisodeRows` of many episodes.
-        value: function of that to the value, or of rows to an array with one value per episode.
+        value: function of that to the value; of many episodes to one value per episode, of rows
+            as an array.
     """
 
     of: str
@@ -41,7 +42,7 @@ setup = partial(_origin, "setup")
 """Of the environment's setup, and the lane whose plant parameters hold."""
 
 head = partial(_origin, "head")
-"""Of what identifies the episode, and its context."""
+"""Of what identifies the episodes, and all contexts."""
 
 rows = partial(_origin, "rows")
 """Of the rows of whole episodes."""

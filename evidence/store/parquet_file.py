@@ -19,13 +19,16 @@ from ..schema import (
     pyarrow,
 )
 
-_GROUP_BYTES = 16 << 20
+_GROUP_BYTES = 12 << 20
 """Memory of the rows of a group, about, where their number allows."""
 
-_FEWEST_ROWS, _MOST_ROWS = 1024, 1 << 16
+_FEWEST_ROWS, _MOST_ROWS = 512, 1 << 16
 """Of a group, but for the last: a query reads the header of every group."""
 
 _LEVEL = 1
+
+_BATCH = 1 << 20
+"""Numbers that the writer encodes at once: more than a column of a group mostly has."""
 
 _REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
 
@@ -44,8 +47,13 @@ def write(tables: Iterable[Any], file: Path) -> None:
         raise ValueError("a batch needs at least one record, got none")
     with _writer(first.schema, file) as writer:
         for table in chain([first], groups):
-            parts = max(1, table.num_rows // _rows_per_group(table.num_rows, table.nbytes))
-            writer.write_table(table, -(-table.num_rows // parts))
+            writer.write_table(table, _rows_each(table))
+
+
+def groups(table: Any) -> Iterator[Any]:
+    """Slices of a table, each of which makes a row group."""
+    rows = _rows_each(table)
+    return (table.slice(first, rows) for first in range(0, table.num_rows, rows))
 
 
 def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
@@ -88,10 +96,18 @@ def _writer(schema: Any, file: Path) -> Any:
         schema,
         compression="zstd",
         compression_level=_LEVEL,
+        write_batch_size=_BATCH,
         use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
         use_byte_stream_split=streams,
         write_statistics=[f.name for f in schema if not is_trace(f.name)],
     )
+
+
+def _rows_each(table: Any) -> int:
+    """Rows of the groups, of about equal size, that a table makes."""
+    rows: int = table.num_rows
+    parts = max(1, rows // _rows_per_group(rows, table.nbytes))
+    return -(-rows // parts)
 
 
 def _rows_per_group(rows: int, size: int) -> int:

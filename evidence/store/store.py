@@ -8,12 +8,13 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import remove_leftovers, write_once
+from integ_gym.support import ahead, remove_leftovers, write_once
 
 from ..episodes import EvidenceRecord, records_of
-from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes
+from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes, with_hashes
 from .parquet_file import (
     check_schema,
+    groups,
     parts,
     read,
     read_row,
@@ -68,6 +69,13 @@ class EvidenceStore:
             ValueError: for a name that cannot be a file's.
         """
         return self.commit_all(name, [table])
+
+    def commit_unhashed(self, name: str, table: Any) -> Path:
+        """The same for records whose content hashes are to be filled in on the way.
+
+        That is done for some rows while those before are written.
+        """
+        return self.commit_all(name, ahead(map(with_hashes, groups(table))))
 
     def commit_all(self, name: str, tables: Iterable[Any]) -> Path:
         """Make several tables of records of one environment visible as one batch.

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.envs import Setup, quiet_status
-from integ_gym.evidence import EpisodeHead, EpisodeLog, EvidenceStore, Layout, now, record_table
+from integ_gym.evidence import (
+    EpisodeHead,
+    EpisodeHeads,
+    EpisodeLog,
+    EvidenceStore,
+    Layout,
+    now,
+    unhashed_table,
+)
 from integ_gym.support import installed_versions
 
 from ..running import TrainingEvidence
@@ -104,8 +112,8 @@ class EpisodeAssembler:
         """Write the finished episodes; None if there are none."""
         if not len(self._log):
             return None
-        table = record_table(self._log, self._env_id, self._setups)
-        return EvidenceStore(self._evidence.store).commit(self._evidence.batch, table)
+        table = unhashed_table(self._log, self._env_id, self._setups)
+        return EvidenceStore(self._evidence.store).commit_unhashed(self._evidence.batch, table)
 
     def _joined(
         self, lane: int, rows: Array, first_rows: Array, begun: Array, ended: Array
@@ -150,4 +158,5 @@ class EpisodeAssembler:
             self._opened[lane] = ended
             self._draws[lane] += 1
         if heads:
-            self._log.add(rows, np.array([episode.rows for episode in found]), heads)
+            counts = np.array([episode.rows for episode in found])
+            self._log.add(rows, counts, EpisodeHeads.of(heads))

@@ -286,3 +286,28 @@ def test_contexts_must_divide_the_lanes(tmp_path, context):
         RecordVectorEvidence(env, tmp_path, [context] * 2, episodes=[0, 0, 1, 2])
     other = replace(context, cell="other")
     RecordVectorEvidence(env, tmp_path, [context, other], episodes=[0, 1, 0, 1]).close()
+
+
+@pytest.mark.parametrize("arguments", [{}, {"mixture": [{"dt": 0.02}, {"dt": 0.01}]}])
+def test_records_are_the_same_whatever_they_are_written_with(
+    arguments, tmp_path, context, monkeypatch
+):
+    """Episode by episode, all at once, and in many groups, each hashed beside the one before."""
+    written = {}
+    for name, every, rows in (("singly", 1, 512), ("together", None, 512), ("in groups", None, 3)):
+        monkeypatch.setattr("integ_gym.evidence.store.parquet_file._GROUP_BYTES", 1)
+        monkeypatch.setattr("integ_gym.evidence.store.parquet_file._FEWEST_ROWS", rows)
+        env = gym.make_vec("IntegCartPole-v0", num_envs=LANES, control_period=0.02, **arguments)
+        told = replace(context, trace_every=2)
+        env = RecordVectorEvidence(env, tmp_path / name, told, commit_every=every)
+        _run_vector(env, AutoresetMode.NEXT_STEP)
+        env.close()
+        store = EvidenceStore(tmp_path / name)
+        assert not store.verify()
+        written[name] = {record["record_id"]: record for record in store.records()}
+    assert len(EvidenceStore(tmp_path / "singly").files()) > 10
+    assert len(EvidenceStore(tmp_path / "together").files()) == 1
+    for name, records in written.items():
+        assert records.keys() == written["singly"].keys(), name
+        for record_id, record in records.items():
+            _assert_same(record, written["singly"][record_id], ())

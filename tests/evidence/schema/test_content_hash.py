@@ -83,6 +83,41 @@ def test_hash_is_the_documented_one(table):
     assert row["content_hash"] == expected
 
 
+ODD = {
+    "no nulls at the ends": [[None, 1.0, None, 2.0], [3.0, None], [None]],
+    "more nulls than rows": [[1.0, None, None], None, [None, None]],
+    "empty and missing": [[], None, [0.5]],
+    "zeros and none": [[-0.0], [0.0], [float("nan"), None]],
+}
+"""Values of a trace column that recorders do not write, and other programs may."""
+
+
+@pytest.mark.parametrize("values", ODD.values(), ids=ODD)
+def test_rows_hash_together_as_they_do_alone(table, values):
+    changed = _with(_with(table, "theta", values), "energy_residual_total", [0.0, -0.0, None])
+    hashes = content_hashes(changed)
+    assert len(set(hashes)) == 3
+    for row, together in enumerate(hashes):
+        alone = changed.slice(row, 1)
+        (expected,) = content_hashes(pa.Table.from_pylist(alone.to_pylist(), changed.schema))
+        assert together == expected
+
+
+def test_rows_without_a_trace_have_a_hash(table):
+    summaries = table.select([name for name in table.column_names if not is_trace(name)])
+    hashes = content_hashes(summaries)
+    assert len(set(hashes)) == 3
+    assert content_hashes(summaries.slice(1, 1)) == hashes[1:2]
+
+
+def test_zeros_of_both_signs_differ(table):
+    same = _with(table, "energy_residual_total", [0.0, 0.0, 0.0])
+    other = _with(table, "energy_residual_total", [0.0, -0.0, 0.0])
+    assert [a == b for a, b in zip(content_hashes(same), content_hashes(other), strict=True)] == [
+        True, False, True,
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("field", SUMMARY_FIELDS, ids=lambda field: field.name)
 def test_every_field_counts_unless_volatile(table, field):
     values = table.column(field.name).to_pylist()

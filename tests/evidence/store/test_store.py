@@ -138,7 +138,7 @@ def test_several_tables_make_one_batch(store, table, monkeypatch):
     store.commit_all("long", (table for _ in range(500)))
     file = store.directory / "long.parquet"
     assert pq.read_table(file).equals(many)
-    assert pq.read_metadata(file).num_row_groups == 2
+    assert pq.read_metadata(file).num_row_groups == 3
     with pytest.raises(ValueError, match="at least one record"):
         store.commit_all("none", [None])
     assert "none" not in store.batches()

@@ -1,0 +1,69 @@
+"""Items made in a thread beside their use."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from integ_gym.support.processes.threads import ahead
+
+PATIENCE = 60.0
+"""Until a thread that should have come is given up, s."""
+
+
+def test_items_come_in_their_order():
+    assert list(ahead(iter(range(5)))) == [0, 1, 2, 3, 4]
+    assert list(ahead(iter([]))) == []
+    assert list(ahead(iter([None, None]))) == [None, None]
+
+
+def test_the_next_item_is_made_while_one_is_used():
+    made = [threading.Event() for _ in range(3)]
+
+    def items():
+        for number, event in enumerate(made):
+            event.set()
+            yield number
+
+    for number in ahead(items()):
+        assert made[min(number + 1, 2)].wait(PATIENCE)
+
+
+def test_no_more_than_one_is_made_ahead():
+    made = []
+
+    def items():
+        for number in range(4):
+            made.append(number)
+            yield number
+
+    following = ahead(items())
+    assert next(following) == 0
+    following.close()
+    assert made in ([0], [0, 1])
+
+
+def test_what_making_raises_is_raised_in_its_place():
+    def items():
+        yield 1
+        raise ValueError("no second")
+
+    following = ahead(items())
+    assert next(following) == 1
+    with pytest.raises(ValueError, match="no second"):
+        next(following)
+
+
+def test_items_are_made_at_the_end_of_the_process():
+    """When the interpreter has stopped to start threads."""
+    program = (
+        "import atexit; from integ_gym.support.processes.threads import ahead; "
+        "atexit.register(lambda: print(list(ahead(iter(range(3))))))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("[0, 1, 2]\n", "")
