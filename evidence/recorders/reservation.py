@@ -100,11 +100,11 @@ def batch_name(
         contexts: of the recorder.
         episodes: number of the context, and index of each.
     """
-    owners, indices = zip(*episodes, strict=True)
+    indices = [index for _, index in episodes]
     stem = re.sub(r"[^A-Za-z0-9.]+", "-", env_id).strip(".-")[:80] or "records"
     shared = f"{len(contexts)}x" if len(contexts) > 1 else ""
     name = f"{stem}-{shared}{_identity(*contexts)}-{min(indices):07d}-{max(indices):07d}"
-    if len(set(owners)) == 1 and len(indices) == max(indices) - min(indices) + 1:
+    if len(contexts) == 1 and len(indices) == max(indices) - min(indices) + 1:
         return name
     return f"{name}-{hashlib.sha256(repr(sorted(episodes)).encode()).hexdigest()[:8]}"
 

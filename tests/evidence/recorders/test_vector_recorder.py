@@ -277,6 +277,20 @@ def test_lanes_are_shared_out_among_contexts(paired, tmp_path, context):
     assert said == {(name, k): None if k else own[name] for name, k in said}
 
 
+def test_batches_of_one_context_each_have_names_of_their_own(tmp_path, context):
+    """Lanes that end apart are written one by one: an episode 0 for each context."""
+    contexts = [replace(context, policy_id=name) for name in "ab"]
+    env = gym.make_vec("IntegCartPole-v0", num_envs=2, duration=0.5)
+    env = RecordVectorEvidence(env, tmp_path, contexts, episodes=[0, 0], commit_every=1)
+    env.reset(options={"state": np.array([[0.0, 0.0, 0.2, 1.0], [0.0, 0.0, 0.0, 0.0]])})
+    for _ in range(25):
+        env.step(np.array([0, 1]))
+    env.close()
+    found = list(EvidenceStore(tmp_path).records())
+    assert [(r["policy_id"], r["episode_index"]) for r in found] == [("a", 0), ("b", 0)]
+    assert found[0]["length"] < found[1]["length"]
+
+
 def test_contexts_must_divide_the_lanes(tmp_path, context):
     env = gym.make_vec("IntegPendulum-v0", num_envs=4)
     for contexts in ([context] * 3, []):
