@@ -14,7 +14,7 @@ from .stepping import Array
 CONTROLS = np.linspace(-1.0, 1.0, 5)
 """What is tried at every decision, in shares of the control's limit."""
 
-HALVINGS = 5
+HALVINGS = 6
 """Of a bisection, which are tried at once."""
 
 METHOD = (

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from integ_gym.envs import Discretization, numerics
 
@@ -44,8 +45,7 @@ class Quantities:
     def __init__(self, env_id: str, environment: Mapping[str, Any], home: Discretization) -> None:
         self.home = home
         self._env_id, self._environment = env_id, dict(environment)
-        truth = Discretization("reference", home.control_period, home.control_period)
-        self._truth = setup_of(env_id, environment, truth)
+        self._truth = setup_of(env_id, environment, _truth(home.control_period))
         self._there = setup_of(env_id, environment, home)
         self._argument, self._limit = control_argument(self._truth)
         required = numerics.goal_energy(self._truth)
@@ -74,7 +74,7 @@ class Quantities:
     @cached_property
     def energy_share(self) -> float:
         """Numerics' share of the energy that a greedy swing-up gains there; negative: drained."""
-        found = self._swing_up(self._there)
+        found = _swing_up(self._there, middle_start(self._truth), self._required)
         gained = self._required - numerics.energy_at(self._truth, found.states[0])[0]
         return float(np.clip(found.residual[0] / gained, -1.0, 1.0))
 
@@ -136,14 +136,29 @@ class Quantities:
         states, controls = self._motion.states[:-1, 0], self._motion.controls[:, 0]
         return numerics.disturbance(self._truth, self._there, states, controls)
 
-    @cached_property
+    @property
     def _motion(self) -> numerics.Reach:
-        return self._swing_up(self._truth)
-
-    def _swing_up(self, setup: Any) -> numerics.Reach:
-        """The greedy one, from the middle of the starts."""
-        start, horizon = middle_start(self._truth)[None], self._truth.settings.duration
-        return numerics.reach(setup, start, horizon, self._required)
+        given = tuple(sorted(self._environment.items()))
+        return _motion(self._env_id, given, self.home.control_period)
 
     def _critical(self, at: Discretization) -> float:
         return critical_limit(self._env_id, self._environment, self._argument, at)
+
+
+def _truth(control_period: float) -> Discretization:
+    return Discretization("reference", control_period, control_period)
+
+
+@lru_cache(maxsize=256)
+def _motion(
+    env_id: str, given: tuple[tuple[str, Any], ...], control_period: float
+) -> numerics.Reach:
+    """The greedy swing-up on the truth, which all discretizations of a task are held against."""
+    setup = setup_of(env_id, dict(given), _truth(control_period))
+    required = numerics.goal_energy(setup)
+    assert required is not None
+    return _swing_up(setup, middle_start(setup), required)
+
+
+def _swing_up(setup: Any, start: npt.NDArray[np.float64], required: float) -> numerics.Reach:
+    return numerics.reach(setup, start[None], setup.settings.duration, required)
