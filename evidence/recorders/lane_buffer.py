@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..episodes import EpisodeHeads
+
 Array = npt.NDArray[Any]
 
 _WIDE, _GAP = 64, 8
@@ -19,10 +21,11 @@ class _Ended(NamedTuple):
     """Episodes that have ended and wait to be gathered."""
 
     lanes: Array
+    """Where they were, shape (episodes,)."""
     ends: Array
-    """Steps in the buffer when each ended, its last one included."""
+    """Steps in the buffer when each ended, its last one included, shape (episodes,)."""
     counts: Array
-    """Rows of each, its reset's included."""
+    """Rows of each, its reset's included, shape (episodes,)."""
     first: Array
     """Their rows at the reset, shape (entries, episodes)."""
 
@@ -37,13 +40,14 @@ class LaneBuffer:
 
     Attributes:
         active: lanes with an episode under way that is recorded, shape (lanes,).
-        waiting: rows of the episodes that have ended and are not gathered.
+        episodes: that have ended and wait to be gathered.
+        waiting: rows of these.
     """
 
     def __init__(self, entries: int, lanes: int, horizon: int) -> None:
         self.active = np.zeros(lanes, dtype=bool)
-        self.waiting = 0
-        self._ended: list[_Ended] = []
+        self.episodes = self.waiting = 0
+        self._ended: list[tuple[_Ended, EpisodeHeads]] = []
         self._first = np.zeros((entries, lanes))
         self._stride = lanes + (0 if lanes % _WIDE else _GAP)
         self._rows = np.zeros((entries, horizon + 64 + horizon // 2, self._stride))
@@ -59,9 +63,14 @@ class LaneBuffer:
     def add(self, row: Sequence[Array]) -> None:
         """Take in a control step: every entry of its row, of shape (lanes,).
 
-        Steps that no episode under way needs are dropped when there is no room; none may wait then.
+        Steps that no episode under way needs are dropped when there is no room.
+
+        Raises:
+            BufferError: if episodes wait while there is no room.
         """
         if self.full:
+            if self.waiting:
+                raise BufferError("episodes wait in a full buffer; gather them first")
             oldest = int(self._starts[self.active].min(initial=self._time))
             self._steps[:, : self._time - oldest] = self._steps[:, oldest : self._time]
             self._starts -= oldest
@@ -84,25 +93,37 @@ class LaneBuffer:
         self._starts[lanes] = self._time
         self.active[lanes] = record
 
-    def end(self, lanes: Array) -> None:
-        """End the episodes in ``lanes`` with the last row; they wait to be gathered."""
+    def end(self, lanes: Array, heads: EpisodeHeads) -> None:
+        """End episodes with the last row; they wait to be gathered.
+
+        Args:
+            lanes: lane numbers, ascending.
+            heads: what identifies the episodes.
+        """
         self.active[lanes] = False
         counts = self._time - self._starts[lanes] + 1
         ends = np.full(len(lanes), self._time)
-        self._ended.append(_Ended(lanes, ends, counts, self._first[:, lanes]))
+        self._ended.append((_Ended(lanes, ends, counts, self._first[:, lanes]), heads))
+        self.episodes += len(lanes)
         self.waiting += int(counts.sum())
 
-    def gathered(self) -> tuple[Array, Array]:
+    def gathered(self) -> tuple[Array, Array, EpisodeHeads]:
         """The episodes that wait, at least one, in the order in which they ended.
 
+        They wait until :meth:`forget`, so that nothing is lost where gathering is interrupted.
+
         Returns:
-            Their rows one after the other, shape (entries, sum of counts), and how many each has,
-            its reset's included.
+            Their rows one after the other, shape (entries, sum of counts), how many each has, its
+            reset's included, and what identifies them.
         """
-        columns = zip(*self._ended, strict=True)
+        columns = zip(*(ended for ended, _ in self._ended), strict=True)
         ended = _Ended(*(np.concatenate(parts, axis=-1) for parts in columns))
-        self._ended, self.waiting = [], 0
-        return self._rows_of(ended), ended.counts
+        heads = EpisodeHeads.joined([heads for _, heads in self._ended])
+        return self._rows_of(ended), ended.counts, heads
+
+    def forget(self) -> None:
+        """Drop the episodes that wait."""
+        self._ended, self.episodes, self.waiting = [], 0, 0
 
     def _rows_of(self, ended: _Ended) -> Array:
         lanes, ends, counts, first = ended
@@ -112,7 +133,7 @@ class LaneBuffer:
         places, resets = self._places(ended)
         rows = np.empty((len(self._rows), len(places)))
         for entry, steps in enumerate(self._rows.reshape(len(self._rows), -1)):
-            steps.take(places, out=rows[entry], mode="clip")
+            steps.take(places, out=rows[entry], mode="clip")  # unbuffered; all places are in range
         rows[:, resets] = first
         return rows
 

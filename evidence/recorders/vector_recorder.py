@@ -89,8 +89,6 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._wall_start = np.zeros(self.num_envs, dtype=np.int64)
         self._draws = np.full(self.num_envs, -1)
         self._seeds: list[int | None] = [None] * self.num_envs
-        self._heads: list[EpisodeHeads] = []
-        self._not_in_log = 0
 
     def assign(self, episodes: Sequence[int]) -> None:
         """Give every lane its next paired episode, which begins when the lane is next reset.
@@ -159,9 +157,11 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
 
     def close(self, **kwargs: Any) -> None:
         """Commit, if wanted, and close the environment; finished episodes can still be taken."""
-        self._hand_over()
-        self._buffer = None
-        super().close(**kwargs)
+        try:
+            self._hand_over()
+            self._buffer = None
+        finally:
+            super().close(**kwargs)
 
     def _claims(self, episodes: list[int] | None) -> list[Episodes]:
         """Episodes that are going to be recorded of each context."""
@@ -221,21 +221,20 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         """Note the episodes that end in ``lanes``."""
         if not lanes.size:
             return
-        buffer.end(lanes)
-        self._heads.append(self._heads_of(lanes))
-        self._not_in_log += len(lanes)
+        buffer.end(lanes, self._heads_of(lanes))
         if buffer.waiting >= _ROWS_AT_ONCE:
             self._hand_over()
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 
     def _waiting_to_be_written(self) -> int:
-        return len(self._log) + self._not_in_log
+        return len(self._log) + (0 if self._buffer is None else self._buffer.episodes)
 
     def _hand_over(self) -> None:
-        if self._buffer is not None and self._heads:
-            self._log.add(*self._buffer.gathered(), EpisodeHeads.joined(self._heads))
-            self._heads, self._not_in_log = [], 0
+        if self._buffer is not None and self._buffer.episodes:
+            gathered = self._buffer.gathered()
+            self._buffer.forget()
+            self._log.add(*gathered)
 
     def _heads_of(self, lanes: Array) -> EpisodeHeads:
         """What identifies the episodes that end now in ``lanes``, which ascend."""

@@ -71,9 +71,17 @@ class EvidenceStore:
         return self.commit_all(name, [table])
 
     def commit_unhashed(self, name: str, table: Any) -> Path:
-        """The same for records whose content hashes are to be filled in on the way.
+        """The same for records whose content hashes are filled in on the way.
 
-        That is done for some rows while those before are written.
+        Some rows are hashed while those before are written.
+
+        Args:
+            name: name of the batch.
+            table: Arrow table of records of one environment; its `content_hash` is not looked at.
+
+        Raises:
+            BatchExistsError: if a batch of that name has been committed.
+            ValueError: for a name that cannot be a file's.
         """
         return self.commit_all(name, ahead(map(with_hashes, groups(table))))
 

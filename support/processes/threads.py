@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Final, TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing import parent_process
+from typing import Any, Final, TypeVar
 
 Item = TypeVar("Item")
 
@@ -14,15 +15,24 @@ _END: Final = object()
 def ahead(items: Iterator[Item]) -> Iterator[Item]:
     """The same items, each made in another thread while the one before is used.
 
-    What the making of one raises is raised in its place. At the end of the process, when no thread
-    can be started any more, they are made when they are wanted.
+    What the making of one raises is raised in its place. In a worker, which has one thread, and at
+    the end of the process, when none can be started any more, they are made when they are wanted.
     """
-    with ThreadPoolExecutor(1) as thread:
-        try:
-            following = thread.submit(next, items, _END)
-        except RuntimeError:
-            yield from items
-            return
-        while (item := following.result()) is not _END:
-            following = thread.submit(next, items, _END)
-            yield item  # type: ignore[misc]
+    if parent_process() is None:
+        with ThreadPoolExecutor(1) as thread:
+            following = _submitted(thread, items)
+            while following is not None:
+                item = following.result()
+                if item is _END:
+                    return
+                following = _submitted(thread, items)
+                yield item
+    yield from items
+
+
+def _submitted(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] | None:
+    """The next item, or the end; None where the interpreter starts no thread any more."""
+    try:
+        return thread.submit(next, items, _END)
+    except RuntimeError:
+        return None

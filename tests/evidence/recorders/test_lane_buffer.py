@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from integ_gym.evidence.episodes import EpisodeHeads
 from integ_gym.evidence.recorders.lane_buffer import LaneBuffer
 
 ENTRIES, HORIZON = 3, 30
@@ -29,11 +30,21 @@ class _Listed:
         self.ended += [self.under_way[lane] for lane in lanes]
 
 
+def _heads(lanes):
+    """Heads that tell the lanes by their index."""
+    lanes = np.asarray(lanes).tolist()
+    nothing = [0] * len(lanes)
+    return EpisodeHeads(lanes, [None] * len(lanes), [""] * len(lanes), *[nothing] * 4)
+
+
 def _compare(buffer, listed):
-    rows, counts = buffer.gathered()
-    assert counts.tolist() == [len(episode) for episode in listed.ended]
-    np.testing.assert_array_equal(rows.T, np.concatenate(listed.ended))
-    assert buffer.waiting == 0
+    for _ in range(2):
+        rows, counts, heads = buffer.gathered()
+        assert counts.tolist() == [len(episode) for episode in listed.ended]
+        np.testing.assert_array_equal(rows.T, np.concatenate(listed.ended))
+        assert len(heads) == buffer.episodes == len(listed.ended)
+    buffer.forget()
+    assert buffer.waiting == buffer.episodes == 0
     listed.ended = []
 
 
@@ -59,7 +70,7 @@ def test_episodes_that_end_at_random(lanes, wait):
         lengths += 1
         begun = np.flatnonzero((rng.random(lanes) < 0.1) | (lengths == HORIZON))
         if len(begun):
-            buffer.end(begun)
+            buffer.end(begun, _heads(begun))
             listed.end(begun)
         assert buffer.waiting == sum(map(len, listed.ended))
         if buffer.waiting >= wait:
@@ -81,7 +92,7 @@ def test_episodes_that_end_together(lanes):
             rows = rng.random((ENTRIES, lanes))
             buffer.add(rows)
             listed.add(rows)
-        buffer.end(everyone)
+        buffer.end(everyone, _heads(everyone))
         listed.end(everyone)
         _compare(buffer, listed)
 
@@ -90,11 +101,22 @@ def test_only_what_is_recorded_is_kept():
     buffer = LaneBuffer(ENTRIES, 2, HORIZON)
     buffer.begin(np.arange(2), np.zeros((ENTRIES, 2)), np.array([True, False]))
     assert buffer.active.tolist() == [True, False]
-    for number in range(3 * HORIZON):
-        if buffer.full:
-            break
+    for number in range(HORIZON):
         buffer.add(np.full((ENTRIES, 2), number))
-    assert not buffer.waiting
-    buffer.end(np.array([0]))
+    buffer.end(np.flatnonzero(buffer.active), _heads([0]))
     assert not buffer.active.any()
-    assert buffer.waiting
+    rows, counts, heads = buffer.gathered()
+    assert (counts.tolist(), heads.index) == ([HORIZON + 1], [0])
+    assert rows[0, 1:].tolist() == list(range(HORIZON))
+
+
+def test_what_waits_is_never_written_over():
+    buffer = LaneBuffer(ENTRIES, 1, HORIZON)
+    buffer.begin(np.arange(1), np.zeros((ENTRIES, 1)), np.ones(1, dtype=bool))
+    buffer.add(np.ones((ENTRIES, 1)))
+    buffer.end(np.arange(1), _heads([0]))
+    while not buffer.full:
+        buffer.add(np.full((ENTRIES, 1), 2.0))
+    with pytest.raises(BufferError, match="gather them first"):
+        buffer.add(np.full((ENTRIES, 1), 3.0))
+    assert buffer.gathered()[0].tolist() == [[0.0, 1.0]] * ENTRIES

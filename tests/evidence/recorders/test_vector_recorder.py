@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.recorders.lane_buffer import LaneBuffer
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema.fields import VOLATILE_NAMES
@@ -275,6 +276,46 @@ def test_lanes_are_shared_out_among_contexts(paired, tmp_path, context):
     said = {(r["policy_id"], r["episode_index"]): r["replay_home"] for r in found}
     own = {"a": True, "b": None, "c": False}
     assert said == {(name, k): None if k else own[name] for name, k in said}
+
+
+def test_an_interrupt_while_rows_are_gathered_loses_nothing(monkeypatch, tmp_path, context):
+    env = gym.make_vec("IntegCartPole-v0", num_envs=LANES, duration=0.5)
+    env = RecordVectorEvidence(env, tmp_path, context, commit_every=None)
+    env.reset(seed=0)
+    for step in range(STEPS):
+        env.step(_vector_actions(env, [step] * LANES))
+    ended = env._waiting_to_be_written()
+    gather = LaneBuffer._rows_of
+
+    def interrupted(buffer, waiting):
+        monkeypatch.setattr(LaneBuffer, "_rows_of", gather)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(LaneBuffer, "_rows_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        env.summaries()
+    assert env._waiting_to_be_written() == ended > LANES
+    env.close()
+    assert [r["episode_index"] for r in EvidenceStore(tmp_path).records()] == list(range(ended))
+    assert EvidenceStore(tmp_path).verify() == []
+
+
+def test_an_interrupted_close_ends_the_environment_all_the_same(monkeypatch, tmp_path, context):
+    inner = gym.make_vec("IntegCartPole-v0", num_envs=LANES, duration=0.5)
+    env = RecordVectorEvidence(inner, tmp_path, context, commit_every=None)
+    env.reset(seed=0)
+    for step in range(STEPS):
+        env.step(_vector_actions(env, [step] * LANES))
+
+    def interrupted(buffer, waiting):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(LaneBuffer, "_rows_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    assert inner.closed
+    monkeypatch.undo()
+    assert env.take().num_rows > LANES
 
 
 def test_batches_of_one_context_each_have_names_of_their_own(tmp_path, context):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import subprocess
 import sys
 import threading
 
 import pytest
 
+from integ_gym.support.processes import threads
 from integ_gym.support.processes.threads import ahead
 
 PATIENCE = 60.0
@@ -55,6 +57,42 @@ def test_what_making_raises_is_raised_in_its_place():
     assert next(following) == 1
     with pytest.raises(ValueError, match="no second"):
         next(following)
+
+
+def test_no_item_is_lost_where_threads_end_in_between():
+    """The main thread ends while another goes on: the second item can be given to no thread."""
+    program = """
+import threading
+from integ_gym.support.processes.threads import ahead
+
+def use():
+    following = ahead(iter(range(4)))
+    found = [next(following)]
+    ended.wait()
+    print(found + list(following))
+
+ended = threading.Event()
+threading.Thread(target=use).start()
+threading._register_atexit(ended.set)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("[0, 1, 2, 3]\n", "")
+
+
+@pytest.mark.parametrize("parent", [None, multiprocessing.current_process()])
+def test_a_worker_has_one_thread(parent, monkeypatch):
+    monkeypatch.setattr(threads, "parent_process", lambda: parent)
+    made = []
+
+    def items():
+        for _ in range(3):
+            made.append(threading.get_ident())
+            yield None
+
+    assert list(ahead(items())) == [None] * 3
+    assert {ident == threading.get_ident() for ident in made} == {parent is not None}
 
 
 def test_items_are_made_at_the_end_of_the_process():
