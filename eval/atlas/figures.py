@@ -22,12 +22,14 @@ from integ_gym.support import (
     inch_canvas,
     ink_on,
     marker_style,
+    percent,
     scheme_entries,
     success_colour,
 )
 
 from ..scheme_style import styles_of
-from .prediction import Curve, Line, Term, telling, terms_of
+from .numbers import Term, terms_of
+from .prediction import LEVEL, Curve, Line, telling
 from .summaries import Point
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ _PANEL = 5.4
 _PARTS = {
     "loss": "share of the success at home that is lost",
     "lost": "lost: not there in twice the time either",
-    "late": "late: there in twice the time",
+    "deadline": "deadline: there in twice the time",
 }
 
 SMALLEST = 1e-3
@@ -116,7 +118,8 @@ def draw_losses(
     canvas = inch_canvas(figure)
     draw_heading(
         canvas, 0.3, f"{name}: loss by {curve.number}",
-        "one mark for each training ground and limit of the control; open: held out of the fit",
+        "one mark for each training ground and limit of the control; open: held out of the fit; "
+        f"{percent(LEVEL)} interval of the loss ±{fixed(curve.half_width)}",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
@@ -148,4 +151,4 @@ def _draw_line(
         f"{term.name}\n(log scale; what is smaller stands at the edge)", size=9, color=INK
     )
     axes.set_ylabel(_PARTS[term.part], size=9, color=INK)
-    axes.set_ylim(-0.1, 1.05)
+    axes.set_ylim(-0.15, 1.05)

@@ -14,13 +14,13 @@ from integ_gym.support import (
     make_folder,
     percent,
     replace_file,
-    unknown_name,
     write_figure,
 )
 
 from ..statistics import draws_for, rate_interval
 from .figures import draw_losses, draw_phases
-from .prediction import CANDIDATES, GUESSES, LAW, LEVEL, Law, Trial, fit, law, telling, trials
+from .numbers import CANDIDATES, GUESSES
+from .prediction import LAW, LEVEL, Law, Trial, fit, law, telling, trials
 from .running import finished
 from .specification import Atlas
 from .summaries import Point, noted_in, points
@@ -57,8 +57,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
         out: folder of what is written.
 
     Raises:
-        ValueError: if there is no summary, summaries may not be combined, or the stated number is
-            none of the candidates.
+        ValueError: if there is no summary, or summaries may not be combined.
     """
     done = finished(atlas, summaries)
     if not done:
@@ -85,14 +84,13 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     told = [*_phase_table(found)]
     if tried:
         told += ["", *_trial_table(tried, "" if own else f" of {known.atlas}")]
+        told += ["", *_by_limit(known, held_out)]
     files.append(replace_file(out / TABLES, ("\n".join(told) + "\n").encode()))
     return Published(tuple(files), known, tried)
 
 
 def _fitted(atlas: Atlas, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
     """Every candidate's and guess's curve, that of the chosen number first."""
-    if atlas.number is not None and atlas.number not in CANDIDATES:
-        raise ValueError(unknown_name("number of an atlas", atlas.number, CANDIDATES))
     curves = {number: fit(number, seen) for number in (*CANDIDATES, *GUESSES)}
     chosen = atlas.number or min(CANDIDATES, key=lambda number: curves[number].seen_error)
     ordered = (curves.pop(chosen), *curves.values())
@@ -135,6 +133,18 @@ def _trial_table(tried: Sequence[Trial], whose: str) -> Iterator[str]:
             f"{fixed(one.seen_error, 3)} | "
             f"{percent(one.covered)} of {one.points} (wanted {percent(LEVEL)}) |"
         )
+
+
+def _by_limit(known: Law, held_out: Sequence[Point]) -> Iterator[str]:
+    """Mean errors at each limit that was held out, and the losses there."""
+    ratios = sorted({point.ratio for point in held_out})
+    groups = [[point for point in held_out if point.ratio == ratio] for ratio in ratios]
+    columns = [trials(known.curves, group) for group in groups]
+    yield "| error at | " + " | ".join(f"{ratio:g}" for ratio in ratios) + " |"
+    yield "|---" * (len(ratios) + 1) + "|"
+    for row in zip(*columns, strict=True):
+        yield f"| {row[0].number} | " + " | ".join(fixed(one.error, 3) for one in row) + " |"
+    yield "| *losses* | " + " | ".join(str(len(group)) for group in groups) + " |"
 
 
 def _with_interval(value: float, low: float, high: float) -> str:

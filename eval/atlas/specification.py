@@ -8,8 +8,10 @@ from pathlib import Path
 
 import msgspec
 
+from integ_gym.support import unknown_name
+
 from ..panel import PanelSpec, SpecError, parse_spec, read_toml
-from .numbers import control_argument, critical_limit
+from .numbers import CANDIDATES, control_argument, critical_limit
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -136,6 +138,8 @@ def _axis(table: object) -> _Axis:
     unknown = set(axis.held_out) - set(axis.ratios)
     if unknown:
         raise SpecError(f"`held_out` names {min(unknown):g}, which is not among `ratios`")
+    if axis.number is not None and axis.number not in CANDIDATES:
+        raise SpecError(unknown_name("number", axis.number, CANDIDATES))
     if axis.seeds_per_block < 1:
         raise SpecError(f"`seeds_per_block` must be 1 or above, got {axis.seeds_per_block}")
     return axis

@@ -63,7 +63,7 @@ def _sentence(found: Prediction) -> str:
     if not found.within:
         return f"Not known of {name}: {_beyond(found)}; {found.loss:z.2f} lost is a mere guess."
     low, high = found.interval
-    late = "" if found.late is None else f"; {found.late:z.2f} of it comes too late"
+    late = "" if found.deadline is None else f"; {found.deadline:z.2f} of it comes too late"
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
         f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){late}."
@@ -73,16 +73,16 @@ def _sentence(found: Prediction) -> str:
 def _beyond(found: Prediction) -> str:
     """What the law was not fitted on."""
     own = found.quantities
-    if found.by_itself:
-        return (
-            f"the least limit there is {own.critical_ratio:.2g} of the truth's, and the law was "
-            f"fitted where it is {found.seen_ratios[0]:.2g} at least; numerics that nearly do the "
-            "task by themselves teach little"
-        )
     least, most = found.fitted_on
+    if not least <= own.margin <= most:
+        return (
+            f"the limit of the control is {own.margin:.3g} times the least that the truth takes, "
+            f"and the law was fitted on {least:g} to {most:g} times"
+        )
+    low, high = found.seen_ratios
     return (
-        f"the limit of the control is {own.margin:.3g} times the least that the truth takes, and "
-        f"the law was fitted on {least:g} to {most:g} times"
+        f"the least limit there is {own.critical_ratio:.2g} of the truth's, and the law was fitted "
+        f"where it is {low:.2g} to {high:.2g} of it"
     )
 
 

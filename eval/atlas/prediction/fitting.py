@@ -8,15 +8,15 @@ Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021) 486-507).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from ..numbers import Quantities
+from ..numbers import Quantities, Term, terms_of
 from ..summaries import Point
 
 Array = npt.NDArray[np.float64]
@@ -26,60 +26,6 @@ LEVEL: Final = 0.9
 
 DRAWS: Final = 2000
 """Resamples of the training grounds, for the interval of an error."""
-
-
-class Term(NamedTuple):
-    """A part of a loss, and the number that it goes by.
-
-    Attributes:
-        part: of :class:`Point`: ``loss``, or ``lost`` or ``late``, which add up to it.
-        number: nondecreasing in what is expected of it.
-        name: of the number.
-    """
-
-    part: str
-    number: Callable[[Quantities], float]
-    name: str
-
-
-def _whole(numbers: Mapping[str, Callable[[Quantities], float]]) -> dict[str, tuple[Term, ...]]:
-    """Numbers that the whole loss goes by, by name."""
-    return {name: (Term("loss", number, name),) for name, number in numbers.items()}
-
-
-CANDIDATES: Final[Mapping[str, tuple[Term, ...]]] = {
-    **_whole(
-        {
-            "force of the numerics": lambda q: q.force,
-            "force over time to spare": lambda q: q.force / q.time_to_spare,
-            "power of the numerics": lambda q: abs(q.power),
-            "energy share of the numerics": lambda q: abs(q.energy_share),
-            "critical ratio": lambda q: abs(np.log(q.critical_ratio)),
-            "step times fastest rate": lambda q: q.h_omega,
-        }
-    ),
-    "reactive force, and power over time to spare": (
-        Term("lost", lambda q: q.reactive_force, "reactive force of the numerics"),
-        Term(
-            "late",
-            lambda q: max(q.power, 0.0) / q.time_to_spare,
-            "power of the numerics over time to spare",
-        ),
-    ),
-}
-"""What may decide, by name."""
-
-GUESSES: Final[Mapping[str, tuple[Term, ...]]] = _whole(
-    {
-        "step alone": lambda q: q.step,
-        "order alone": lambda q: q.inverse_order,
-        "spectral radius": lambda q: abs(q.growth),
-        "nothing": lambda q: 0.0,
-    }
-)
-"""What people go by, by name."""
-
-_TERMS: Final = {**CANDIDATES, **GUESSES}
 
 
 class Line(msgspec.Struct, frozen=True):
@@ -151,11 +97,6 @@ class Trial:
     more: float
     more_low: float
     more_high: float
-
-
-def terms_of(name: str) -> tuple[Term, ...]:
-    """The terms of a candidate or a guess."""
-    return _TERMS[name]
 
 
 def fit(name: str, seen: Sequence[Point]) -> Curve:

@@ -32,6 +32,9 @@ LAW: Final = "law.json"
 SAFE: Final = 0.1
 """Loss up to which a step is called safe: the margin of a panel's verdicts."""
 
+SLIGHT: Final = 0.1
+"""Power of the numerics over the motor's up to which the critical limit is near the truth's."""
+
 FINEST: Final = 64
 """Steps per control period down to which a safe one is looked for."""
 
@@ -59,6 +62,12 @@ class Law(msgspec.Struct, frozen=True):
         """Of the number that was chosen."""
         return self.curves[0]
 
+    def saw(self, quantities: Quantities) -> bool:
+        """Whether it was fitted on training grounds that leave as much to the control."""
+        if abs(quantities.power) <= SLIGHT:
+            return True
+        return _among(quantities.critical_ratio, self.critical_ratios)
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -69,12 +78,13 @@ class Prediction:
         quantities: its numbers and the task's.
         reachable: whether a search over controls reaches the goal's energy there in time.
         loss: share of the success there that is expected to be missing on the truth.
-        late: of it what twice the time is expected to bring back; None where the law does not tell.
+        deadline: of it what twice the time is expected to bring back; None where the law does not
+            tell.
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
         seen_ratios: smallest and largest critical limit over the truth's that the law saw.
-        safe_dt: coarsest step of this integrator with an expected loss of at most 0.1, s; None
+        safe_dt: coarsest step of this integrator with a known expected loss of at most 0.1, s; None
             where there is none down to a 64th of the control period.
     """
 
@@ -82,7 +92,7 @@ class Prediction:
     quantities: Quantities
     reachable: bool
     loss: float
-    late: float | None
+    deadline: float | None
     half_width: float
     fitted_on: tuple[float, float]
     seen_ratios: tuple[float, float]
@@ -92,12 +102,7 @@ class Prediction:
     @property
     def within(self) -> bool:
         """Whether the law was fitted on such limits of the control, here and on the truth."""
-        return _among(self.quantities.margin, self.fitted_on) and not self.by_itself
-
-    @property
-    def by_itself(self) -> bool:
-        """Whether the numerics leave less to the control than wherever the law saw it learn."""
-        return self.quantities.critical_ratio < self.seen_ratios[0]
+        return _among(self.quantities.margin, self.fitted_on) and law().saw(self.quantities)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -146,7 +151,7 @@ def predict(
         numbers,
         numbers.critical_ratio <= numbers.margin,
         sum(parts.values()),
-        parts.get("late"),
+        parts.get("deadline"),
         known.curve.half_width,
         known.margins,
         known.critical_ratios,
@@ -169,9 +174,17 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         return None
     given = {name: value for name, value in arguments.items() if name not in DISCRETIZATION}
     try:
-        loss = law().curve(Quantities(env_id, given, own))
+        known = Quantities(env_id, given, own)
+        loss, seen = law().curve(known), law().saw(known)
     except SpecError:
         return None
+    if not seen:
+        low, high = law().critical_ratios
+        return (
+            f"what a policy that learns on {at.name} keeps on the truth is not known: the least "
+            f"limit of the control there is {known.critical_ratio:.2g} of the truth's, and the law "
+            f"of `integ-gym predict` was fitted on {low:.2g} to {high:.2g}"
+        )
     if loss <= SAFE:
         return None
     return (
@@ -186,7 +199,8 @@ def _among(value: float, ends: tuple[float, float]) -> bool:
 
 def _safe_dt(env_id: str, environment: Mapping[str, Any], at: Discretization) -> float | None:
     for one in _finer(at):
-        if law().curve(Quantities(env_id, environment, _native(one))) <= SAFE:
+        known = Quantities(env_id, environment, _native(one))
+        if law().curve(known) <= SAFE and law().saw(known):
             return one.dt
     return None
 

@@ -59,7 +59,7 @@ class Point:
 
     @property
     def loss(self) -> float:
-        """Share of the success at home that is not there on the truth; negative: more is."""
+        """Share of the success at home that is missing on the truth; negative: there is more."""
         return float(1.0 - self.on_truth.mean() / self.at_home.mean())
 
     @property
@@ -68,8 +68,8 @@ class Point:
         return max(float(1.0 - self.recovered.mean() / self.at_home.mean()), 0.0)
 
     @property
-    def late(self) -> float:
-        """The rest of the loss."""
+    def deadline(self) -> float:
+        """The part that twice the time brings back."""
         return self.loss - self.lost
 
 

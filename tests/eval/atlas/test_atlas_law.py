@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from integ_gym.envs import Discretization
-from integ_gym.eval.atlas.numbers import Quantities
+from integ_gym.eval.atlas.numbers import CANDIDATES, GUESSES, Quantities, terms_of
 from integ_gym.eval.atlas.numbers.quantities import LEAST_SPARE
-from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, fit, terms_of, trials
+from integ_gym.eval.atlas.prediction import fit, trials
 from integ_gym.eval.atlas.summaries import Point
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
@@ -64,8 +64,8 @@ def test_a_loss_of_two_kinds_is_predicted_by_two_numbers():
     for point in unseen:
         parts = curve.parts(point.known)
         assert parts["lost"] == pytest.approx(point.lost, abs=0.2)
-        assert parts["late"] == pytest.approx(point.late, abs=0.2)
-        assert curve(point.known) == pytest.approx(parts["lost"] + parts["late"])
+        assert parts["deadline"] == pytest.approx(point.deadline, abs=0.2)
+        assert curve(point.known) == pytest.approx(parts["lost"] + parts["deadline"])
 
 
 def _of_two_kinds(point, generator):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pyarrow as pa
 import pytest
 from small_atlas import written
 
 from integ_gym.eval import publish, read_atlas
-from integ_gym.eval.atlas.prediction import CANDIDATES, GUESSES, law
+from integ_gym.eval.atlas.numbers import CANDIDATES, GUESSES
+from integ_gym.eval.atlas.prediction import law
 from integ_gym.eval.atlas.running import summary_path
 from integ_gym.eval.atlas.summaries import Origin, Summary, write_summary
 
@@ -43,6 +46,14 @@ def test_a_law_is_fitted_to_what_may_be_seen(tmp_path):
     assert [one.number for one in found.trials] == [curve.number for curve in found.law.curves]
     assert all(one.points == 2 for one in found.trials)
     assert (tmp_path / "out" / "law.json").exists()
+
+
+def test_a_law_is_made_of_the_number_that_is_stated(tmp_path):
+    stated = "critical ratio"
+    atlas = replace(planted(tmp_path, [3.0]), number=stated)
+    found = publish(atlas, tmp_path, tmp_path / "out")
+    assert found.law.curve.number == found.trials[0].number == stated
+    assert {curve.number for curve in found.law.curves} == {*CANDIDATES, *GUESSES}
 
 
 def test_where_all_is_held_out_the_package_s_law_is_held_against_it(tmp_path):

@@ -79,6 +79,11 @@ def test_the_control_argument_and_the_middle_of_the_starts(env_id, name, start):
         ("argument", 'argumnt = "max_torque"', "required field `argument`|unknown field"),
         ("seeds_per_block", "seeds_per_block = 0", "`seeds_per_block` must be 1 or above"),
         ("argument", 'argument = "max_speed"', "`max_speed` does not limit the control"),
+        (
+            "seeds_per_block",
+            'seeds_per_block = 1\nnumber = "critical ration"',
+            "unknown number .* mean 'critical ratio'",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(tmp_path, key, line, message):

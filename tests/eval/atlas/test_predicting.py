@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from integ_gym.cli import main
+from integ_gym.eval import doubt, predict
 
 
 @pytest.mark.parametrize(
@@ -50,16 +51,34 @@ def test_beyond_what_the_law_was_fitted_on_nothing_is_promised(capsys):
     assert "coarsest safe step – expected loss at most 0.1" in told
 
 
-def test_where_numerics_do_the_task_nothing_is_promised(capsys):
-    """In 20 s explicit Euler swings the pendulum up with hardly any torque."""
-    own = ["--env-arg", "max_torque=0.65", "--env-arg", "start=hanging", "--dt", "0.05"]
-    own += ["--integrator", "explicit_euler", "--env-arg"]
-    assert main(["predict", *own, "duration=20"]) == 0
-    assert "numerics that nearly do the task by themselves" in " ".join(
+def test_where_numerics_do_most_of_the_task_nothing_is_promised(capsys):
+    """In 20 s explicit Euler swings the pendulum up with hardly any torque at 0.05 s."""
+    own = ["--env-arg", "max_torque=0.64", "--env-arg", "start=hanging"]
+    own += ["--control-period", "0.05", "--integrator", "explicit_euler", "--env-arg"]
+    assert main(["predict", *own, "duration=19", "--dt", "0.05"]) == 0
+    assert "of the truth's, and the law was fitted where it is" in " ".join(
         capsys.readouterr().out.split()
     )
-    assert main(["predict", *own, "duration=10"]) == 0
+    assert main(["predict", *own, "duration=10", "--dt", "0.05"]) == 0
     assert "of it comes too late." in " ".join(capsys.readouterr().out.split())
+
+
+def test_no_step_is_called_safe_that_the_law_has_not_seen():
+    given = {"max_torque": 0.6, "start": "hanging", "duration": 20.0}
+    found = predict(integrator="explicit_euler", dt=0.0125, control_period=0.05, **given)
+    assert found.within
+    assert found.safe_dt is not None
+    assert found.safe_dt < 0.05
+    told = doubt("IntegPendulum-v0", {**given, "integrator": "explicit_euler", "dt": 0.05})
+    assert told is not None
+    assert "is not known" in told
+
+
+def test_where_numerics_take_more_than_the_law_saw_nothing_is_promised():
+    given = {"max_torque": 1.2, "start": "hanging", "duration": 10.0}
+    found = predict(integrator="implicit_euler", dt=0.05, control_period=0.05, **given)
+    assert found.quantities.critical_ratio > found.seen_ratios[1]
+    assert not found.within
 
 
 def test_where_nothing_has_to_be_lifted_no_control_is_the_least(capsys):
