@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -190,7 +191,8 @@ def successes(config: PPOConfig, outcome: Outcome, judged: Mapping[str, Any]) ->
         outcome: of its training.
         judged: arguments of the environment that it is judged in.
     """
-    space = gym.spec(config.env_id).make(**judged).action_space
+    with closing(gym.make(config.env_id, **judged)) as env:
+        space = env.action_space
     policy = actor_of(outcome.weights, len(config.net_arch), config.activation, space)
     return judged_in(config.env_id, judged, policy.act, config.seed)
 

@@ -2,8 +2,9 @@
 
 A loss, or a part of it, is predicted by a nondecreasing function of one number, the least-squares
 fit over the points that may be seen; its interval covers as many of their residuals, each left out
-of its own fit with all points of its limit, as the level says (jackknife+ by groups: Barber,
+of its own fit with all points of its limit, as the level says (the jackknife by groups: Barber,
 Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021) 486-507).
+Numbers are rounded to 9 decimals, so that a law is the same whichever processor it was fitted on.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ LEVEL: Final = 0.9
 
 DRAWS: Final = 2000
 """Resamples of the training grounds, for the interval of an error."""
+
+DECIMALS: Final = 9
 
 
 class Line(msgspec.Struct, frozen=True):
@@ -118,7 +121,8 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
         if point.ratio == ratio
     ]
     width = float(np.quantile(residuals, LEVEL, method="higher"))
-    return _curve(name, learned, width, float(np.mean(residuals)))
+    error = float(np.mean(residuals))
+    return _curve(name, learned, round(width, DECIMALS), round(error, DECIMALS))
 
 
 def telling(found: Sequence[Point]) -> list[Point]:
@@ -165,11 +169,11 @@ def _line(term: Term, learned: Sequence[Point]) -> Line:
 
     numbers = np.array([term.number(point.known) for point in learned])
     losses = np.array([getattr(point, term.part) for point in learned])
-    at, places = np.unique(numbers, return_inverse=True)
+    at, places = np.unique(numbers.round(DECIMALS), return_inverse=True)
     counts = np.bincount(places).astype(float)
     means = np.bincount(places, weights=losses) / counts
     fitted = isotonic_regression(means, weights=counts).x
-    return Line(tuple(at.tolist()), tuple(np.asarray(fitted).tolist()))
+    return Line(tuple(at.tolist()), tuple(np.round(fitted, DECIMALS).tolist()))
 
 
 def _resampled(errors: Array, homes: npt.NDArray[np.str_]) -> tuple[float, float]:

@@ -66,4 +66,7 @@ def test_where_all_is_held_out_the_package_s_law_is_held_against_it(tmp_path):
     assert found.trials[0].error == pytest.approx(0.25, abs=0.02)
     assert not (tmp_path / "out" / "law.json").exists()
     tables = (tmp_path / "out" / "tables.md").read_text(encoding="utf-8")
-    assert tables.count("| force of the numerics |") == 1
+    by_number, by_limit = tables.split("| error at | 1.5 | 3 |")
+    assert by_number.count("| force of the numerics |") == 1
+    assert by_limit.count("| force of the numerics |") == 1
+    assert "| *losses* | 2 | 2 |" in by_limit
