@@ -111,6 +111,7 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
 def predicted(summary: dict[str, Any]) -> Iterator[str]:
     """What was to be expected of every row of one discretization, and what it lost on the truth.
 
+    Rows that never succeeded at home have nothing to lose, and are left out.
     Losses are shares of the success at home; no interval where the law was not fitted.
     """
     spec = built_in_spec()
@@ -120,10 +121,12 @@ def predicted(summary: dict[str, Any]) -> Iterator[str]:
     for home in spec.train:
         if not isinstance(home, Discretization) or home.name not in found:
             continue
+        if not (at_home := found[home.name]["home"][0]):
+            continue
         arguments = {**spec.environment, **home.arguments()}
         expected = predict(spec.env_id, **arguments)
-        row = found[home.name]
-        lost = 1.0 - row["cells"][spec.reference.name]["success"][0] / row["home"][0]
+        on_truth = found[home.name]["cells"][spec.reference.name]["success"][0]
+        lost = 1.0 - on_truth / at_home
         low, high = expected.interval
         if expected.within:
             within = "yes" if low <= lost <= high else "no"

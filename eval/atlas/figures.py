@@ -45,9 +45,9 @@ _PANEL = 5.4
 """Width of one part's losses, in."""
 
 _PARTS = {
-    "loss": "share of the success at home that is lost",
-    "lost": "lost: not there in twice the time either",
-    "deadline": "deadline: there in twice the time",
+    "whole": "share of the success at home that is lost",
+    "out of step": "what is lost, less what goes by power",
+    "helped": "what is lost, less what goes by reactive force",
 }
 
 SMALLEST = 1e-3
@@ -104,7 +104,7 @@ def _draw_cell(axes: Axes, x: float, y: float, rates: np.ndarray[Any, Any] | Non
 def draw_losses(
     name: str, found: Sequence[Point], held_out: Sequence[float], curve: Curve
 ) -> Figure:
-    """Losses of all that learned over one number, or each part over its own, with what is fitted.
+    """Losses of all that learned over one number, or what others leave of them, with the fit.
 
     Args:
         name: of the atlas.
@@ -131,7 +131,9 @@ def draw_losses(
             look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
             fill = PAPER if point.ratio in held_out else style.colour
             at = max(term.number(point.known), SMALLEST)
-            axes.plot([at], [getattr(point, term.part)], linestyle="none", color=fill, **look)
+            parts = curve.parts(point.known)
+            left = point.loss - sum(parts.values()) + parts[term.part]
+            axes.plot([at], [left], linestyle="none", color=fill, **look)
     draw_legend(canvas, scheme_entries(styles), len(terms) * wide)
     return figure
 
@@ -139,11 +141,11 @@ def draw_losses(
 def _draw_line(
     axes: Axes, term: Term, line: Line, learned: Sequence[Point], half_width: float
 ) -> None:
-    """What was fitted of one part of a loss; the interval is that of the whole."""
+    """What was fitted by one number; the interval is that of the whole loss."""
     most = max(term.number(point.known) for point in learned)
     at = np.geomspace(SMALLEST, max(1.1 * most, 2 * SMALLEST), 400)
     loss = line(at)
-    if term.part == "loss":
+    if term.part == "whole":
         axes.fill_between(at, loss - half_width, loss + half_width, color=SUNK, linewidth=0)
     axes.plot(at, loss, color=INK, linewidth=1.4)
     axes.set_xscale("log")

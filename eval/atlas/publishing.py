@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +27,7 @@ from .running import finished
 from .specification import Atlas
 from .summaries import Point, noted_in, points
 
-TABLES = "tables.md"
+TABLES, LOSSES = "tables.md", "losses.csv"
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Published:
 
 
 def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
-    """Write phase diagram, losses, tables and law.
+    """Write phase diagram, losses as figure and table, tables and law.
 
     The number that the law is made of is the one that the atlas states, or else the one whose curve
     predicts each limit of those that may be seen best from the others; limits that are held out
@@ -79,6 +81,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
     if telling(found):
         drawn = draw_losses(atlas.name, found, atlas.held_out, known.curve)
         files += write_figure(drawn, out / "losses")
+        files.append(replace_file(out / LOSSES, _losses(telling(found), known, atlas.held_out)))
     if held_out := telling([point for point in found if point.ratio in atlas.held_out]):
         tried = trials(known.curves, held_out)
     told = [*_phase_table(found)]
@@ -145,6 +148,29 @@ def _by_limit(known: Law, held_out: Sequence[Point]) -> Iterator[str]:
     for row in zip(*columns, strict=True):
         yield f"| {row[0].number} | " + " | ".join(fixed(one.error, 3) for one in row) + " |"
     yield "| *losses* | " + " | ".join(str(len(group)) for group in groups) + " |"
+
+
+def _losses(learned: Sequence[Point], known: Law, held_out: Sequence[float]) -> bytes:
+    """Every loss, what was known before training and what the law expects, as CSV."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(
+        ["trained on", "limit over critical", "held out", "seeds", "success at home",
+         "success on the truth", "within twice the time", "loss", "expected loss",
+         "reactive force", "power", "time to spare", "critical ratio"]
+    )  # fmt: skip
+    for point in learned:
+        own = point.known
+        rates = (point.at_home, point.on_truth, point.recovered)
+        numbers = (
+            *(rate.mean() for rate in rates), point.loss, known.curve(own), own.reactive_force,
+            own.power, own.time_to_spare, own.critical_ratio,
+        )  # fmt: skip
+        table.writerow(
+            [point.home.name, f"{point.ratio:g}", point.ratio in held_out, len(point.seeds)]
+            + [f"{number:z.4f}" for number in numbers]
+        )
+    return text.getvalue().encode()
 
 
 def _with_interval(value: float, low: float, high: float) -> str:

@@ -63,10 +63,10 @@ def _sentence(found: Prediction) -> str:
     if not found.within:
         return f"Not known of {name}: {_beyond(found)}; {found.loss:z.2f} lost is a mere guess."
     low, high = found.interval
-    late = "" if found.deadline is None else f"; {found.deadline:z.2f} of it comes too late"
+    helped = "" if found.helped is None else f"; {found.helped:z.2f} of it for help of the numerics"
     return (
         f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
-        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){late}."
+        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){helped}."
     )
 
 

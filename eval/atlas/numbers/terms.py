@@ -14,7 +14,7 @@ class Term(NamedTuple):
     """A part of a loss, and the number that it goes by.
 
     Attributes:
-        part: of a point of an atlas: ``loss``, or ``lost`` or ``deadline``, which add up to it.
+        part: ``whole``, or one of the two kinds that add up: ``out of step`` and ``helped``.
         number: nondecreasing in what is expected of it.
         name: of the number.
     """
@@ -26,7 +26,7 @@ class Term(NamedTuple):
 
 def _whole(numbers: Mapping[str, Callable[[Quantities], float]]) -> dict[str, tuple[Term, ...]]:
     """Numbers that the whole loss goes by, by name."""
-    return {name: (Term("loss", number, name),) for name, number in numbers.items()}
+    return {name: (Term("whole", number, name),) for name, number in numbers.items()}
 
 
 CANDIDATES: Final[Mapping[str, tuple[Term, ...]]] = {
@@ -41,9 +41,9 @@ CANDIDATES: Final[Mapping[str, tuple[Term, ...]]] = {
         }
     ),
     "reactive force, and power over time to spare": (
-        Term("lost", lambda q: q.reactive_force, "reactive force of the numerics"),
+        Term("out of step", lambda q: q.reactive_force, "reactive force of the numerics"),
         Term(
-            "deadline",
+            "helped",
             lambda q: max(q.power, 0.0) / q.time_to_spare,
             "power of the numerics over time to spare",
         ),

@@ -1,9 +1,11 @@
 """A number that predicts what a policy loses on the truth, or one for each part of it.
 
-A loss, or a part of it, is predicted by a nondecreasing function of one number, the least-squares
-fit over the points that may be seen; its interval covers as many of their residuals, each left out
-of its own fit with all points of its limit, as the level says (the jackknife by groups: Barber,
-Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021) 486-507).
+A loss is predicted by a nondecreasing function of one number, or by the sum of several, each of its
+own: the least-squares fit over the points that may be seen (additive isotonic regression:
+Bacchetti, Journal of the American Statistical Association 84 (1989) 289-294). Its interval covers
+as many of their residuals, each left out of its own fit with all points of its limit, as the level
+says (the jackknife by groups: Barber, Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021)
+486-507).
 Numbers are rounded to 9 decimals, so that a law is the same whichever processor it was fitted on.
 """
 
@@ -17,7 +19,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from ..numbers import Quantities, Term, terms_of
+from ..numbers import Quantities, terms_of
 from ..summaries import Point
 
 Array = npt.NDArray[np.float64]
@@ -30,13 +32,16 @@ DRAWS: Final = 2000
 
 DECIMALS: Final = 9
 
+SWEEPS: Final = 200
+"""Rounds over the numbers of a sum, at most; they end sooner where nothing changes any more."""
+
 
 class Line(msgspec.Struct, frozen=True):
     """A nondecreasing function of one number, constant beyond its ends.
 
     Attributes:
         at: numbers, ascending.
-        loss: at each, or the part of it.
+        loss: at each, or the part of it that goes by the number.
     """
 
     at: tuple[float, ...]
@@ -48,7 +53,7 @@ class Line(msgspec.Struct, frozen=True):
 
 
 class Curve(msgspec.Struct, frozen=True):
-    """The loss that is to be expected, by a number or by one for each of its parts.
+    """The loss that is to be expected, by a number or by the sum of what goes by several.
 
     Attributes:
         number: name of a candidate or a guess.
@@ -64,11 +69,11 @@ class Curve(msgspec.Struct, frozen=True):
     seen_error: float
 
     def __call__(self, quantities: Quantities) -> float:
-        """Loss that is to be expected."""
-        return sum(self.parts(quantities).values())
+        """Loss that is to be expected, at most 1."""
+        return min(sum(self.parts(quantities).values()), 1.0)
 
     def parts(self, quantities: Quantities) -> dict[str, float]:
-        """What is to be expected of each part that it tells, by the part's name."""
+        """What is to be expected of each part, by its name."""
         terms = zip(terms_of(self.number), self.lines, strict=True)
         return {term.part: float(line(term.number(quantities))) for term, line in terms}
 
@@ -160,20 +165,41 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
 def _curve(
     name: str, learned: Sequence[Point], width: float = np.inf, error: float = np.nan
 ) -> Curve:
-    return Curve(name, tuple(_line(term, learned) for term in terms_of(name)), width, error)
+    """Fitted to points in turn by each number, to what the others leave."""
+    losses = np.array([point.loss for point in learned])
+    numbers = [
+        np.array([term.number(point.known) for point in learned]).round(DECIMALS)
+        for term in terms_of(name)
+    ]
+    parts = np.zeros((len(numbers), len(losses)))
+    for _ in range(SWEEPS):
+        before = parts.copy()
+        for place, own in enumerate(numbers):
+            parts[place] = _never_falling(own, losses - parts.sum(axis=0) + parts[place])
+        if np.allclose(parts, before, rtol=0.0, atol=10.0**-DECIMALS):
+            break
+    least = parts[1:].min(axis=1, keepdims=True)  # is told with the first
+    parts[0] += least.sum()
+    parts[1:] -= least
+    lines = (_line(own, part) for own, part in zip(numbers, parts, strict=True))
+    return Curve(name, tuple(lines), width, error)
 
 
-def _line(term: Term, learned: Sequence[Point]) -> Line:
-    """Numbers, ascending and each once, and the fitted part of the loss at each."""
+def _never_falling(numbers: Array, losses: Array) -> Array:
+    """The fit to losses, one at each number."""
     from scipy.optimize import isotonic_regression
 
-    numbers = np.array([term.number(point.known) for point in learned])
-    losses = np.array([getattr(point, term.part) for point in learned])
-    at, places = np.unique(numbers.round(DECIMALS), return_inverse=True)
+    _, places = np.unique(numbers, return_inverse=True)
     counts = np.bincount(places).astype(float)
     means = np.bincount(places, weights=losses) / counts
-    fitted = isotonic_regression(means, weights=counts).x
-    return Line(tuple(at.tolist()), tuple(np.round(fitted, DECIMALS).tolist()))
+    fitted: Array = isotonic_regression(means, weights=counts).x[places]
+    return fitted
+
+
+def _line(numbers: Array, fitted: Array) -> Line:
+    """Numbers, ascending and each once, with what was fitted at each."""
+    at, first = np.unique(numbers, return_index=True)
+    return Line(tuple(at.tolist()), tuple(fitted[first].round(DECIMALS).tolist()))
 
 
 def _resampled(errors: Array, homes: npt.NDArray[np.str_]) -> tuple[float, float]:

@@ -78,8 +78,8 @@ class Prediction:
         quantities: its numbers and the task's.
         reachable: whether a search over controls reaches the goal's energy there in time.
         loss: share of the success there that is expected to be missing on the truth.
-        deadline: of it what twice the time is expected to bring back; None where the law does not
-            tell.
+        helped: of it what goes by the help of numerics that pump, which the truth does not give;
+            None where the law does not tell.
         half_width: of the interval of that.
         level: share of policies that the interval is expected to hold.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
@@ -92,7 +92,7 @@ class Prediction:
     quantities: Quantities
     reachable: bool
     loss: float
-    deadline: float | None
+    helped: float | None
     half_width: float
     fitted_on: tuple[float, float]
     seen_ratios: tuple[float, float]
@@ -145,13 +145,12 @@ def predict(
     at = Discretization(integrator, dt, period, engine)
     _check_twin(at)
     known, numbers = law(), Quantities(env_id, environment, _native(at))
-    parts = known.curve.parts(numbers)
     return Prediction(
         at,
         numbers,
         numbers.critical_ratio <= numbers.margin,
-        sum(parts.values()),
-        parts.get("deadline"),
+        known.curve(numbers),
+        known.curve.parts(numbers).get("helped"),
         known.curve.half_width,
         known.margins,
         known.critical_ratios,

@@ -62,16 +62,6 @@ class Point:
         """Share of the success at home that is missing on the truth; negative: there is more."""
         return float(1.0 - self.on_truth.mean() / self.at_home.mean())
 
-    @property
-    def lost(self) -> float:
-        """The part of the loss that twice the time does not bring back."""
-        return max(float(1.0 - self.recovered.mean() / self.at_home.mean()), 0.0)
-
-    @property
-    def deadline(self) -> float:
-        """The part that twice the time brings back."""
-        return self.loss - self.lost
-
 
 def points(
     atlas: Atlas, summaries: Sequence[tuple[Block, Summary]], agreements: Iterable[Agreement] = ()

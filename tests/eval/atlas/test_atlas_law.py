@@ -11,7 +11,7 @@ import pytest
 from integ_gym.envs import Discretization
 from integ_gym.eval.atlas.numbers import CANDIDATES, GUESSES, Quantities, terms_of
 from integ_gym.eval.atlas.numbers.quantities import LEAST_SPARE
-from integ_gym.eval.atlas.prediction import fit, trials
+from integ_gym.eval.atlas.prediction import Curve, Line, fit, trials
 from integ_gym.eval.atlas.summaries import Point
 
 RATIOS = (1.0, 1.5, 2.0, 3.0)
@@ -50,11 +50,11 @@ def test_the_number_that_decides_predicts_best_what_was_not_seen():
 
 
 def test_a_loss_of_two_kinds_is_predicted_by_two_numbers():
-    """What is lost goes by the reactive force, what is late by power and time."""
+    """By the reactive force, and by power over time."""
     generator = np.random.default_rng(10)
     seen, unseen = (
         [_of_two_kinds(point, generator) for point in planted(generator, ratios)]
-        for ratios in (RATIOS, (1.2, 2.5))
+        for ratios in (np.linspace(1.0, 3.0, 16), (1.2, 2.5))
     )
     curves = [fit(name, seen) for name in (*CANDIDATES, *GUESSES)]
     best = min(trials(curves, unseen), key=lambda one: one.error)
@@ -63,19 +63,31 @@ def test_a_loss_of_two_kinds_is_predicted_by_two_numbers():
     curve = next(one for one in curves if one.number == best.number)
     for point in unseen:
         parts = curve.parts(point.known)
-        assert parts["lost"] == pytest.approx(point.lost, abs=0.2)
-        assert parts["deadline"] == pytest.approx(point.deadline, abs=0.2)
-        assert curve(point.known) == pytest.approx(parts["lost"] + parts["deadline"])
+        assert parts["out of step"] == pytest.approx(_out_of_step(point.known), abs=0.1)
+        assert parts["helped"] == pytest.approx(_helped(point.known), abs=0.1)
+        assert curve(point.known) == pytest.approx(parts["out of step"] + parts["helped"])
 
 
 def _of_two_kinds(point, generator):
     own = point.quantities
     own.power *= generator.choice([-1.0, 1.0])
-    lost = 0.5 * own.reactive_force
-    late = min(0.5, 0.1 * max(own.power, 0.0) / own.time_to_spare)
-    return replace(
-        point, on_truth=np.full(4, 1.0 - lost - late), recovered=np.full(4, 1.0 - lost)
-    )  # fmt: skip
+    return replace(point, on_truth=np.full(4, 1.0 - _out_of_step(own) - _helped(own)))
+
+
+def _out_of_step(own):
+    return 0.5 * own.reactive_force
+
+
+def _helped(own):
+    return min(0.5, 0.1 * max(own.power, 0.0) / own.time_to_spare)
+
+
+def test_no_more_than_all_is_expected_to_be_lost():
+    lines = (Line((0.0, 1.0), (0.0, 0.8)), Line((0.0, 1.0), (0.0, 0.7)))
+    curve = Curve("reactive force, and power over time to spare", lines, 0.1, 0.1)
+    most = SimpleNamespace(reactive_force=9.0, power=9.0, time_to_spare=0.05)
+    assert curve.parts(most) == {"out of step": 0.8, "helped": 0.7}
+    assert curve(most) == 1.0
 
 
 def test_nothing_predicts_the_mean_of_what_was_seen():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 
 import pyarrow as pa
@@ -70,3 +71,11 @@ def test_where_all_is_held_out_the_package_s_law_is_held_against_it(tmp_path):
     assert by_number.count("| force of the numerics |") == 1
     assert by_limit.count("| force of the numerics |") == 1
     assert "| *losses* | 2 | 2 |" in by_limit
+    with (tmp_path / "out" / "losses.csv").open(encoding="utf-8", newline="") as lines:
+        losses = list(csv.DictReader(lines))
+    assert len(losses) == 4
+    for row in losses:
+        kept = float(row["success on the truth"]) / float(row["success at home"])
+        assert float(row["loss"]) == pytest.approx(1.0 - kept, abs=1e-3)
+        assert float(row["within twice the time"]) == 1.0
+        assert row["held out"] == "True"

@@ -60,7 +60,7 @@ def test_where_numerics_do_most_of_the_task_nothing_is_promised(capsys):
         capsys.readouterr().out.split()
     )
     assert main(["predict", *own, "duration=10", "--dt", "0.05"]) == 0
-    assert "of it comes too late." in " ".join(capsys.readouterr().out.split())
+    assert "of it for help of the numerics." in " ".join(capsys.readouterr().out.split())
 
 
 def test_no_step_is_called_safe_that_the_law_has_not_seen():
