@@ -119,13 +119,14 @@ def draw_losses(
     draw_heading(
         canvas, 0.3, f"{name}: loss by {curve.number}",
         "one mark for each training ground and limit of the control; open: held out of the fit; "
-        f"{percent(LEVEL)} interval of the loss ±{fixed(curve.half_width)}",
+        f"{percent(LEVEL)} interval of the loss ±{fixed(curve.half_widths[0])} where little is "
+        f"expected, ±{fixed(curve.half_widths[1])} elsewhere",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
         axes = axes_at(figure, 0.75 + place * wide, 0.65, _PANEL, 3.0)
         bare(axes)
-        _draw_line(axes, term, line, learned, curve.half_width)
+        _draw_line(axes, term, line, learned, curve)
         for point in learned:
             style = styles[point.known.home.integrator]
             look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
@@ -138,15 +139,14 @@ def draw_losses(
     return figure
 
 
-def _draw_line(
-    axes: Axes, term: Term, line: Line, learned: Sequence[Point], half_width: float
-) -> None:
+def _draw_line(axes: Axes, term: Term, line: Line, learned: Sequence[Point], curve: Curve) -> None:
     """What was fitted by one number; the interval is that of the whole loss."""
     most = max(term.number(point.known) for point in learned)
     at = np.geomspace(SMALLEST, max(1.1 * most, 2 * SMALLEST), 400)
     loss = line(at)
     if term.part == "whole":
-        axes.fill_between(at, loss - half_width, loss + half_width, color=SUNK, linewidth=0)
+        wide = curve.half_width(loss)
+        axes.fill_between(at, loss - wide, loss + wide, color=SUNK, linewidth=0)
     axes.plot(at, loss, color=INK, linewidth=1.4)
     axes.set_xscale("log")
     axes.set_xlabel(

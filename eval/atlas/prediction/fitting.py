@@ -5,7 +5,8 @@ own: the least-squares fit over the points that may be seen (additive isotonic r
 Bacchetti, Journal of the American Statistical Association 84 (1989) 289-294). Its interval covers
 as many of their residuals, each left out of its own fit with all points of its limit, as the level
 says (the jackknife by groups: Barber, Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021)
-486-507).
+486-507), where little is expected to be lost and elsewhere apart (Mondrian prediction: Vovk,
+Gammerman and Shafer, Algorithmic Learning in a Random World, 2005, section 4.5).
 Numbers are rounded to 9 decimals, so that a law is the same whichever processor it was fitted on.
 """
 
@@ -26,6 +27,9 @@ Array = npt.NDArray[np.float64]
 
 LEVEL: Final = 0.9
 """Of the interval of a prediction."""
+
+LITTLE: Final = 0.05
+"""Expected loss up to which intervals are those of losses of which no more is expected."""
 
 DRAWS: Final = 2000
 """Resamples of the training grounds, for the interval of an error."""
@@ -58,19 +62,25 @@ class Curve(msgspec.Struct, frozen=True):
     Attributes:
         number: name of a candidate or a guess.
         lines: of its terms.
-        half_width: of the interval of a prediction.
+        half_widths: of the interval of a prediction, where `LITTLE` is expected to be lost, and
+            where more is.
         seen_error: mean of the absolute error over the points of the fit, each predicted from the
             other limits of the control.
     """
 
     number: str
     lines: tuple[Line, ...]
-    half_width: float
+    half_widths: tuple[float, float]
     seen_error: float
 
     def __call__(self, quantities: Quantities) -> float:
         """Loss that is to be expected, at most 1."""
         return min(sum(self.parts(quantities).values()), 1.0)
+
+    def half_width(self, expected: float | Array) -> Array:
+        """Of the intervals around what is expected, of its shape."""
+        little, more = self.half_widths
+        return np.where(np.asarray(expected) > LITTLE, more, little)
 
     def parts(self, quantities: Quantities) -> dict[str, float]:
         """What is to be expected of each part, by its name."""
@@ -117,17 +127,25 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
     if not learned:
         raise ValueError("no policy learned its task in any of the points")
     ratios = sorted({point.ratio for point in learned})
-    residuals = [
-        abs(point.loss - others(point.known))
-        for ratio in ratios
-        if (rest := [p for p in learned if p.ratio != ratio] or learned)
-        for others in [_curve(name, rest)]
-        for point in learned
-        if point.ratio == ratio
-    ]
-    width = float(np.quantile(residuals, LEVEL, method="higher"))
-    error = float(np.mean(residuals))
-    return _curve(name, learned, round(width, DECIMALS), round(error, DECIMALS))
+    expected, found = np.array(
+        [
+            (others(point.known), point.loss)
+            for ratio in ratios
+            if (rest := [p for p in learned if p.ratio != ratio] or learned)
+            for others in [_curve(name, rest)]
+            for point in learned
+            if point.ratio == ratio
+        ]
+    ).T
+    residuals = abs(found - expected)
+    groups = (residuals[expected <= LITTLE], residuals[expected > LITTLE])
+    little, more = (_half_width(group if group.size else residuals) for group in groups)
+    error = round(float(residuals.mean()), DECIMALS)
+    return _curve(name, learned, (little, more), error)
+
+
+def _half_width(residuals: Array) -> float:
+    return round(float(np.quantile(residuals, LEVEL, method="higher")), DECIMALS)
 
 
 def telling(found: Sequence[Point]) -> list[Point]:
@@ -143,9 +161,11 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
         held_out: points that tell something, at least one.
     """
     homes = np.array([point.home.name for point in held_out])
+    losses = np.array([point.loss for point in held_out])
     found, first = [], None
     for curve in curves:
-        errors = np.array([abs(point.loss - curve(point.known)) for point in held_out])
+        expected = np.array([curve(point.known) for point in held_out])
+        errors = abs(losses - expected)
         first = errors if first is None else first
         found.append(
             Trial(
@@ -153,7 +173,7 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
                 float(errors.mean()),
                 *_resampled(errors, homes),
                 curve.seen_error,
-                float((errors <= curve.half_width).mean()),
+                float((errors <= curve.half_width(expected)).mean()),
                 len(held_out),
                 float((errors - first).mean()),
                 *_resampled(errors - first, homes),
@@ -163,7 +183,10 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
 
 
 def _curve(
-    name: str, learned: Sequence[Point], width: float = np.inf, error: float = np.nan
+    name: str,
+    learned: Sequence[Point],
+    widths: tuple[float, float] = (np.inf, np.inf),
+    error: float = np.nan,
 ) -> Curve:
     """Fitted to points in turn by each number, to what the others leave."""
     losses = np.array([point.loss for point in learned])
@@ -182,7 +205,7 @@ def _curve(
     parts[0] += least.sum()
     parts[1:] -= least
     lines = (_line(own, part) for own, part in zip(numbers, parts, strict=True))
-    return Curve(name, tuple(lines), width, error)
+    return Curve(name, tuple(lines), widths, error)
 
 
 def _never_falling(numbers: Array, losses: Array) -> Array:

@@ -145,13 +145,14 @@ def predict(
     at = Discretization(integrator, dt, period, engine)
     _check_twin(at)
     known, numbers = law(), Quantities(env_id, environment, _native(at))
+    loss = known.curve(numbers)
     return Prediction(
         at,
         numbers,
         numbers.critical_ratio <= numbers.margin,
-        known.curve(numbers),
+        loss,
         known.curve.parts(numbers).get("helped"),
-        known.curve.half_width,
+        float(known.curve.half_width(loss)),
         known.margins,
         known.critical_ratios,
         _safe_dt(env_id, environment, at),

@@ -84,7 +84,7 @@ def _helped(own):
 
 def test_no_more_than_all_is_expected_to_be_lost():
     lines = (Line((0.0, 1.0), (0.0, 0.8)), Line((0.0, 1.0), (0.0, 0.7)))
-    curve = Curve("reactive force, and power over time to spare", lines, 0.1, 0.1)
+    curve = Curve("reactive force, and power over time to spare", lines, (0.1, 0.2), 0.1)
     most = SimpleNamespace(reactive_force=9.0, power=9.0, time_to_spare=0.05)
     assert curve.parts(most) == {"out of step": 0.8, "helped": 0.7}
     assert curve(most) == 1.0
