@@ -78,10 +78,10 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> Published:
         content = msgspec.json.format(msgspec.json.encode(known)) + b"\n"
         files.append(replace_file(out / LAW, content))
     tried: tuple[Trial, ...] = ()
-    if telling(found):
+    if learned := telling(found):
         drawn = draw_losses(atlas.name, found, atlas.held_out, known.curve)
         files += write_figure(drawn, out / "losses")
-        files.append(replace_file(out / LOSSES, _losses(telling(found), known, atlas.held_out)))
+        files.append(replace_file(out / LOSSES, _losses(learned, known, atlas.held_out)))
     if held_out := telling([point for point in found if point.ratio in atlas.held_out]):
         tried = trials(known.curves, held_out)
     told = [*_phase_table(found)]

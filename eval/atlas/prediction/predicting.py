@@ -80,7 +80,7 @@ class Prediction:
         loss: share of the success there that is expected to be missing on the truth.
         helped: of it what goes by the help of numerics that pump, which the truth does not give;
             None where the law does not tell.
-        half_width: of the interval of that.
+        half_width: of the interval of the loss.
         level: share of policies that the interval is expected to hold.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
         seen_ratios: smallest and largest critical limit over the truth's that the law saw.
