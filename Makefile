@@ -55,6 +55,7 @@ atlas-figures: $(LIGHT)
 	  $(BIN)/integ-gym atlas specs/atlas/$$name.toml --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
 	  if [ $$name = rod_pendulum ]; then cp docs/atlas/$$name/figures/law.json eval/atlas/prediction/law.json; fi; \
 	done
+	@$(BIN)/python docs/site/quoted.py docs/explanation/atlas.md
 
 published: $(READY)
 	@$(INSTALL) --group census

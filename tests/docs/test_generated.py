@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from types import ModuleType
-
 import pytest
-from house import ROOT
+from site_modules import loaded
 
 import integ_gym
 
 
-def _loaded(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "site" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_every_public_name_is_on_one_page():
-    named = [name for _, _, names in _loaded("generated").API.values() for name in names]
+    named = [name for _, _, names in loaded("generated").API.values() for name in names]
     assert sorted(named) == sorted(integ_gym.__all__)
 
 
@@ -38,4 +24,4 @@ def test_every_public_name_is_on_one_page():
     ],
 )
 def test_docstrings_become_markdown(written, read):
-    assert _loaded("roles").as_markdown(written) == read
+    assert loaded("roles").as_markdown(written) == read

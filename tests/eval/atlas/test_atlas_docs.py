@@ -25,14 +25,6 @@ def test_summaries_take_at_most_5_mb():
     assert sum(file.stat().st_size for file in files) < 5e6
 
 
-@pytest.mark.parametrize("folder", SUMMARIES, ids=lambda folder: folder.name)
-def test_the_page_has_the_tables(folder: Path):
-    page = (ROOT / "docs" / "explanation" / "atlas.md").read_text(encoding="utf-8")
-    tables = (folder / "figures" / "tables.md").read_text(encoding="utf-8").strip()
-    for table in tables.split("\n\n"):
-        assert table in page
-
-
 def test_the_package_has_the_law():
     figures = ROOT / "docs" / "atlas" / "rod_pendulum" / "figures"
     assert (figures / "law.json").read_bytes() == (
