@@ -29,7 +29,7 @@ from integ_gym.support import (
 
 from ..scheme_style import styles_of
 from .numbers import Term, terms_of
-from .prediction import LEVEL, Curve, Line, telling
+from .prediction import LEVEL, Curve, Line, off_by_chance, telling
 from .summaries import Point
 
 if TYPE_CHECKING:
@@ -118,9 +118,10 @@ def draw_losses(
     canvas = inch_canvas(figure)
     draw_heading(
         canvas, 0.3, f"{name}: loss by {curve.number}",
-        "one mark for each training ground and limit of the control; open: held out of the fit; "
-        f"{percent(LEVEL)} interval of the loss ±{fixed(curve.half_widths[0])} where little is "
-        f"expected, ±{fixed(curve.half_widths[1])} elsewhere",
+        f"one mark for each training ground and limit of the control, with {percent(LEVEL)} over "
+        "seeds; open: held out of the fit; interval of the expected loss "
+        f"±{fixed(curve.half_widths[0])} where it is little, "
+        f"±{fixed(curve.half_widths[1])} elsewhere",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
@@ -134,7 +135,10 @@ def draw_losses(
             at = max(term.number(point.known), SMALLEST)
             parts = curve.parts(point.known)
             left = point.loss - sum(parts.values()) + parts[term.part]
-            axes.plot([at], [left], linestyle="none", color=fill, **look)
+            axes.errorbar(
+                [at], [left], off_by_chance(point), ecolor=style.colour, elinewidth=0.7,
+                linestyle="none", color=fill, **look,
+            )  # fmt: skip
     draw_legend(canvas, scheme_entries(styles), len(terms) * wide)
     return figure
 

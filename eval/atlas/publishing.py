@@ -156,15 +156,15 @@ def _losses(learned: Sequence[Point], known: Law, held_out: Sequence[float]) -> 
     table = csv.writer(text, lineterminator="\n")
     table.writerow(
         ["trained on", "limit over critical", "held out", "seeds", "success at home",
-         "success on the truth", "within twice the time", "loss", "expected loss",
+         "success on the truth", "within twice the time", "loss", "standard error", "expected loss",
          "reactive force", "power", "time to spare", "critical ratio"]
     )  # fmt: skip
     for point in learned:
         own = point.known
         rates = (point.at_home, point.on_truth, point.recovered)
         numbers = (
-            *(rate.mean() for rate in rates), point.loss, known.curve(own), own.reactive_force,
-            own.power, own.time_to_spare, own.critical_ratio,
+            *(rate.mean() for rate in rates), point.loss, point.loss_error, known.curve(own),
+            own.reactive_force, own.power, own.time_to_spare, own.critical_ratio,
         )  # fmt: skip
         table.writerow(
             [point.home.name, f"{point.ratio:g}", point.ratio in held_out, len(point.seeds)]

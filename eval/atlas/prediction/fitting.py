@@ -98,7 +98,8 @@ class Trial:
         low: of its 95 % interval over training grounds.
         high: the same.
         seen_error: of the curve, see :class:`Curve`.
-        covered: share of the held-out losses within their intervals.
+        covered: share of the held-out losses within their intervals, widened by what a mean over
+            their seeds may be off.
         points: held out.
         more: the error less that of the first number that was tried on the same points.
         more_low: of its 95 % interval over training grounds.
@@ -153,6 +154,14 @@ def telling(found: Sequence[Point]) -> list[Point]:
     return [point for point in found if point.learned and point.quantities is not None]
 
 
+def off_by_chance(point: Point) -> float:
+    """Half the width of the interval of a loss over its seeds, by Student's distribution."""
+    from scipy.special import stdtrit
+
+    freedom = max(len(point.seeds) - 1, 1)
+    return float(stdtrit(freedom, (1.0 + LEVEL) / 2.0)) * point.loss_error
+
+
 def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, ...]:
     """Curves' predictions against losses that they have not seen, beside those of the first.
 
@@ -162,6 +171,7 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
     """
     homes = np.array([point.home.name for point in held_out])
     losses = np.array([point.loss for point in held_out])
+    off = np.array([off_by_chance(point) for point in held_out])
     found, first = [], None
     for curve in curves:
         expected = np.array([curve(point.known) for point in held_out])
@@ -173,7 +183,7 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
                 float(errors.mean()),
                 *_resampled(errors, homes),
                 curve.seen_error,
-                float((errors <= curve.half_width(expected)).mean()),
+                float((errors <= np.hypot(curve.half_width(expected), off)).mean()),
                 len(held_out),
                 float((errors - first).mean()),
                 *_resampled(errors - first, homes),

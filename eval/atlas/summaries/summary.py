@@ -137,7 +137,9 @@ def read_summary(path: Path) -> Summary:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(pa.BufferReader(read_bounded(path, LARGEST)))
+        # A thread of Arrow's that lets go of the buffer while Python ends would abort the process.
+        source = pa.BufferReader(read_bounded(path, LARGEST))
+        table = pq.ParquetFile(source, pre_buffer=False).read(use_threads=False)
         origin = msgspec.json.decode((table.schema.metadata or {})[KEY], type=Origin)
     except (KeyError, msgspec.DecodeError, pa.ArrowException) as error:
         raise ValueError(f"{path} is no summary of an atlas's block: {error}") from None

@@ -110,6 +110,36 @@ def test_curves_never_fall_and_their_intervals_cover():
     assert 0.85 < np.mean(covered) < 0.97
 
 
+def test_the_error_of_a_loss_is_what_other_seeds_would_change():
+    generator = np.random.default_rng(9)
+    losses, errors = np.array([_of_few_seeds(generator) for _ in range(400)]).T
+    assert np.mean(errors) == pytest.approx(losses.std(), rel=0.1)
+    assert losses.mean() == pytest.approx(0.25, abs=0.02)
+    assert replace(planted(generator)[0], at_home=np.ones(1), on_truth=np.ones(1)).loss_error == 0.0
+
+
+def _of_few_seeds(generator, kept=0.75, seeds=16):
+    """Loss and its error: what succeeds at home succeeds on the truth with one probability."""
+    at_home = generator.binomial(20, generator.uniform(0.5, 1.0, seeds))
+    on_truth = generator.binomial(at_home, kept) / 20
+    point = Point(1.0, HOMES[0], None, tuple(range(seeds)), at_home / 20, on_truth, on_truth)
+    return point.loss, point.loss_error
+
+
+def test_intervals_cover_losses_of_few_seeds():
+    generator = np.random.default_rng(11)
+    curve = fit("force of the numerics", planted(generator, noise=0.02))
+    few = [_over_seeds(point, generator) for point in planted(generator, noise=0.02)]
+    expected = np.array([curve(point.known) for point in few])
+    errors = abs(expected - [point.loss for point in few])
+    assert (errors <= curve.half_width(expected)).mean() < 0.75
+    assert trials([curve], few)[0].covered > 0.8
+
+
+def _over_seeds(point, generator):
+    return replace(point, on_truth=point.on_truth + generator.normal(0.0, 0.3, 4))
+
+
 def test_an_error_lies_in_its_interval():
     generator = np.random.default_rng(8)
     seen, unseen = planted(generator), planted(generator, (1.7,))

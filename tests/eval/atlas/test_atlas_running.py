@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import msgspec
 import pyarrow as pa
 import pytest
+from house import ROOT
 from small_atlas import written
 
 from integ_gym.cli import main
 from integ_gym.eval import missing, read_atlas, read_summary
 from integ_gym.eval.atlas.summaries import write_summary
 from integ_gym.evidence import read_seal
+
+_THREADS_OF_READING = """
+import os, sys
+from pathlib import Path
+import pyarrow.parquet
+from integ_gym.eval import read_summary
+def threads(): return len(os.listdir("/proc/self/task"))
+before = threads()
+assert read_summary(Path(sys.argv[1])).rows.num_rows
+print(threads() - before)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +127,9 @@ def test_a_block_that_is_none_is_refused(tmp_path, capsys, extra):
     command = ["atlas", str(written(tmp_path)), "--out", str(tmp_path / "runs"), *extra]
     assert main(command) == 2
     assert "there is no block '9-seed1'; --plan lists them" in capsys.readouterr().err
+
+
+def test_reading_a_summary_leaves_no_thread_that_could_abort_the_end():
+    path = ROOT / "docs" / "atlas" / "rod_pendulum" / "3-seed2000.parquet"
+    command = [sys.executable, "-c", _THREADS_OF_READING, str(path)]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "0\n"
