@@ -28,7 +28,7 @@ SHORT = {
 OF_A_RUN = {"closed_loops", "panel_tables"}
 """Tested beside what they read."""
 OF_FILES = {"bounds"}
-EXPERIMENTS = {"control_periods", "curriculum", "fresh_points"}
+EXPERIMENTS = {"control_periods", "curriculum", "fresh_points", "q_learning_periods"}
 """Tested beside the page that tells what they found."""
 
 
