@@ -26,11 +26,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from measuring.results import p_value
-from measuring.trained import Done, Experiment, Unit, command, gained, successes
+from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
-from integ_gym.train.fleet import train_in_stages
 
 ENV_ID = "IntegPendulum-v0"
 ENVIRONMENT: dict[str, Any] = {
@@ -88,10 +87,7 @@ def run(unit: Unit) -> list[int]:
         PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **settings(unit.arm, unit.value))
         for seed in unit.seeds
     ]
-    return [
-        successes(config, outcome, given)
-        for config, outcome in zip(configs, train_in_stages([configs]), strict=True)
-    ]
+    return by_fleet([configs], given)
 
 
 def tables(done: Done) -> str:

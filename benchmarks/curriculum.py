@@ -28,12 +28,11 @@ from functools import cache
 from typing import Any
 
 from measuring.results import p_value
-from measuring.trained import Done, Experiment, Unit, command, gained, successes
+from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym import Discretization, PPOConfig
 from integ_gym.eval.atlas.numbers import critical_limit
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
-from integ_gym.train.fleet import train_in_stages
 
 ENV_ID = "IntegPendulum-v0"
 PERIOD = 0.05
@@ -105,10 +104,7 @@ def run(unit: Unit) -> list[int]:
         for given in trained_in
     ]
     judged = {**ENVIRONMENT, **TRUTH, "control_period": PERIOD, "max_torque": torque(unit.value)}
-    return [
-        successes(config, outcome, judged)
-        for config, outcome in zip(configs[-1], train_in_stages(configs), strict=True)
-    ]
+    return by_fleet(configs, judged)
 
 
 def tables(done: Done) -> str:

@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from measuring.trained import Done, Experiment, Unit, command, gained, successes
+from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym import PPOConfig
 from integ_gym.eval.atlas import Atlas, read_atlas
@@ -25,7 +25,6 @@ from integ_gym.eval.atlas.running import finished
 from integ_gym.eval.atlas.summaries import Point, noted_in, points
 from integ_gym.eval.panel.specification.cells.cell import training_arguments
 from integ_gym.eval.statistics import draws_for, rate_interval, unpaired_difference
-from integ_gym.train.fleet import train_in_stages
 
 ROOT = Path(__file__).parents[1]
 SPEC = ROOT / "specs" / "atlas" / "rod_pendulum.toml"
@@ -69,10 +68,7 @@ def run(unit: Unit) -> list[int]:
     truth = panel.reference
     assert truth is not None
     judged = training_arguments(truth, panel.environment)
-    return [
-        successes(config, outcome, judged)
-        for config, outcome in zip(configs, train_in_stages([configs]), strict=True)
-    ]
+    return by_fleet([configs], judged)
 
 
 def tables(done: Done) -> str:

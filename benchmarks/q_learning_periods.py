@@ -29,15 +29,14 @@ from measuring.trained import (
     Done,
     Experiment,
     Unit,
+    by_fleet,
     command,
     gained,
     judged_in,
-    successes,
 )
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
-from integ_gym.train.fleet import train_in_stages
 
 ENV_ID = "IntegCartPole-v0"
 ENVIRONMENT: dict[str, Any] = {"integrator": "rk4", "duration": 10.0}
@@ -105,10 +104,7 @@ def _by_advantages(unit: Unit) -> list[int]:
     configs = [
         PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **settings) for seed in unit.seeds
     ]
-    return [
-        successes(config, outcome, given)
-        for config, outcome in zip(configs, train_in_stages([configs]), strict=True)
-    ]
+    return by_fleet([configs], given)
 
 
 def _by_values(seed: int, period: float) -> int:

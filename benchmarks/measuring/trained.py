@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import dataclass
@@ -19,8 +19,7 @@ from tqdm import tqdm
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, rate_interval
 from integ_gym.support import cores, instruction_sets, package_version, replace_file
-from integ_gym.train.fleet import preparation
-from integ_gym.train.fleet.training import Outcome
+from integ_gym.train.fleet import preparation, train_in_stages
 from integ_gym.train.policy_files import actor_of
 
 from . import results
@@ -183,18 +182,21 @@ def read(path: Path) -> Done:
     return found
 
 
-def successes(config: PPOConfig, outcome: Outcome, judged: Mapping[str, Any]) -> int:
-    """Of a policy, from `STARTS` starts of its seed's own.
+def by_fleet(stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]) -> list[int]:
+    """Successes of each policy that the fleet trains, from `STARTS` starts of its seed's own.
 
     Args:
-        config: how it was trained.
-        outcome: of its training.
-        judged: arguments of the environment that it is judged in.
+        stages: how they are trained, one stage after the other.
+        judged: arguments of the environment that they are judged in.
     """
-    with closing(gym.make(config.env_id, **judged)) as env:
+    last = stages[-1]
+    with closing(gym.make(last[0].env_id, **judged)) as env:
         space = env.action_space
-    policy = actor_of(outcome.weights, len(config.net_arch), config.activation, space)
-    return judged_in(config.env_id, judged, policy.act, config.seed)
+    found = []
+    for config, outcome in zip(last, train_in_stages(stages), strict=True):
+        policy = actor_of(outcome.weights, len(config.net_arch), config.activation, space)
+        found.append(judged_in(config.env_id, judged, policy.act, config.seed))
+    return found
 
 
 def judged_in(env_id: str, judged: Mapping[str, Any], act: Callable[[Any], Any], seed: int) -> int:
