@@ -12,7 +12,7 @@ import re
 import sys
 from pathlib import Path
 
-QUOTED = re.compile(r"(<!-- (?P<file>\S+), table (?P<number>\d+) -->\n\n)(?:\|.*\n)*")
+QUOTED = re.compile(r"(<!-- (?P<file>\S+), table (?P<number>\d+) -->\n\n)(?:\|.*\n)*\n*")
 
 
 def with_quotations(page: str, folder: Path) -> str:
@@ -29,7 +29,7 @@ def with_quotations(page: str, folder: Path) -> str:
         tables = (folder / found["file"]).read_text(encoding="utf-8").strip().split("\n\n")
         if not 1 <= int(found["number"]) <= len(tables):
             raise ValueError(f"{found['file']} has no table {found['number']}, but {len(tables)}")
-        return f"{found[1]}{tables[int(found['number']) - 1]}\n"
+        return f"{found[1]}{tables[int(found['number']) - 1]}\n\n"
 
     return QUOTED.sub(quotation, page)
 

@@ -29,7 +29,7 @@ from integ_gym.support import (
 
 from ..scheme_style import styles_of
 from .numbers import Term, terms_of
-from .prediction import LEVEL, Curve, Line, off_by_chance, telling
+from .prediction import LEVEL, LITTLE, Curve, Line, off_by_chance, telling
 from .summaries import Point
 
 if TYPE_CHECKING:
@@ -119,9 +119,7 @@ def draw_losses(
     draw_heading(
         canvas, 0.3, f"{name}: loss by {curve.number}",
         f"one mark for each training ground and limit of the control, with {percent(LEVEL)} over "
-        "seeds; open: held out of the fit; interval of the expected loss "
-        f"±{fixed(curve.half_widths[0])} where it is little, "
-        f"±{fixed(curve.half_widths[1])} elsewhere",
+        f"seeds; open: held out of the fit; interval of what is expected: {_widths(curve)}",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
@@ -143,13 +141,19 @@ def draw_losses(
     return figure
 
 
+def _widths(curve: Curve) -> str:
+    """Half widths of its intervals, in words."""
+    quiet, little, more = map(fixed, curve.half_widths)
+    return f"±{quiet} where the numerics do next to nothing, ±{little} where it is little, ±{more}"
+
+
 def _draw_line(axes: Axes, term: Term, line: Line, learned: Sequence[Point], curve: Curve) -> None:
     """What was fitted by one number; the interval is that of the whole loss."""
     most = max(term.number(point.known) for point in learned)
     at = np.geomspace(SMALLEST, max(1.1 * most, 2 * SMALLEST), 400)
     loss = line(at)
     if term.part == "whole":
-        wide = curve.half_width(loss)
+        wide = np.where(loss > LITTLE, curve.half_widths[2], curve.half_widths[1])
         axes.fill_between(at, loss - wide, loss + wide, color=SUNK, linewidth=0)
     axes.plot(at, loss, color=INK, linewidth=1.4)
     axes.set_xscale("log")

@@ -22,7 +22,7 @@ from integ_gym.support import (
 from ..statistics import draws_for, rate_interval
 from .figures import draw_losses, draw_phases
 from .numbers import CANDIDATES, GUESSES
-from .prediction import LAW, LEVEL, Law, Trial, fit, law, telling, trials
+from .prediction import LAW, QUIET, Law, Trial, fit, law, off_by_chance, telling, trials
 from .running import finished
 from .specification import Atlas
 from .summaries import Point, noted_in, points
@@ -100,7 +100,8 @@ def _fitted(atlas: Atlas, seen: Sequence[Point], seals: tuple[str, ...]) -> Law:
     margins = [point.ratio for point in seen]
     ratios = [point.known.critical_ratio for point in telling(seen)]
     return Law(
-        atlas.name, ordered, (min(margins), max(margins)), (min(ratios), max(ratios)), seals
+        atlas.name, atlas.panel.env_id, ordered, (min(margins), max(margins)),
+        (min(ratios), max(ratios)), seals,
     )  # fmt: skip
 
 
@@ -127,27 +128,31 @@ def _trial_table(tried: Sequence[Trial], whose: str) -> Iterator[str]:
     first = tried[0]
     seen = f"error on seen limits{whose}"
     more = f"more than by {first.number}"
-    yield f"| number | error on held-out limits | {more} | {seen} | covered |"
-    yield "|---|---|---|---|---|"
+    yield f"| number | error on held-out limits | {more} | {seen} | covered | with chance |"
+    yield "|---|---|---|---|---|---|"
     for one in tried:
         beside = NONE if one is first else _with_interval(one.more, one.more_low, one.more_high)
         yield (
             f"| {one.number} | {_with_interval(one.error, one.low, one.high)} | {beside} | "
             f"{fixed(one.seen_error, 3)} | "
-            f"{percent(one.covered)} of {one.points} (wanted {percent(LEVEL)}) |"
+            f"{percent(one.covered)} of {one.points} | {percent(one.with_chance)} |"
         )
 
 
 def _by_limit(known: Law, held_out: Sequence[Point]) -> Iterator[str]:
-    """Mean errors at each limit that was held out, and the losses there."""
-    ratios = sorted({point.ratio for point in held_out})
-    groups = [[point for point in held_out if point.ratio == ratio] for ratio in ratios]
-    columns = [trials(known.curves, group) for group in groups]
-    yield "| error at | " + " | ".join(f"{ratio:g}" for ratio in ratios) + " |"
-    yield "|---" * (len(ratios) + 1) + "|"
+    """Mean errors at each limit that was held out, and where the numerics do something."""
+    groups = {
+        f"{ratio:g}": [point for point in held_out if point.ratio == ratio]
+        for ratio in sorted({point.ratio for point in held_out})
+    }
+    if driven := [point for point in held_out if point.known.force > QUIET]:
+        groups[f"force above {QUIET:g}"] = driven
+    columns = [trials(known.curves, group) for group in groups.values()]
+    yield f"| error at | {' | '.join(groups)} |"
+    yield "|---" * (len(groups) + 1) + "|"
     for row in zip(*columns, strict=True):
         yield f"| {row[0].number} | " + " | ".join(fixed(one.error, 3) for one in row) + " |"
-    yield "| *losses* | " + " | ".join(str(len(group)) for group in groups) + " |"
+    yield "| *losses* | " + " | ".join(str(len(group)) for group in groups.values()) + " |"
 
 
 def _losses(learned: Sequence[Point], known: Law, held_out: Sequence[float]) -> bytes:
@@ -156,14 +161,14 @@ def _losses(learned: Sequence[Point], known: Law, held_out: Sequence[float]) -> 
     table = csv.writer(text, lineterminator="\n")
     table.writerow(
         ["trained on", "limit over critical", "held out", "seeds", "success at home",
-         "success on the truth", "within twice the time", "loss", "standard error", "expected loss",
+         "success on the truth", "within twice the time", "loss", "off by chance", "expected loss",
          "reactive force", "power", "time to spare", "critical ratio"]
     )  # fmt: skip
     for point in learned:
         own = point.known
         rates = (point.at_home, point.on_truth, point.recovered)
         numbers = (
-            *(rate.mean() for rate in rates), point.loss, point.loss_error, known.curve(own),
+            *(rate.mean() for rate in rates), point.loss, off_by_chance(point), known.curve(own),
             own.reactive_force, own.power, own.time_to_spare, own.critical_ratio,
         )  # fmt: skip
         table.writerow(

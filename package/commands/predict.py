@@ -65,14 +65,17 @@ def _sentence(found: Prediction) -> str:
     low, high = found.interval
     helped = "" if found.helped is None else f"; {found.helped:z.2f} of it for help of the numerics"
     return (
-        f"A policy that learns on {name} is expected to lose {found.loss:z.2f} of its success on "
-        f"the truth ({percent(found.level)} interval {low:z.2f} to {high:z.2f}){helped}."
+        f"Policies that learn on {name} are expected to lose {found.loss:z.2f} of their success on "
+        f"the truth ({percent(found.level)} interval of a mean over seeds: {low:z.2f} to "
+        f"{high:z.2f}){helped}."
     )
 
 
 def _beyond(found: Prediction) -> str:
     """What the law was not fitted on."""
     own = found.quantities
+    if own.env_id != found.fitted_env_id:
+        return f"the law was fitted on {found.fitted_env_id}, and is not one of {own.env_id}"
     least, most = found.fitted_on
     if not least <= own.margin <= most:
         return (
@@ -101,5 +104,9 @@ def _rows(found: Prediction) -> list[tuple[str, str, str]]:
         ("force of the numerics", f"{own.force:.3g}", "of the motor's full force"),
         ("of it reactive", f"{own.reactive_force:.3g}", "which takes back what it gives"),
         ("time to spare", f"{own.time_to_spare:.3g}", "of a greedy swing-up's on the truth"),
-        ("coarsest safe step", safe if found.within else NONE, "expected loss at most 0.1"),
+        (
+            "coarsest safe step",
+            safe if found.within else NONE,
+            "whose interval ends below a loss of 0.2",
+        ),
     ]

@@ -37,6 +37,10 @@ class Quantities:
         environment: constructor arguments without the discretization.
         home: discretization.
 
+    Attributes:
+        env_id: of the environment.
+        home: discretization.
+
     Raises:
         SpecError: where the task names no goal at rest, or no single argument limits the control.
         TypeError, ValueError: for arguments that are not possible.
@@ -44,7 +48,7 @@ class Quantities:
 
     def __init__(self, env_id: str, environment: Mapping[str, Any], home: Discretization) -> None:
         self.home = home
-        self._env_id, self._environment = env_id, dict(environment)
+        self.env_id, self._environment = env_id, dict(environment)
         self._truth = setup_of(env_id, environment, _truth(home.control_period))
         self._there = setup_of(env_id, environment, home)
         self._argument, self._limit = control_argument(self._truth)
@@ -139,10 +143,10 @@ class Quantities:
     @property
     def _motion(self) -> numerics.Reach:
         given = tuple(sorted(self._environment.items()))
-        return _motion(self._env_id, given, self.home.control_period)
+        return _motion(self.env_id, given, self.home.control_period)
 
     def _critical(self, at: Discretization) -> float:
-        return critical_limit(self._env_id, self._environment, self._argument, at)
+        return critical_limit(self.env_id, self._environment, self._argument, at)
 
 
 def _truth(control_period: float) -> Discretization:

@@ -5,8 +5,9 @@ own: the least-squares fit over the points that may be seen (additive isotonic r
 Bacchetti, Journal of the American Statistical Association 84 (1989) 289-294). Its interval covers
 as many of their residuals, each left out of its own fit with all points of its limit, as the level
 says (the jackknife by groups: Barber, Candès, Ramdas and Tibshirani, Annals of Statistics 49 (2021)
-486-507), where little is expected to be lost and elsewhere apart (Mondrian prediction: Vovk,
-Gammerman and Shafer, Algorithmic Learning in a Random World, 2005, section 4.5).
+486-507): apart where the numerics do next to nothing, where little is expected to be lost, and
+where more is (Mondrian prediction: Vovk, Gammerman and Shafer, Algorithmic Learning in a Random
+World, 2005, section 4.5).
 Numbers are rounded to 9 decimals, so that a law is the same whichever processor it was fitted on.
 """
 
@@ -20,6 +21,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from ...statistics import paired_difference
 from ..numbers import Quantities, terms_of
 from ..summaries import Point
 
@@ -28,8 +30,11 @@ Array = npt.NDArray[np.float64]
 LEVEL: Final = 0.9
 """Of the interval of a prediction."""
 
+QUIET: Final = 0.03
+"""Force of the numerics over the motor's up to which they do next to nothing."""
+
 LITTLE: Final = 0.05
-"""Expected loss up to which intervals are those of losses of which no more is expected."""
+"""Loss up to which little is expected to be lost."""
 
 DRAWS: Final = 2000
 """Resamples of the training grounds, for the interval of an error."""
@@ -62,25 +67,24 @@ class Curve(msgspec.Struct, frozen=True):
     Attributes:
         number: name of a candidate or a guess.
         lines: of its terms.
-        half_widths: of the interval of a prediction, where `LITTLE` is expected to be lost, and
-            where more is.
+        half_widths: of the interval of a prediction: where the numerics' force is `QUIET`, where
+            `LITTLE` is expected to be lost, and where more is.
         seen_error: mean of the absolute error over the points of the fit, each predicted from the
             other limits of the control.
     """
 
     number: str
     lines: tuple[Line, ...]
-    half_widths: tuple[float, float]
+    half_widths: tuple[float, float, float]
     seen_error: float
 
     def __call__(self, quantities: Quantities) -> float:
         """Loss that is to be expected, at most 1."""
         return min(sum(self.parts(quantities).values()), 1.0)
 
-    def half_width(self, expected: float | Array) -> Array:
-        """Of the intervals around what is expected, of its shape."""
-        little, more = self.half_widths
-        return np.where(np.asarray(expected) > LITTLE, more, little)
+    def half_width(self, quantities: Quantities) -> float:
+        """Of the interval around what is to be expected."""
+        return self.half_widths[_group(quantities, self(quantities))]
 
     def parts(self, quantities: Quantities) -> dict[str, float]:
         """What is to be expected of each part, by its name."""
@@ -98,8 +102,8 @@ class Trial:
         low: of its 95 % interval over training grounds.
         high: the same.
         seen_error: of the curve, see :class:`Curve`.
-        covered: share of the held-out losses within their intervals, widened by what a mean over
-            their seeds may be off.
+        covered: share of the held-out losses within their intervals.
+        with_chance: the same, with intervals widened by what a mean over the seeds may be off.
         points: held out.
         more: the error less that of the first number that was tried on the same points.
         more_low: of its 95 % interval over training grounds.
@@ -112,6 +116,7 @@ class Trial:
     high: float
     seen_error: float
     covered: float
+    with_chance: float
     points: int
     more: float
     more_low: float
@@ -128,25 +133,31 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
     if not learned:
         raise ValueError("no policy learned its task in any of the points")
     ratios = sorted({point.ratio for point in learned})
-    expected, found = np.array(
+    groups, residuals = np.array(
         [
-            (others(point.known), point.loss)
+            (_group(point.known, expected), abs(point.loss - expected))
             for ratio in ratios
             if (rest := [p for p in learned if p.ratio != ratio] or learned)
             for others in [_curve(name, rest)]
             for point in learned
             if point.ratio == ratio
+            for expected in [others(point.known)]
         ]
     ).T
-    residuals = abs(found - expected)
-    groups = (residuals[expected <= LITTLE], residuals[expected > LITTLE])
-    little, more = (_half_width(group if group.size else residuals) for group in groups)
+    quiet, little, more = (_half_width(residuals, groups == group) for group in range(3))
     error = round(float(residuals.mean()), DECIMALS)
-    return _curve(name, learned, (little, more), error)
+    return _curve(name, learned, (quiet, little, more), error)
 
 
-def _half_width(residuals: Array) -> float:
-    return round(float(np.quantile(residuals, LEVEL, method="higher")), DECIMALS)
+def _group(quantities: Quantities, expected: float) -> int:
+    """Which of the half widths is that of a prediction."""
+    return 0 if quantities.force <= QUIET else 1 if expected <= LITTLE else 2
+
+
+def _half_width(residuals: Array, of: npt.NDArray[np.bool_]) -> float:
+    """That of some residuals; of all, where there are none of these."""
+    own = residuals[of] if of.any() else residuals
+    return round(float(np.quantile(own, LEVEL, method="higher")), DECIMALS)
 
 
 def telling(found: Sequence[Point]) -> list[Point]:
@@ -155,11 +166,13 @@ def telling(found: Sequence[Point]) -> list[Point]:
 
 
 def off_by_chance(point: Point) -> float:
-    """Half the width of the interval of a loss over its seeds, by Student's distribution."""
-    from scipy.special import stdtrit
+    """Half the width of a loss's interval over its seeds, of `LEVEL`.
 
-    freedom = max(len(point.seeds) - 1, 1)
-    return float(stdtrit(freedom, (1.0 + LEVEL) / 2.0)) * point.loss_error
+    It is that of the difference of both success rates, over the rate at home: positive, even where
+    all seeds agree.
+    """
+    lost = paired_difference(point.at_home, point.on_truth, LEVEL).interval
+    return 0.5 * (lost.high - lost.low) / float(point.at_home.mean())
 
 
 def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, ...]:
@@ -175,6 +188,7 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
     found, first = [], None
     for curve in curves:
         expected = np.array([curve(point.known) for point in held_out])
+        widths = np.array([curve.half_width(point.known) for point in held_out])
         errors = abs(losses - expected)
         first = errors if first is None else first
         found.append(
@@ -183,7 +197,8 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
                 float(errors.mean()),
                 *_resampled(errors, homes),
                 curve.seen_error,
-                float((errors <= np.hypot(curve.half_width(expected), off)).mean()),
+                float((errors <= widths).mean()),
+                float((errors <= np.hypot(widths, off)).mean()),
                 len(held_out),
                 float((errors - first).mean()),
                 *_resampled(errors - first, homes),
@@ -195,7 +210,7 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
 def _curve(
     name: str,
     learned: Sequence[Point],
-    widths: tuple[float, float] = (np.inf, np.inf),
+    widths: tuple[float, float, float] = (np.inf, np.inf, np.inf),
     error: float = np.nan,
 ) -> Curve:
     """Fitted to points in turn by each number, to what the others leave."""

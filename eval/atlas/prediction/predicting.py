@@ -29,8 +29,8 @@ from .fitting import LEVEL, Curve
 LAW: Final = "law.json"
 """Made of the atlas's summaries by ``integ-gym atlas --publish``."""
 
-SAFE: Final = 0.1
-"""Loss up to which a step is called safe: the margin of a panel's verdicts."""
+FAILS: Final = 0.2
+"""Loss from which a panel's verdict is `fails`: a step is safe whose interval ends below."""
 
 SLIGHT: Final = 0.1
 """Power of the numerics over the motor's up to which the critical limit is near the truth's."""
@@ -44,6 +44,7 @@ class Law(msgspec.Struct, frozen=True):
 
     Attributes:
         atlas: its name.
+        env_id: of its environment.
         curves: loss by one number, each; that of the number that was chosen first.
         margins: smallest and largest limit of the control over the critical one that it saw.
         critical_ratios: smallest and largest critical limit of a training ground over the truth's
@@ -52,6 +53,7 @@ class Law(msgspec.Struct, frozen=True):
     """
 
     atlas: str
+    env_id: str
     curves: tuple[Curve, ...]
     margins: tuple[float, float]
     critical_ratios: tuple[float, float]
@@ -63,10 +65,16 @@ class Law(msgspec.Struct, frozen=True):
         return self.curves[0]
 
     def saw(self, quantities: Quantities) -> bool:
-        """Whether it was fitted on training grounds that leave as much to the control."""
+        """Whether it was fitted on this environment, where as much is left to the control."""
+        if quantities.env_id != self.env_id:
+            return False
         if abs(quantities.power) <= SLIGHT:
             return True
         return _among(quantities.critical_ratio, self.critical_ratios)
+
+    def may_fail(self, quantities: Quantities) -> bool:
+        """Whether the interval of a loss ends where a panel's verdict is `fails`."""
+        return self.curve(quantities) + self.curve.half_width(quantities) >= FAILS
 
 
 @dataclass(frozen=True)
@@ -81,11 +89,12 @@ class Prediction:
         helped: of it what goes by the help of numerics that pump, which the truth does not give;
             None where the law does not tell.
         half_width: of the interval of the loss.
-        level: share of policies that the interval is expected to hold.
+        level: share of such means over seeds that the interval is expected to hold; single
+            policies differ by more.
         fitted_on: smallest and largest limit of the control over the critical one that the law saw.
         seen_ratios: smallest and largest critical limit over the truth's that the law saw.
-        safe_dt: coarsest step of this integrator with a known expected loss of at most 0.1, s; None
-            where there is none down to a 64th of the control period.
+        safe_dt: coarsest step of this integrator whose interval is known and ends below 0.2, s;
+            None where there is none down to a 64th of the control period.
     """
 
     discretization: Discretization
@@ -105,8 +114,13 @@ class Prediction:
         return _among(self.quantities.margin, self.fitted_on) and law().saw(self.quantities)
 
     @property
+    def fitted_env_id(self) -> str:
+        """The environment that the law was fitted on."""
+        return law().env_id
+
+    @property
     def interval(self) -> tuple[float, float]:
-        """Loss that policies are expected within, in [-1, 1]."""
+        """Loss that a mean over seeds is expected within, in [-1, 1]."""
         return max(-1.0, self.loss - self.half_width), min(1.0, self.loss + self.half_width)
 
 
@@ -152,7 +166,7 @@ def predict(
         numbers.critical_ratio <= numbers.margin,
         loss,
         known.curve.parts(numbers).get("helped"),
-        float(known.curve.half_width(loss)),
+        known.curve.half_width(numbers),
         known.margins,
         known.critical_ratios,
         _safe_dt(env_id, environment, at),
@@ -175,8 +189,10 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
     given = {name: value for name, value in arguments.items() if name not in DISCRETIZATION}
     try:
         known = Quantities(env_id, given, own)
-        loss, seen = law().curve(known), law().saw(known)
+        loss, fails, seen = law().curve(known), law().may_fail(known), law().saw(known)
     except SpecError:
+        return None
+    if known.env_id != law().env_id:
         return None
     if not seen:
         low, high = law().critical_ratios
@@ -185,7 +201,7 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
             f"limit of the control there is {known.critical_ratio:.2g} of the truth's, and the law "
             f"of `integ-gym predict` was fitted on {low:.2g} to {high:.2g}"
         )
-    if loss <= SAFE:
+    if not fails:
         return None
     return (
         f"a policy that learns on {at.name} is expected to lose {loss:.2f} of its success on the "
@@ -200,7 +216,7 @@ def _among(value: float, ends: tuple[float, float]) -> bool:
 def _safe_dt(env_id: str, environment: Mapping[str, Any], at: Discretization) -> float | None:
     for one in _finer(at):
         known = Quantities(env_id, environment, _native(one))
-        if law().curve(known) <= SAFE and law().saw(known):
+        if law().saw(known) and not law().may_fail(known):
             return one.dt
     return None
 

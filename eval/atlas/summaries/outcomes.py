@@ -62,16 +62,6 @@ class Point:
         """Share of the success at home that is missing on the truth; negative: there is more."""
         return float(1.0 - self.on_truth.mean() / self.at_home.mean())
 
-    @property
-    def loss_error(self) -> float:
-        """Standard error of the loss over seeds: of a ratio of means over the same policies.
-
-        Cochran, Sampling Techniques, 3rd edition, 1977, chapter 6. With one seed it is 0.
-        """
-        left = self.on_truth - (1.0 - self.loss) * self.at_home
-        spread = left.std(ddof=1) if len(left) > 1 else 0.0
-        return float(spread / np.sqrt(len(left)) / self.at_home.mean())
-
 
 def points(
     atlas: Atlas, summaries: Sequence[tuple[Block, Summary]], agreements: Iterable[Agreement] = ()

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import pyarrow as pa
@@ -129,6 +130,7 @@ def test_a_block_that_is_none_is_refused(tmp_path, capsys, extra):
     assert "there is no block '9-seed1'; --plan lists them" in capsys.readouterr().err
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted by Linux")
 def test_reading_a_summary_leaves_no_thread_that_could_abort_the_end():
     path = ROOT / "docs" / "atlas" / "rod_pendulum" / "3-seed2000.parquet"
     command = [sys.executable, "-c", _THREADS_OF_READING, str(path)]

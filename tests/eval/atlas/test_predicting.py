@@ -47,8 +47,8 @@ def test_beyond_what_the_law_was_fitted_on_nothing_is_promised(capsys):
     assert main(["predict", "--integrator", "rk4", "--dt", "0.05"]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "Not known of rk4 dt=0.05: the limit of the control is" in told
-    assert "interval" not in told
-    assert "coarsest safe step – expected loss at most 0.1" in told
+    assert "% interval" not in told
+    assert "coarsest safe step – whose interval ends below a loss of 0.2" in told
 
 
 def test_where_numerics_do_most_of_the_task_nothing_is_promised(capsys):
@@ -79,6 +79,24 @@ def test_where_numerics_take_more_than_the_law_saw_nothing_is_promised():
     found = predict(integrator="implicit_euler", dt=0.05, control_period=0.05, **given)
     assert found.quantities.critical_ratio > found.seen_ratios[1]
     assert not found.within
+
+
+def test_of_another_environment_nothing_is_promised(capsys):
+    given = ["--env-arg", "max_force=0.5", "--integrator", "rk4", "--dt", "0.02"]
+    assert main(["predict", "--env", "IntegCartPoleSwingUp-v0", *given]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "the law was fitted on IntegPendulum-v0, and is not one of IntegCartPoleSwingUp" in told
+    assert doubt("IntegCartPoleSwingUp-v0", {"integrator": "explicit_euler", "dt": 0.02}) is None
+
+
+def test_a_step_is_safe_whose_interval_ends_below_what_a_panel_calls_a_failure():
+    given = {"max_torque": 0.714, "start": "hanging", "duration": 10.0, "control_period": 0.05}
+    coarse, fine = (predict(integrator="symplectic_euler", dt=dt, **given) for dt in (0.05, 0.025))
+    assert fine.interval[1] < 0.2 < coarse.interval[1]
+    assert coarse.safe_dt == fine.safe_dt == 0.025
+    exact = predict(integrator="rk4", dt=0.05, **given)
+    assert exact.safe_dt == 0.05
+    assert exact.half_width < fine.half_width < coarse.half_width
 
 
 def test_where_nothing_has_to_be_lifted_no_control_is_the_least(capsys):
