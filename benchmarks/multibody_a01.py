@@ -25,7 +25,7 @@ from measuring import results
 from scipy.special import ellipj, ellipk
 from tqdm import tqdm
 
-from integ_gym.envs import ENGINES, INTEGRATORS, PLANTS, integrators_of, missing_modules
+from integ_gym.envs import ENGINES, INTEGRATORS, NATIVE, PLANTS, integrators_of, missing_modules
 from integ_gym.envs.arithmetic import SCALAR
 from integ_gym.envs.engines import Engine
 from integ_gym.envs.mechanics import PlantSystem
@@ -75,9 +75,9 @@ def error_of(name: str, steps: int, truth: Array, deadline: float) -> float:
     plant = PLANTS.load("pendulum")(mass_distribution="point", gravity=GRAVITY)
     engine = engine_of(name, PlantSystem(plant), DURATION / OUTPUTS / steps)
     angles = np.empty(0)
-    for found in (_compiled if engine.batched else _stepped)(engine, steps):
-        angles = np.append(angles, found)
-        if not (np.abs(found) < FARTHEST).all():
+    for more in (_compiled if engine.name == NATIVE else _stepped)(engine, steps):
+        angles = np.append(angles, more)
+        if not (np.abs(more) < FARTHEST).all():
             return math.inf
         if time.process_time() > deadline:
             raise TimeoutError
@@ -109,12 +109,12 @@ def _compiled(engine: Engine, steps: int) -> Iterator[Array]:
         motion = engine.advance(JaxOps("float64"), *state, ((0.0, steps),), None)
         return (motion.q, motion.v), motion.q[0]
 
-    with jax.enable_x64(True):
-        run = jax.jit(lambda state: jax.lax.scan(output, state, length=AT_ONCE))
-        state = jax.tree.map(jax.numpy.asarray, RELEASED)
-        for _ in range(OUTPUTS // AT_ONCE):
-            state, angles = run(state)
-            yield np.asarray(angles)
+    run = jax.jit(lambda state: jax.lax.scan(output, state, length=AT_ONCE))
+    state: Any = RELEASED
+    for _ in range(OUTPUTS // AT_ONCE):
+        with jax.enable_x64(True):
+            state, angles = run(jax.tree.map(jax.numpy.asarray, state))
+        yield np.asarray(angles)
 
 
 def largest_steps(name: str, truth: Array, seconds: float) -> tuple[dict[str, float], str]:
@@ -142,7 +142,7 @@ def subjects(only: list[str] | None) -> Iterator[str]:
         if not only or name in only:
             yield name
     for engine in ENGINES.names():
-        if engine == "native" or missing_modules(engine) or (only and engine not in only):
+        if engine == NATIVE or missing_modules(engine) or (only and engine not in only):
             continue
         for integrator in integrators_of(engine):
             yield f"{engine}/{integrator}"
@@ -155,7 +155,10 @@ def main() -> None:
     )
     parser.add_argument("--only", nargs="+", help="integrators and engines; default: all")
     parser.add_argument(
-        "--seconds", type=float, default=60.0, help="of processor time, for each integrator"
+        "--seconds",
+        type=float,
+        default=60.0,
+        help="of processor time, for each integrator, compilation included",
     )
     parser.add_argument("--json", type=Path, help="write what was found")
     given = parser.parse_args()
