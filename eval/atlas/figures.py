@@ -118,8 +118,7 @@ def draw_losses(
     canvas = inch_canvas(figure)
     draw_heading(
         canvas, 0.3, f"{name}: loss by {curve.number}",
-        f"one mark for each training ground and limit of the control, with {percent(LEVEL)} over "
-        f"seeds; open: held out of the fit; interval of what is expected: {_widths(curve)}",
+        f"open: held out of the fit; bars: {percent(LEVEL)} over seeds; expected {_widths(curve)}",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
@@ -144,7 +143,10 @@ def draw_losses(
 def _widths(curve: Curve) -> str:
     """Half widths of its intervals, in words."""
     quiet, little, more = map(fixed, curve.half_widths)
-    return f"±{quiet} where the numerics do next to nothing, ±{little} where it is little, ±{more}"
+    return (
+        f"±{quiet} where the numerics do next to nothing, ±{little} where little is expected, "
+        f"±{more} elsewhere"
+    )
 
 
 def _draw_line(axes: Axes, term: Term, line: Line, learned: Sequence[Point], curve: Curve) -> None:
