@@ -67,8 +67,8 @@ class Curve(msgspec.Struct, frozen=True):
     Attributes:
         number: name of a candidate or a guess.
         lines: of its terms.
-        half_widths: of the interval of a prediction: where the numerics' force is `QUIET`, where
-            `LITTLE` is expected to be lost, and where more is.
+        half_widths: of the interval of a prediction: where the numerics' force is at most `QUIET`,
+            where at most `LITTLE` is expected to be lost, and where more is.
         seen_error: mean of the absolute error over the points of the fit, each predicted from the
             other limits of the control.
     """
