@@ -8,7 +8,14 @@ from functools import partial
 from pathlib import Path
 
 from integ_gym.evidence import EvidenceStore
-from integ_gym.support import Cluster, Storage, check_spawning, cores, replace_file
+from integ_gym.support import (
+    Cluster,
+    Storage,
+    check_spawning,
+    cores,
+    installed_versions,
+    replace_file,
+)
 from integ_gym.train import HOW_TO_STATE, Policy
 
 from ..checking import check_records
@@ -32,7 +39,7 @@ from ..running import (
     evaluate_all,
 )
 from ..sharing import evaluate_on, write_pages
-from ..specification import PanelSpec
+from ..specification import TRAINERS, PanelSpec
 from .policy import Existing
 
 SHORT = 10.0
@@ -72,7 +79,8 @@ def evaluate_existing(
     """
     row, home, spec = existing.policy.policy_id, existing.home, as_there(spec, out)
     content = {**spec.to_json(), "policy": existing.policy.content_hash, "home": existing.told}
-    directory = RunDirectory(out, content, spec.engine_versions())
+    learned_by = installed_versions(TRAINERS["sb3"])
+    directory = RunDirectory(out, content, {**learned_by, **spec.engine_versions()})
     subjects = [
         Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),

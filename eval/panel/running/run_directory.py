@@ -36,8 +36,8 @@ MANIFEST = "run.json"
 PANEL_FILE = "panel.json"
 FIGURES = "figures"
 LOCK = ".lock"
-PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium", "stable-baselines3", "torch")
-"""Packages whose version can change a result of the native engine."""
+PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium")
+"""Packages whose version can change a result of every run."""
 
 
 RECORDS = "records"
@@ -63,7 +63,7 @@ class RunDirectoryError(ValueError):
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results depend on."""
+    """Versions of Python and of the packages that every run's results depend on."""
     return installed_versions(PACKAGES)
 
 
@@ -104,7 +104,9 @@ class RunDirectory:
 
     def versions(self) -> dict[str, str]:
         """Versions of Python and of all packages that this run's results depend on."""
-        return {**package_versions(), **self._engines}
+        trainer = self._specification.get("trainer", {})
+        trained = {name: version for name, version in trainer.items() if name != "name" and version}
+        return {**package_versions(), **trained, **self._engines}
 
     @contextmanager
     def opened(self, lease: float = LEASE) -> Iterator[None]:
@@ -304,8 +306,9 @@ class RunDirectory:
         manifest = self.path / MANIFEST
         held = read_manifest(manifest) if manifest.exists() else {}
         before = held.get("specification")
-        versions = {**self.versions(), **held.get("versions", {})}
-        told = {**held, "versions": versions, "specification": self._specification}
+        told = {**held, "specification": self._specification}
+        if before != self._specification:
+            told["versions"] = {**self.versions(), **held.get("versions", {})}
         if told != held:
             write_json(manifest, told)
         try:

@@ -20,7 +20,7 @@ from integ_gym.train import (
 
 from ..specification import PanelSpec
 from .division import waiting_chunks
-from .run_directory import RunDirectory, package_versions
+from .run_directory import RunDirectory
 from .staging import WORK
 from .units import Unit, is_there, trained_units, training_config, training_key
 
@@ -152,6 +152,6 @@ def _evidence(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> TrainingE
         training_discretization=unit.home.arguments(),
         training_seed=unit.seed,
         trace_every=config.trace_every,
-        packages=package_versions(),
+        packages=directory.versions(),
     )
     return TrainingEvidence(directory.evidence, unit.training, context)

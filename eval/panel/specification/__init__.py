@@ -24,10 +24,9 @@ if TYPE_CHECKING:
         swept_name,
         training_arguments,
     )
-    from .checks import TRAINERS
     from .difference import GROWING, additions, continued, contradictions
     from .growth import grown, inputs, stages
-    from .panel_spec import ALGORITHM, PanelSpec
+    from .panel_spec import ALGORITHM, TRAINERS, PanelSpec
     from .planned import names_code, planned_home, planned_spec, texts_of
     from .reading import BUILT_IN, built_in_spec, parse_spec, read_spec, read_toml
     from .values import SpecError

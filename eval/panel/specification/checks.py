@@ -9,10 +9,8 @@ from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.train import ALGORITHMS
 
 from .cells import environments_of, file_name
-from .panel_spec import ALGORITHM, STARTS_APART, PanelSpec
+from .panel_spec import ALGORITHM, STARTS_APART, TRAINERS, PanelSpec
 from .values import SpecError, check_known, check_unique
-
-TRAINERS = ("fleet", "sb3")
 
 
 def check_parts(spec: PanelSpec) -> None:

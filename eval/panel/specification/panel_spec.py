@@ -26,6 +26,9 @@ _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""
 
 
+TRAINERS = {"fleet": ("jax",), "sb3": ("stable-baselines3", "torch")}
+"""What trains policies, with the packages that these depend on beside those of every run."""
+
 STARTS_APART = 10_000
 """Seeds between the first starts of one training seed and of the next."""
 
@@ -235,7 +238,8 @@ class PanelSpec:
 
     def _trainer(self) -> dict[str, str | None]:
         """The trainer, with what its results depend on beside the packages of every panel."""
-        return {"name": self.trainer, **({"jax": package_version("jax")} if self.fleet else {})}
+        packages = TRAINERS.get(self.trainer, ())
+        return {"name": self.trainer, **{name: package_version(name) for name in packages}}
 
     @property
     def fleet(self) -> bool:

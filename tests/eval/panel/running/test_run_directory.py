@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
 from integ_gym.eval.panel.running.run_directory import (
     MANIFEST,
+    PACKAGES,
     RunDirectory,
     RunDirectoryError,
     key_of,
 )
+from integ_gym.eval.panel.specification import TRAINERS
+from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.evidence.verification.sealing import seal
 
 
 @pytest.fixture
@@ -67,6 +72,36 @@ def test_what_an_interrupted_run_left_is_gone_when_it_goes_on(directory):
     with directory.opened():
         assert not [file for place in places for file in place.glob(".*.tmp")]
     assert not (directory.path / ".lock").exists()
+
+
+@pytest.mark.parametrize("trainer", TRAINERS)
+def test_a_run_depends_on_what_its_trainer_does_and_not_on_what_else_is_installed(
+    trainer, tmp_path
+):
+    """All trainers are installed here; a fleet's run is gone on with where they come later."""
+    spec = replace(built_in_spec(), trainer=trainer)
+    versions = RunDirectory(tmp_path / "run", spec.to_json()).versions()
+    assert versions.keys() == {"python", *PACKAGES, *TRAINERS[trainer]}
+    assert set(TRAINERS["sb3"]).isdisjoint(PACKAGES)
+
+
+def test_packages_of_a_run_are_those_that_it_began_with(tmp_path):
+    with RunDirectory(tmp_path / "run", {"name": "a"}).opened():
+        pass
+    before = (tmp_path / "run" / MANIFEST).read_bytes()
+    with RunDirectory(tmp_path / "run", {"name": "a"}, {"mujoco": "1"}).opened():
+        pass
+    assert (tmp_path / "run" / MANIFEST).read_bytes() == before
+
+
+def test_a_refused_unit_leaves_the_seal(directory):
+    with directory.opened():
+        pass
+    seal(directory.path)
+    sealed = (directory.path / "seal.json").read_bytes()
+    with pytest.raises(RunDirectoryError, match="belongs to another"), directory.opened():
+        directory.finished("train-a", "another key", records=False)
+    assert (directory.path / "seal.json").read_bytes() == sealed
 
 
 def test_keys_and_other_facts_are_kept(directory):
