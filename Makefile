@@ -92,7 +92,7 @@ moto: .moto/.ready
 # Each step of the set-up adds to the one before, in the same .venv.
 $(LIGHT): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
-	@echo "Setting up $(VENV) for panels: 0.9 GB, once."
+	@echo "Setting up $(VENV) for panels: 1.0 GB, once."
 	@$(PYTHON) -m venv $(VENV)
 	@$(INSTALL) --editable ".[panel]"
 	@touch $@

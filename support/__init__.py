@@ -151,6 +151,7 @@ if TYPE_CHECKING:
         YELLOW,
         CommandParser,
         beside,
+        check_no_option,
         compact,
         compact_percent,
         end_quietly,

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, PendulumSwingUp, Settings
-from integ_gym.support import CommandParser, named_value, report_errors, whole_number
+from integ_gym.support import (
+    CommandParser,
+    check_no_option,
+    named_value,
+    report_errors,
+    whole_number,
+)
 
 from .algorithms import ALGORITHMS
 from .policy_files import told
@@ -189,6 +195,8 @@ def _default_folder(config: TrainingConfig) -> Path:
 def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfig:
     """The run that the flags describe."""
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
-    arguments.update(given.pop("env_arg", []))
+    further = dict(given.pop("env_arg", []))
+    check_no_option(further, arguments, "--env-arg")
+    arguments.update(further)
     env_id = given.pop("env_id", owner.env_id)
     return owner.of(env_id, env_arguments=arguments, **given)

@@ -157,6 +157,12 @@ def main(argv: Sequence[str]) -> int:
             )
         print_power(spec, arguments.out)
         return 0
+    if spec.left_out:
+        say(
+            f"Not installed, and left out: {', '.join(spec.left_out)}; docs/reference/engines.md "
+            "says how each is installed.",
+            sys.stderr,
+        )
     if arguments.plan:
         print_plan(spec, workers_of(arguments))
         return 0

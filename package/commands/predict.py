@@ -7,14 +7,28 @@ import sys
 from collections.abc import Sequence
 
 from integ_gym.eval import Prediction, predict
-from integ_gym.support import NONE, CommandParser, named_value, percent, print_aligned, say
+from integ_gym.support import (
+    NONE,
+    CommandParser,
+    check_no_option,
+    named_value,
+    percent,
+    print_aligned,
+    say,
+)
 
 EXAMPLES = """\
 examples:
   integ-gym predict --integrator explicit_euler --dt 0.05 --env-arg max_torque=0.7 \\
                     --env-arg start=hanging --env-arg duration=10
-  integ-gym predict --env IntegCartPoleSwingUp-v0 --integrator implicit_euler --dt 0.02
+  integ-gym predict --integrator symplectic_euler --dt 0.025 --control-period 0.05 \\
+                    --env-arg max_torque=0.7 --env-arg start=hanging
+
+Power and force are those of the numerics along a swing-up on the truth; what takes back within
+a swing what it gave is reactive. What is lost by reactive force is out of step with the truth,
+what is lost by power came by help that the truth does not give (docs/explanation/atlas.md).
 """
+_OPTIONS = ("env", "env_id", "integrator", "dt", "control_period", "engine")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -43,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    check_no_option(dict(given.env_arg), _OPTIONS, "--env-arg")
     found = predict(
         given.env,
         integrator=given.integrator,
@@ -80,7 +95,8 @@ def _beyond(found: Prediction) -> str:
     if not least <= own.margin <= most:
         return (
             f"the limit of the control is {own.margin:.3g} times the least that the truth takes, "
-            f"and the law was fitted on {least:g} to {most:g} times"
+            f"and the law was fitted on {least:g} to {most:g} times (give the task by --env-arg, "
+            "as start=hanging)"
         )
     low, high = found.seen_ratios
     return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,22 @@ def named_value(word: str) -> tuple[str, Any]:
         return name, json.loads(value)
     except (ValueError, RecursionError):
         return name, value
+
+
+def check_no_option(further: Iterable[str], options: Iterable[str], how: str) -> None:
+    """Refuse what has an option of its own among arguments that are given by name.
+
+    Args:
+        further: names given with ``how``.
+        options: names that are given by themselves.
+        how: the option that takes names, as ``--env-arg``.
+
+    Raises:
+        ValueError: naming the first of both.
+    """
+    for name in set(options).intersection(further):
+        own = f"--{name.replace('_', '-')}"
+        raise ValueError(f"give {own} in place of {how} {name}")
 
 
 def whole_number(word: str) -> int:

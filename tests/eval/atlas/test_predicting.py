@@ -34,6 +34,13 @@ def test_a_map_without_a_twin_of_ours_is_refused(given, told, capsys):
     assert told in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.parametrize("command", ["predict", "train"])
+def test_what_has_an_option_is_not_given_twice(command, capsys):
+    given = ["--integrator", "rk4", "--dt", "0.05", "--env-arg", "dt=0.02"]
+    assert main([command, *given]) == 2
+    assert "give --dt in place of --env-arg dt" in capsys.readouterr().err
+
+
 def test_a_map_that_is_ours_is_predicted_alike_on_any_engine(capsys):
     own = ["--env-arg", "max_torque=0.7", "--env-arg", "start=hanging", "--dt", "0.05"]
     assert main(["predict", "--integrator", "rk4", *own]) == 0

@@ -133,4 +133,5 @@ def test_policies_that_were_trained_otherwise_are_refused(panel_directory, tmp_p
     longer = toml.replace("total_steps = 2048", "total_steps = 4096")
     assert "other hyperparameters" in _refused(capsys, tmp_path, longer, panel_directory)
     message = _refused(capsys, tmp_path, toml, panel_directory, "--trainer", "fleet")
-    assert "from trainer 'sb3', this panel's from 'fleet' with jax" in message
+    assert "from trainer 'sb3' with stable-baselines3 " in message
+    assert "this panel's from 'fleet' with jax " in message
