@@ -29,7 +29,7 @@ from integ_gym.support import (
 
 from ..scheme_style import styles_of
 from .numbers import Term, terms_of
-from .prediction import LEVEL, LITTLE, Curve, Line, off_by_chance, telling
+from .prediction import LEVEL, Curve, Line, off_by_chance, telling
 from .summaries import Point
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def _draw_line(axes: Axes, term: Term, line: Line, learned: Sequence[Point], cur
     at = np.geomspace(SMALLEST, max(1.1 * most, 2 * SMALLEST), 400)
     loss = line(at)
     if term.part == "whole":
-        wide = np.where(loss > LITTLE, curve.half_widths[2], curve.half_widths[1])
+        wide = curve.half_width(np.inf, loss)
         axes.fill_between(at, loss - wide, loss + wide, color=SUNK, linewidth=0)
     axes.plot(at, loss, color=INK, linewidth=1.4)
     axes.set_xscale("log")

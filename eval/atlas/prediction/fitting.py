@@ -13,7 +13,7 @@ Numbers are rounded to 9 decimals, so that a law is the same whichever processor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -82,9 +82,9 @@ class Curve(msgspec.Struct, frozen=True):
         """Loss that is to be expected, at most 1."""
         return min(sum(self.parts(quantities).values()), 1.0)
 
-    def half_width(self, quantities: Quantities) -> float:
-        """Of the interval around what is to be expected."""
-        return self.half_widths[_group(quantities, self(quantities))]
+    def half_width(self, force: float | Array, expected: float | Array) -> Array:
+        """Of intervals around what is expected at forces of the numerics, of their shape."""
+        return np.asarray(self.half_widths)[_groups(force, expected)]
 
     def parts(self, quantities: Quantities) -> dict[str, float]:
         """What is to be expected of each part, by its name."""
@@ -132,26 +132,26 @@ def fit(name: str, seen: Sequence[Point]) -> Curve:
     learned = telling(seen)
     if not learned:
         raise ValueError("no policy learned its task in any of the points")
-    ratios = sorted({point.ratio for point in learned})
-    groups, residuals = np.array(
-        [
-            (_group(point.known, expected), abs(point.loss - expected))
-            for ratio in ratios
-            if (rest := [p for p in learned if p.ratio != ratio] or learned)
-            for others in [_curve(name, rest)]
-            for point in learned
-            if point.ratio == ratio
-            for expected in [others(point.known)]
-        ]
-    ).T
+    force, expected, found = np.array(list(_from_other_limits(name, learned))).T
+    groups, residuals = _groups(force, expected), abs(found - expected)
     quiet, little, more = (_half_width(residuals, groups == group) for group in range(3))
     error = round(float(residuals.mean()), DECIMALS)
     return _curve(name, learned, (quiet, little, more), error)
 
 
-def _group(quantities: Quantities, expected: float) -> int:
-    """Which of the half widths is that of a prediction."""
-    return 0 if quantities.force <= QUIET else 1 if expected <= LITTLE else 2
+def _from_other_limits(name: str, learned: Sequence[Point]) -> Iterator[tuple[float, float, float]]:
+    """Force, the loss expected by a fit to the other limits, where there are, and that found."""
+    for ratio in sorted({point.ratio for point in learned}):
+        others = _curve(name, [point for point in learned if point.ratio != ratio] or learned)
+        for point in learned:
+            if point.ratio == ratio:
+                yield point.known.force, others(point.known), point.loss
+
+
+def _groups(force: float | Array, expected: float | Array) -> npt.NDArray[np.intp]:
+    """Which of the half widths are those of predictions."""
+    loud = np.where(np.asarray(expected) <= LITTLE, 1, 2)
+    return np.where(np.asarray(force) <= QUIET, 0, loud)
 
 
 def _half_width(residuals: Array, of: npt.NDArray[np.bool_]) -> float:
@@ -184,11 +184,12 @@ def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, .
     """
     homes = np.array([point.home.name for point in held_out])
     losses = np.array([point.loss for point in held_out])
+    force = np.array([point.known.force for point in held_out])
     off = np.array([off_by_chance(point) for point in held_out])
     found, first = [], None
     for curve in curves:
         expected = np.array([curve(point.known) for point in held_out])
-        widths = np.array([curve.half_width(point.known) for point in held_out])
+        widths = curve.half_width(force, expected)
         errors = abs(losses - expected)
         first = errors if first is None else first
         found.append(

@@ -13,7 +13,6 @@ import msgspec
 from integ_gym.envs import (
     DISCRETIZATION,
     ENGINES,
-    ENVIRONMENTS,
     INTEGRATORS,
     NATIVE,
     Discretization,
@@ -23,14 +22,12 @@ from integ_gym.envs import (
 from integ_gym.support import unknown_name
 
 from ...panel import SpecError, map_of
+from ...verdict import FAIL_MARGIN
 from ..numbers import Quantities
 from .fitting import LEVEL, Curve
 
 LAW: Final = "law.json"
 """Made of the atlas's summaries by ``integ-gym atlas --publish``."""
-
-FAILS: Final = 0.2
-"""Loss from which a panel's verdict is `fails`: a step is safe whose interval ends below."""
 
 SLIGHT: Final = 0.1
 """Power of the numerics over the motor's up to which the critical limit is near the truth's."""
@@ -74,7 +71,8 @@ class Law(msgspec.Struct, frozen=True):
 
     def may_fail(self, quantities: Quantities) -> bool:
         """Whether the interval of a loss ends where a panel's verdict is `fails`."""
-        return self.curve(quantities) + self.curve.half_width(quantities) >= FAILS
+        loss = self.curve(quantities)
+        return bool(loss + self.curve.half_width(quantities.force, loss) >= FAIL_MARGIN)
 
 
 @dataclass(frozen=True)
@@ -166,7 +164,7 @@ def predict(
         numbers.critical_ratio <= numbers.margin,
         loss,
         known.curve.parts(numbers).get("helped"),
-        known.curve.half_width(numbers),
+        float(known.curve.half_width(numbers.force, loss)),
         known.margins,
         known.critical_ratios,
         _safe_dt(env_id, environment, at),
@@ -180,7 +178,7 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         env_id: of the environment.
         arguments: constructor arguments, the discretization among them.
     """
-    if env_id not in ENVIRONMENTS or "mixture" in arguments:
+    if env_id != law().env_id or "mixture" in arguments:
         return None
     at = Discretization.of(environment_setup(env_id, arguments))
     own = _native(at)
@@ -191,8 +189,6 @@ def doubt(env_id: str, arguments: Mapping[str, Any]) -> str | None:
         known = Quantities(env_id, given, own)
         loss, fails, seen = law().curve(known), law().may_fail(known), law().saw(known)
     except SpecError:
-        return None
-    if known.env_id != law().env_id:
         return None
     if not seen:
         low, high = law().critical_ratios
