@@ -21,12 +21,11 @@ corrected by Holm's method. Gains at the periods between are told without a test
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
 from measuring.results import p_value
-from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
+from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained, in_the_same_time
 
 from integ_gym import PPOConfig
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
@@ -67,17 +66,11 @@ def settings(arm: str, period: float) -> dict[str, Any]:
     common = {
         "total_steps": round(SECONDS / period), "learning_rate": 2e-3, "learning_rate_end": 0.0,
     }  # fmt: skip
+    own = {"n_steps": STEPS, "batch_size": BATCH, "gae_lambda": GAE_LAMBDA}
+    slower = period / PERIOD
     if arm == "per decision":
-        own = {
-            "n_steps": STEPS, "batch_size": BATCH, "gae_lambda": GAE_LAMBDA,
-            "discount_time": DISCOUNT_TIME * period / PERIOD,
-        }  # fmt: skip
-    else:
-        own = {
-            "n_steps": round(STEPS * PERIOD / period), "batch_size": round(BATCH * PERIOD / period),
-            "gae_lambda": math.pow(GAE_LAMBDA, period / PERIOD), "discount_time": DISCOUNT_TIME,
-        }  # fmt: skip
-    return {**common, **own}
+        return {**common, **own, "discount_time": DISCOUNT_TIME * slower}
+    return {**common, **in_the_same_time(own, slower), "discount_time": DISCOUNT_TIME}
 
 
 def run(unit: Unit) -> list[int]:

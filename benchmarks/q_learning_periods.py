@@ -34,6 +34,7 @@ from measuring.trained import (
     by_fleet,
     command,
     gained,
+    in_the_same_time,
     judged_in,
 )
 
@@ -95,13 +96,10 @@ def run(unit: Unit) -> list[int]:
 
 
 def _by_advantages(unit: Unit) -> list[int]:
-    faster, given = PERIOD / unit.value, arguments(unit.value)
+    given = arguments(unit.value)
     settings = {
+        **in_the_same_time(PPO, unit.value / PERIOD),
         "total_steps": round(SECONDS / unit.value),
-        "n_envs": PPO["n_envs"],
-        "n_steps": round(PPO["n_steps"] * faster),
-        "batch_size": round(PPO["batch_size"] * faster),
-        "gae_lambda": math.pow(PPO["gae_lambda"], 1.0 / faster),
         "discount_time": DISCOUNT_TIME,
     }
     configs = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
@@ -180,6 +181,17 @@ def read(path: Path) -> Done:
         return {}
     found: Done = json.loads(path.read_text(encoding="utf-8"))["successes"]
     return found
+
+
+def in_the_same_time(at_home: Mapping[str, Any], slower: float) -> dict[str, Any]:
+    """PPO's settings, so that rollouts, minibatches and λ span the time that they do at home.
+
+    Args:
+        at_home: `n_steps`, `batch_size`, `gae_lambda`, and others that stay.
+        slower: control period over that at home.
+    """
+    counted = {name: round(at_home[name] / slower) for name in ("n_steps", "batch_size")}
+    return {**at_home, **counted, "gae_lambda": math.pow(at_home["gae_lambda"], slower)}
 
 
 def by_fleet(stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]) -> list[int]:

@@ -121,11 +121,12 @@ def draw_losses(
         f"open: held out of the fit; bars: {percent(LEVEL)} over seeds; expected {_widths(curve)}",
     )  # fmt: skip
     styles = styles_of(point.known.home.integrator for point in learned)
+    chances = [off_by_chance(point) for point in learned]
     for place, (term, line) in enumerate(zip(terms, curve.lines, strict=True)):
         axes = axes_at(figure, 0.75 + place * wide, 0.65, _PANEL, 3.0)
         bare(axes)
         _draw_line(axes, term, line, learned, curve)
-        for point in learned:
+        for point, chance in zip(learned, chances, strict=True):
             style = styles[point.known.home.integrator]
             look = {**marker_style(style), "markeredgecolor": style.colour, "markeredgewidth": 1.0}
             fill = PAPER if point.ratio in held_out else style.colour
@@ -133,7 +134,7 @@ def draw_losses(
             parts = curve.parts(point.known)
             left = point.loss - sum(parts.values()) + parts[term.part]
             axes.errorbar(
-                [at], [left], off_by_chance(point), ecolor=style.colour, elinewidth=0.7,
+                [at], [left], chance, ecolor=style.colour, elinewidth=0.7,
                 linestyle="none", color=fill, **look,
             )  # fmt: skip
     draw_legend(canvas, scheme_entries(styles), len(terms) * wide)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from integ_gym.support import (
     NONE,
@@ -22,7 +23,7 @@ from integ_gym.support import (
 from ..statistics import draws_for, rate_interval
 from .figures import draw_losses, draw_phases
 from .numbers import CANDIDATES, GUESSES
-from .prediction import LAW, QUIET, Law, Trial, fit, law, off_by_chance, telling, trials
+from .prediction import LAW, QUIET, Law, Trial, errors_of, fit, law, off_by_chance, telling, trials
 from .running import finished
 from .specification import Atlas
 from .summaries import Point, noted_in, points
@@ -141,18 +142,18 @@ def _trial_table(tried: Sequence[Trial], whose: str) -> Iterator[str]:
 
 def _by_limit(known: Law, held_out: Sequence[Point]) -> Iterator[str]:
     """Mean errors at each limit that was held out, and where the numerics do something."""
-    groups = {
-        f"{ratio:g}": [point for point in held_out if point.ratio == ratio]
-        for ratio in sorted({point.ratio for point in held_out})
-    }
-    if driven := [point for point in held_out if point.known.force > QUIET]:
+    ratios = np.array([point.ratio for point in held_out])
+    groups = {f"{ratio:g}": ratios == ratio for ratio in np.unique(ratios)}
+    driven = np.array([point.known.force > QUIET for point in held_out])
+    if driven.any():
         groups[f"force above {QUIET:g}"] = driven
-    columns = [trials(known.curves, group) for group in groups.values()]
     yield f"| error at | {' | '.join(groups)} |"
     yield "|---" * (len(groups) + 1) + "|"
-    for row in zip(*columns, strict=True):
-        yield f"| {row[0].number} | " + " | ".join(fixed(one.error, 3) for one in row) + " |"
-    yield "| *losses* | " + " | ".join(str(len(group)) for group in groups.values()) + " |"
+    for curve in known.curves:
+        errors = errors_of(curve, held_out)
+        means = (fixed(float(errors[group].mean()), 3) for group in groups.values())
+        yield f"| {curve.number} | {' | '.join(means)} |"
+    yield f"| *losses* | {' | '.join(str(group.sum()) for group in groups.values())} |"
 
 
 def _losses(learned: Sequence[Point], known: Law, held_out: Sequence[float]) -> bytes:

@@ -175,6 +175,11 @@ def off_by_chance(point: Point) -> float:
     return 0.5 * (lost.high - lost.low) / float(point.at_home.mean())
 
 
+def errors_of(curve: Curve, found: Sequence[Point]) -> Array:
+    """Absolute errors of what a curve expects of points, shape (points,)."""
+    return np.array([abs(point.loss - curve(point.known)) for point in found])
+
+
 def trials(curves: Sequence[Curve], held_out: Sequence[Point]) -> tuple[Trial, ...]:
     """Curves' predictions against losses that they have not seen, beside those of the first.
 
