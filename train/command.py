@@ -161,7 +161,7 @@ def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
     unit = f" [{of.metadata['unit']}]" if of.metadata["unit"] else ""
     default = f" (default: {of.default})" if shown else ""
     described: dict[str, Any] = {"help": f"{of.metadata['meaning']}{unit}{default}"}
-    flag = f"--{of.name.replace('_', '-')}"
+    flag = _flag(of.name)
     if of.type == "bool":
         group.add_argument(flag, action=argparse.BooleanOptionalAction, **described)
         return
@@ -169,6 +169,10 @@ def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:
         described["nargs"] = "+"
     read, metavar = _READERS[str(of.type)]
     group.add_argument(flag, type=read, metavar=metavar, **described)
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _number_or_none(word: str) -> float | None:
@@ -196,7 +200,7 @@ def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfi
     """The run that the flags describe."""
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
     further = dict(given.pop("env_arg", []))
-    check_no_option(further, arguments, "--env-arg")
+    check_no_option(further, {name: _flag(name) for name in arguments}, "--env-arg")
     arguments.update(further)
     env_id = given.pop("env_id", owner.env_id)
     return owner.of(env_id, env_arguments=arguments, **given)

@@ -28,7 +28,11 @@ Power and force are those of the numerics along a swing-up on the truth; what ta
 a swing what it gave is reactive. What is lost by reactive force is out of step with the truth,
 what is lost by power came by help that the truth does not give (docs/explanation/atlas.md).
 """
-_OPTIONS = ("env", "env_id", "integrator", "dt", "control_period", "engine")
+_OPTIONS = {
+    "env_id": "--env", "integrator": "--integrator", "dt": "--dt",
+    "control_period": "--control-period", "engine": "--engine",
+}  # fmt: skip
+"""Of arguments that are not the environment's further ones."""
 
 
 def parser() -> argparse.ArgumentParser:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +23,20 @@ def named_value(word: str) -> tuple[str, Any]:
         return name, value
 
 
-def check_no_option(further: Iterable[str], options: Iterable[str], how: str) -> None:
+def check_no_option(further: Iterable[str], options: Mapping[str, str], how: str) -> None:
     """Refuse what has an option of its own among arguments that are given by name.
 
     Args:
         further: names given with ``how``.
-        options: names that are given by themselves.
+        options: of names that are given by themselves, as ``--dt`` of ``dt``.
         how: the option that takes names, as ``--env-arg``.
 
     Raises:
         ValueError: naming the first of both.
     """
-    for name in set(options).intersection(further):
-        own = f"--{name.replace('_', '-')}"
-        raise ValueError(f"give {own} in place of {how} {name}")
+    for name in further:
+        if name in options:
+            raise ValueError(f"give {options[name]} in place of {how} {name}")
 
 
 def whole_number(word: str) -> int:

@@ -41,6 +41,12 @@ def test_what_has_an_option_is_not_given_twice(command, capsys):
     assert "give --dt in place of --env-arg dt" in capsys.readouterr().err
 
 
+def test_the_environment_is_not_given_twice_either(capsys):
+    given = ["--integrator", "rk4", "--dt", "0.05", "--env-arg", "env_id=IntegPendulum-v0"]
+    assert main(["predict", *given]) == 2
+    assert "give --env in place of --env-arg env_id" in capsys.readouterr().err
+
+
 def test_a_map_that_is_ours_is_predicted_alike_on_any_engine(capsys):
     own = ["--env-arg", "max_torque=0.7", "--env-arg", "start=hanging", "--dt", "0.05"]
     assert main(["predict", "--integrator", "rk4", *own]) == 0
