@@ -66,11 +66,14 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             one of which each lane draws at every reset; all must have one control period.
             ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
+        compiled: whether Numba compiles the step into one loop over lanes, which takes a second or
+            so at the second step, and gives the same numbers sooner.
         arguments: those of the single environment; a plant parameter may be an array of shape
             (num_envs,).
 
     Raises:
         TypeError, ValueError: for unknown or impossible arguments.
+        ModuleNotFoundError: with ``compiled`` and without Numba.
     """
 
     env_class: ClassVar[type[IntegEnv]]
@@ -87,6 +90,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         mixture: Sequence[Mapping[str, Any]] | None = None,
         render_mode: str | None = None,
+        compiled: bool = False,
         **arguments: Any,
     ) -> None:
         self.num_envs = num_envs
@@ -110,7 +114,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
         self._info = LaneInfo(num_envs, quiet_status(self.setup))
-        self._steps = [LanesStep(setup) for setup in self.setups]
+        self._steps = [LanesStep(setup, compiled) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._starts: LaneStarts | None = None

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves
-from ..arithmetic.tracing import ARRAYS, SCALARS, Repeated, Unusual, compiled, repeated
+from ..arithmetic.tracing import (
+    ARRAYS,
+    SCALARS,
+    NotTraceable,
+    Repeated,
+    Unusual,
+    compiled,
+    looped,
+    repeated,
+)
 from .control_period import EnvState, initial_state, quiet_status, transition
 from .info import reset_info, step_info
 from .lane_starts import Begun
@@ -85,24 +94,43 @@ def traced_array_step(setup: Setup) -> Repeated | None:
     return _traced(_Key(setup, _array_step)) if setup.engine.batched else None
 
 
+def compiled_array_step(setup: Setup) -> Repeated:
+    """The same as one loop over lanes that Numba compiles at its second call, to the same numbers.
+
+    Raises:
+        ValueError: for a setup of which this cannot be done.
+        ModuleNotFoundError: without Numba.
+    """
+    if traced_array_step(setup) is None:
+        raise ValueError(
+            "`compiled` is for the native engine, integrators that can be traced, and parameters "
+            "that are alike in all lanes; leave it out"
+        )
+    try:
+        return _looped(_Key(setup, _array_step))
+    except NotTraceable as error:
+        raise ValueError(f"`compiled` cannot be had, for {error}; leave it out") from None
+
+
 class LanesStep:
     """Advances lanes by one control period: by the traced step where it serves.
 
     Args:
         setup: of the lanes.
+        compiled: whether from the first step, by the one that Numba compiles.
 
     Attributes:
         alike: what the last call would have told that is one number for all lanes, and the same
             mapping as long as it says the same.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, compiled: bool = False) -> None:
         self._setup = setup
         self._plain = plain_array_step(setup)
-        self._traced: Repeated | None = None
+        self._traced = compiled_array_step(setup) if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
-        self._steps_to_trace = WARM_UP
+        self._steps_to_trace = 0 if compiled else WARM_UP
         self.alike: Mapping[str, Any] = {}
 
     @property
@@ -233,6 +261,13 @@ def _traced(key: _Key) -> Any:
         return repeated(ARRAYS, function, state, False)
     except Exception:  # whatever a part of the user's own does with what is not a float
         return None
+
+
+@lru_cache(maxsize=_KEPT)
+def _looped(key: _Key) -> Repeated:
+    rest = (0.0,) * len(key.setup.plant.coordinates)
+    state = truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
+    return looped(_traced(key), partial(key.function, key.setup), state, False)
 
 
 def truths(values: tuple[Any, ...]) -> Any:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .compiling import Repeated, compiled, repeated, source_of
+    from .compiling import Repeated, compiled, looped, repeated, source_of
     from .dialects import ARRAYS, JAVASCRIPT, SCALARS, Unusual
+    from .symbols import NotTraceable
 else:
     __getattr__, __dir__ = lazy_door(__name__)

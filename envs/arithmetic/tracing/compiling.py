@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..trees import leaves_of, map_leaves, rebuilt
-from .dialects import Dialect
+from .dialects import ONE_LANE, Dialect
 from .liveness import carried
+from .lane_loops import LaneLoop
 from .symbolic_ops import SymbolicOps
+from .running import executed, in_lanes
 from .symbols import NotTraceable, Symbol, symbols_in
-from .syntax import PYTHON_SYNTAX
+from .syntax import PYTHON_SYNTAX, tuple_of
 from .trace import Trace
 from .writer import Writer, target
 
@@ -79,19 +79,53 @@ def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
     What it would compute of the state it is given, and has computed of the state that it returned,
     it takes from the call before.
     """
+    repeating = _repeating(dialect, function, patterns)
+    step = _written(*repeating[:3])
+    put = _putting(repeating.result[0], repeating.result[-1])
+    trace, (state, *_), _ = _traced(dialect, function, patterns)
+    wanted = tuple(trace.block.items[place] for place in repeating.places)
+    trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
+    return Repeated(_written(trace, [state], wanted), step, put, repeating.alike)
+
+
+def looped(like: Repeated, function: Function, *patterns: Any) -> Repeated:
+    """``like``, which :func:`repeated` has made of the same, with a step that Numba compiles.
+
+    The step is one loop over lanes in place of an array operation after the other, and gives the
+    same numbers; the last argument must be an array. It is compiled at the second call.
+
+    Raises:
+        NotTraceable: for what Numba and NumPy do not round alike, and for calls of functions that
+            are not of our own arithmetic.
+        ModuleNotFoundError: without Numba.
+    """
+    repeating = _repeating(ONE_LANE, function, patterns)
+    if repeating.trace.functions:
+        raise NotTraceable("a call of somebody else's function is not compiled")
+    return like._replace(step=LaneLoop(like.step, *repeating[:3]))
+
+
+class _Repeating(NamedTuple):
+    """The step of :class:`Repeated`, in symbols."""
+
+    trace: Trace
+    arguments: list[Any]
+    result: tuple[Any, ...]
+    alike: dict[str, Any]
+    places: list[int]
+    """Of what is taken from the call before, among the operations of the function as it stands."""
+
+
+def _repeating(dialect: Dialect, function: Function, patterns: Sequence[Any]) -> _Repeating:
     trace, arguments, result = _traced(dialect, function, patterns)
     pairs = carried(trace.block, arguments[0], result)
     places = [place for place, item in enumerate(trace.block.items) if id(item) in pairs]
     taken = tuple(_taken_out(trace, place) for place in reversed(places))[::-1]
     passed_on = tuple(pairs[id(symbol)] for symbol in taken)
     varying = tuple(_entries(part, varying=True) for part in result)
-    step = _written(trace, [arguments[0], taken, *arguments[1:]], (*varying, passed_on))
-    put = _putting(result[0], passed_on)
     alike = [_entries(part, varying=False) for part in result if isinstance(part, dict)]
-    trace, (state, *_), _ = _traced(dialect, function, patterns)
-    wanted = tuple(trace.block.items[place] for place in places)
-    trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
-    return Repeated(_written(trace, [state], wanted), step, put, dict(ChainMap(*alike)))
+    arguments = [arguments[0], taken, *arguments[1:]]
+    return _Repeating(trace, arguments, (*varying, passed_on), dict(ChainMap(*alike)), places)
 
 
 def _entries(part: Any, varying: bool) -> Any:
@@ -115,20 +149,11 @@ def _putting(state: Any, taken: Any) -> Function:
         lines.append(f"{name}[lanes] = values[{place}]")
     names = (f"x{place}" for place in count())
     both = map_leaves(lambda _: next(names), (state, taken))
-    targets = [_tuple_of(both[0]), _tuple_of(both[1]), "lanes", "values"]
+    targets = [tuple_of(both[0]), tuple_of(both[1]), "lanes", "values"]
     source = PYTHON_SYNTAX.function(
-        ["state", "taken", "lanes", "values"], targets, lines, _tuple_of(both)
+        ["state", "taken", "lanes", "values"], targets, lines, tuple_of(both)
     )
-    return _executed(source, {"in_lanes": _in_lanes})
-
-
-def _tuple_of(names: Any) -> str:
-    return PYTHON_SYNTAX.together([_tuple_of(x) if isinstance(x, tuple) else x for x in names])
-
-
-def _in_lanes(value: Any, like: Any) -> Any:
-    """An array as it is; a number as one entry per lane."""
-    return value if isinstance(value, np.ndarray) else np.full(like.shape, value)
+    return executed(source, {"in_lanes": in_lanes})
 
 
 def _traced(
@@ -149,14 +174,7 @@ def _taken_out(trace: Trace, place: int) -> Any:
 
 def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     source = _source(trace, arguments, result)
-    return _executed(source, {**trace.dialect.names, **trace.functions, **trace.held})
-
-
-def _executed(source: str, names: dict[str, Any]) -> Function:
-    exec(compile(source, "<traced>", "exec"), names)
-    made: Function = names["traced"]
-    made.__doc__ = source
-    return made
+    return executed(source, {**trace.dialect.names, **trace.functions, **trace.held})
 
 
 def _source(trace: Trace, arguments: Sequence[Any], result: Any) -> str:

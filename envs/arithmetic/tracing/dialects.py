@@ -1,4 +1,4 @@
-"""How operations are written: for floats with `math`, for arrays with NumPy, for a browser."""
+"""How operations are written: for floats, for arrays, for a loop over lanes, for a browser."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .symbols import NotTraceable
 from .syntax import JAVASCRIPT_SYNTAX, PYTHON_SYNTAX, Syntax
 
 
@@ -26,35 +27,56 @@ class Dialect:
             a statement, which refuses to go on unless {0} holds; `own` a copy, where
             entries of dictionaries must be objects of their own, and `own computed` the same of
             what was computed and not given; `and rarely` where {0} holds in few lanes, if in any.
-        lanes: whether components are arrays. Then numbers are taken to be finite, so that 0.0
-            times one of them is 0.0, and the sign of a zero to mean nothing; and a loop goes on in
-            the lanes where its condition holds, and in no other.
+        finite: whether numbers are taken to be finite, so that 0.0 times one of them is 0.0, and
+            the sign of a zero to mean nothing.
+        lanes: whether components are arrays. Then a loop goes on in the lanes where its condition
+            holds, and in no other.
         raises: whether arithmetic raises, as Python's does on floats.
+        refused: operations of which it cannot be said what they come to, to the last bit.
         syntax: how statements are written.
     """
 
     names: Mapping[str, Any]
     written: Mapping[str, str]
+    finite: bool = False
     lanes: bool = False
     raises: bool = False
+    refused: frozenset[str] = frozenset()
     syntax: Syntax = PYTHON_SYNTAX
 
     def operator(self, template: str) -> str:
-        """How an operation that Python writes by ``template`` is written."""
+        """How an operation that Python writes by ``template`` is written.
+
+        Raises:
+            NotTraceable: if it is refused.
+        """
+        self._check(template)
         return self.written.get(template, template)
 
     def template(self, operation: str, count: int = 1) -> str:
-        """How an operation on so many operands is written."""
+        """How an operation on so many operands is written.
+
+        Raises:
+            NotTraceable: if it is refused.
+        """
+        self._check(operation)
         return self.written.get(operation, called(operation, count))
 
     def expected_after(self, limits: Sequence[float]) -> str:
-        """How `expect` of lanes is written where sums of squares up to ``limits`` are enough.
+        """How `expect` is written where sums of squares up to ``limits`` are enough.
 
-        The operands are the condition and what is squared.
+        The operands are the condition and what is squared over all lanes.
         """
+        if not self.lanes:
+            return self.template("expect")
         sums = (f"dot({{{k}}}, {{{k}}}) <= {limit!r}" for k, limit in enumerate(limits, 1))
         refusal = self.template("expect").removeprefix("if ")
         return f"if not ({' and '.join(sums)}) and {refusal}"
+
+    def _check(self, operation: str) -> None:
+        if operation in self.refused:
+            name = operation.format("x", "y")
+            raise NotTraceable(f"`{name}` is not rounded alike everywhere")
 
 
 def called(name: str, count: int) -> str:
@@ -106,8 +128,25 @@ ARRAYS = Dialect(
         "and rarely": "{0} & {1} if count_nonzero({0}) else {0}.copy()",
         "own computed": "{0}.copy()",
     },
+    finite=True,
     lanes=True,
 )
+
+ONE_LANE = Dialect(
+    names={"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "isfinite": math.isfinite,
+           "inf": math.inf, "nan": math.nan, "floor": np.floor},
+    written={
+        **{name: SCALARS.written[name] for name in ("where", "minimum", "maximum", "any")},
+        "logical_not": "not {0}",
+        "and": "{0} & {1}",
+        "or": "{0} | {1}",
+        "and rarely": "{0} & {1}",
+        "expect": "usual &= {0}",
+    },
+    finite=True,
+    refused=frozenset({"tanh", "{0} ** {1}"}),
+)
+"""What stands in a loop over lanes; whether all is as expected is known at its end."""
 
 JAVASCRIPT = Dialect(
     names={},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Syntax(Protocol):
@@ -23,7 +23,7 @@ class Syntax(Protocol):
     def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
         """Values taken all at once, as each may be made of any of the names."""
 
-    def counting(self, index: str, count: int, body: Sequence[str]) -> list[str]:
+    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         """A loop over 0 … count - 1."""
 
     def forever(self, body: Sequence[str]) -> list[str]:
@@ -60,7 +60,7 @@ class Python:
     def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
         return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
 
-    def counting(self, index: str, count: int, body: Sequence[str]) -> list[str]:
+    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         return [f"for {index} in range({count}):", *_indented(body or ["pass"])]
 
     def forever(self, body: Sequence[str]) -> list[str]:
@@ -105,7 +105,7 @@ class JavaScript:
             return [f"{name} = {value};" for name, value in zip(names, values, strict=True)]
         return [f"[{', '.join(names)}] = [{', '.join(values)}];"]
 
-    def counting(self, index: str, count: int, body: Sequence[str]) -> list[str]:
+    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         return [f"for (let {index} = 0; {index} < {count}; {index} += 1) {{", *body, "}"]
 
     def forever(self, body: Sequence[str]) -> list[str]:
@@ -136,3 +136,8 @@ def _indented(lines: Sequence[str]) -> list[str]:
 
 PYTHON_SYNTAX: Syntax = Python()
 JAVASCRIPT_SYNTAX: Syntax = JavaScript()
+
+
+def tuple_of(names: Any) -> str:
+    """Names in nested tuples, as Python writes them."""
+    return PYTHON_SYNTAX.together([tuple_of(x) if isinstance(x, tuple) else x for x in names])

@@ -90,7 +90,7 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        known = _folded(template, arguments) if self.dialect.lanes else None
+        known = _folded(template, arguments) if self.dialect.finite else None
         if known is not None:
             return known
         key = (template, *map(identity, arguments))
@@ -106,7 +106,7 @@ class Trace:
         key = ("expected", id(condition))
         if self.block.find(key) is None:
             template, operands = self.dialect.template("expect"), [condition]
-            bounds = sums_of_squares(condition) if self.dialect.lanes else None
+            bounds = sums_of_squares(condition) if self.dialect.finite else None
             if bounds is not None:
                 template = self.dialect.expected_after([limit for _, limit in bounds])
                 operands += [symbol for symbol, _ in bounds]
@@ -115,7 +115,7 @@ class Trace:
 
     def rarely(self, condition: Any) -> Any:
         """``condition``, marked for :meth:`both`."""
-        if not self.dialect.lanes or not isinstance(condition, Symbol):
+        if not self.dialect.finite or not isinstance(condition, Symbol):
             return condition
         return self.note(_RARE, condition, boolean=True)
 
