@@ -62,3 +62,11 @@ class ArrayOps:
 
 
 ARRAY = ArrayOps()
+
+
+def rows_of(components: Components, count: int, dtype: npt.DTypeLike = np.float64) -> Array:
+    """Components, each one number or of shape (count,), as rows of shape (count, n)."""
+    rows = np.empty((count, len(components)), dtype)
+    for column, values in enumerate(components):
+        rows[:, column] = values
+    return rows

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import Component, Components, map_leaves
+from ..arithmetic import Component, map_leaves
 from ..episode import Setup
 
 Array = npt.NDArray[Any]
@@ -35,13 +35,6 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
         return array
 
     return map_leaves(merged, tree, values)
-
-
-def fill(table: Array, components: Components, lanes: Any = slice(None)) -> Array:
-    """``table``, shape (num_envs, n), with components, one number or one per lane, as columns."""
-    for column, values in enumerate(components):
-        table[lanes, column] = values
-    return table
 
 
 def varied(setup: Setup) -> dict[str, Array]:

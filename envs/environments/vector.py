@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from ..arithmetic import ARRAY, Components
+from ..arithmetic import ARRAY, Components, rows_of
 from ..episode import (
     RESULTS,
     EnvState,
@@ -42,7 +42,6 @@ from .lanes import (
     as_floats,
     blank,
     check_lanes,
-    fill,
     lane_seeds,
     of_lanes,
     put,
@@ -188,14 +187,13 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{waiting.tolist()}"
             )
-        observed, told, alike = self._advance(self._read_actions(actions, waiting))
+        observation, told, alike = self._advance(self._read_actions(actions, waiting))
         reward, terminated, truncated, sampled = (
             self._info.result(name, told, alike) for name in RESULTS
         )
         info = self._info.of_step(told, alike)
         if self.render_mode is not None:
             self._control = info["control"].copy()
-        observation = self._table(observed)
         if waiting.size:
             self._begin_again(waiting, info, observation)
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
@@ -358,17 +356,15 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 )
         return values
 
-    def _advance(self, actions: Array) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
+    def _advance(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
         if self.mixed:
             return self._advance_mixture(actions)
         step = self._steps[0]
-        self._state, observed, told = step(self._current(), actions)
-        return observed, told, step.alike
+        self._state, observation, told = step(self._current(), actions)
+        return observation, told, step.alike
 
-    def _advance_mixture(
-        self, actions: Array
-    ) -> tuple[Components, dict[str, Any], Mapping[str, Any]]:
+    def _advance_mixture(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
         state = self._current()
         merged: dict[str, Any] = {}
@@ -385,7 +381,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
         self._state = state
-        return self._observed(), merged, {}
+        return self._table(self._observed()), merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
         return of_lanes(setup, lanes) if self._lanes_differ else setup
@@ -396,13 +392,14 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _table(self, observed: Components) -> Array:
         """Observations as float32, shape (num_envs, n)."""
-        return fill(np.empty((self.num_envs, len(observed)), dtype=np.float32), observed)
+        return rows_of(observed, self.num_envs, np.float32)
 
     def _look_anew(self, observation: Array, lanes: Array) -> None:
         """Fill in the observations, without noise, of lanes that have just been reset."""
         state, task = self._current(), self._for_lanes(self.setup, lanes).task
         q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
-        fill(observation, task.observe(ARRAY, q, v), lanes)
+        for column, values in enumerate(task.observe(ARRAY, q, v)):
+            observation[lanes, column] = values
 
     def _with_noise(self, observation: Array, sampled: Array) -> Array:
         """Observations with noise, drawn anew where the sensor has just sampled."""

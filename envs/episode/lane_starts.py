@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import ARRAY, Component, leaves_of
+from ..arithmetic import ARRAY, Component, leaves_of, rows_of
 from ..plants import split_state
 from .control_period import EnvState, initial_state
 from .settings import Setup
-from .starts import GivenNumbers, checked_state, made_start, possible, start_table
+from .starts import GivenNumbers, checked_state, made_start, possible
 
 Array = npt.NDArray[Any]
 
@@ -170,13 +170,13 @@ class _Ready:
             state = initial_state(ARRAY, setup, setup.system.confined(ARRAY, q), v)
             observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
             tree = state, self.first(state)
-        table = start_table((*_distinct(tree)[0], *observed), len(numbers))
+        table = rows_of((*_distinct(tree)[0], *observed), len(numbers))
         return tree, table, possible(setup, start)
 
 
 def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Array:
     """Starts in state order, shape (starts, n), of uniform numbers, shape (starts, size)."""
-    return start_table(made_start(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
+    return rows_of(made_start(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
 
 
 def _in_a_row(numbers: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.support import unknown_name
 
-from ..arithmetic import FLOAT32_MAX, Component, Components
+from ..arithmetic import FLOAT32_MAX, Component, Components, rows_of
 from ..plants import state_names
 from .control_period import top_speed
 from .settings import Setup
@@ -151,7 +151,7 @@ def numbers_per_start(setup: Setup) -> int | None:
         one_by_one = [made_start(setup, singly, {}) for _ in range(2)]
         numbers = ahead.random((2, counting.taken))
         together = made_start(setup, GivenNumbers(iter(numbers.T)), {})
-        same = np.array_equal(np.array(one_by_one), start_table(together, 2))
+        same = np.array_equal(np.array(one_by_one), rows_of(together, 2))
     except Exception:  # whatever a task of the user's own does with what is not a generator
         return None
     return counting.taken if same else None
@@ -160,11 +160,3 @@ def numbers_per_start(setup: Setup) -> int | None:
 def made_start(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
     """A start in state order, of whatever the task makes of the generator's numbers."""
     return setup.task.draw_start(generator, setup.settings.start, options)
-
-
-def start_table(start: Any, count: int, dtype: npt.DTypeLike = np.float64) -> Array:
-    """Components, each one number or one per start, as rows of shape (count, n)."""
-    rows = np.empty((count, len(start)), dtype)
-    for column, values in enumerate(start):
-        rows[:, column] = values
-    return rows

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves
+from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves, rows_of
 from ..arithmetic.tracing import (
     ARRAYS,
     SCALARS,
@@ -38,6 +38,9 @@ ArrayStep = Callable[[EnvState, Component], tuple[EnvState, Components, dict[str
 Arrays that are told are objects of their own. They are `info`, with the solver's status as a code,
 and reward, terminated, truncated and sampled.
 """
+
+OBSERVED = 1
+"""Place of the observation in what an :data:`ArrayStep` returns."""
 
 RESULTS = ("reward", "terminated", "truncated", "sampled")
 """What is told beside `info`."""
@@ -97,6 +100,8 @@ def traced_array_step(setup: Setup) -> Repeated | None:
 def compiled_array_step(setup: Setup) -> Repeated:
     """The same as one loop over lanes that Numba compiles at its second call, to the same numbers.
 
+    Its step returns observations as rows of float32, shape (lanes, n).
+
     Raises:
         ValueError: for a setup of which this cannot be done.
         ModuleNotFoundError: without Numba.
@@ -130,6 +135,7 @@ class LanesStep:
         self._traced = compiled_array_step(setup) if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
+        self._compiled = compiled
         self._steps_to_trace = 0 if compiled else WARM_UP
         self.alike: Mapping[str, Any] = {}
 
@@ -161,32 +167,37 @@ class LanesStep:
 
         return EnvState._make(map_leaves(put, tuple(state)))
 
-    def __call__(
-        self, state: EnvState, actions: Component
-    ) -> tuple[EnvState, Components, dict[str, Any]]:
-        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`."""
+    def __call__(self, state: EnvState, actions: Any) -> tuple[EnvState, Any, dict[str, Any]]:
+        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`, with observations as rows
+        of float32, shape (lanes, n)."""
         if self._steps_to_trace > 0:
             self._steps_to_trace -= 1
             if not self._steps_to_trace:
                 self._traced = traced_array_step(self._setup)
+        if self._traced is not None:
+            try:
+                return self._go_on(self._traced, state, actions)
+            except Unusual:
+                pass
+        self.alike = {}
         with np.errstate(all="ignore"):
-            if self._traced is not None:
-                try:
-                    return self._go_on(self._traced, state, actions)
-                except Unusual:
-                    pass
-            self.alike = {}
-            after, observation, told = self._plain(state, actions)
-        return after, observation, {name: _own(value) for name, value in told.items()}
+            after, observed, told = self._plain(state, actions)
+        told = {name: _own(value) for name, value in told.items()}
+        return after, rows_of(observed, len(actions), np.float32), told
 
     def _go_on(
-        self, traced: Repeated, state: EnvState, actions: Component
-    ) -> tuple[EnvState, Components, dict[str, Any]]:
+        self, traced: Repeated, state: EnvState, actions: Any
+    ) -> tuple[EnvState, Any, dict[str, Any]]:
         if state is not self._last:
             self._carried = traced.first(state)
-        after, observation, told, self._carried = traced.step(state, self._carried, actions)
+        if self._compiled:
+            after, rows, told, self._carried = traced.step(state, self._carried, actions)
+        else:
+            with np.errstate(all="ignore"):
+                after, observed, told, self._carried = traced.step(state, self._carried, actions)
+            rows = rows_of(observed, len(actions), np.float32)
         self._last, self.alike = EnvState._make(after), traced.alike
-        return self._last, observation, told
+        return self._last, rows, told
 
 
 def _nothing(state: EnvState) -> tuple[Component, ...]:
@@ -267,7 +278,7 @@ def _traced(key: _Key) -> Any:
 def _looped(key: _Key) -> Repeated:
     rest = (0.0,) * len(key.setup.plant.coordinates)
     state = truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
-    return looped(_traced(key), partial(key.function, key.setup), state, False)
+    return looped(_traced(key), OBSERVED, partial(key.function, key.setup), state, False)
 
 
 def truths(values: tuple[Any, ...]) -> Any:

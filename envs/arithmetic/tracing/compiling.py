@@ -8,11 +8,11 @@ from itertools import count
 from typing import Any, NamedTuple
 
 from ..trees import leaves_of, map_leaves, rebuilt
+from ._loops import LaneLoop
 from .dialects import ONE_LANE, Dialect
 from .liveness import carried
-from .lane_loops import LaneLoop
-from .symbolic_ops import SymbolicOps
 from .running import executed, in_lanes
+from .symbolic_ops import SymbolicOps
 from .symbols import NotTraceable, Symbol, symbols_in
 from .syntax import PYTHON_SYNTAX, tuple_of
 from .trace import Trace
@@ -88,11 +88,17 @@ def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
     return Repeated(_written(trace, [state], wanted), step, put, repeating.alike)
 
 
-def looped(like: Repeated, function: Function, *patterns: Any) -> Repeated:
+def looped(like: Repeated, table: int, function: Function, *patterns: Any) -> Repeated:
     """``like``, which :func:`repeated` has made of the same, with a step that Numba compiles.
 
     The step is one loop over lanes in place of an array operation after the other, and gives the
     same numbers; the last argument must be an array. It is compiled at the second call.
+
+    Args:
+        like: see above.
+        table: place, in what the function returns, of numbers that the step gives as rows of
+            float32, shape (lanes, n).
+        function: see :func:`compiled`, as ``patterns``.
 
     Raises:
         NotTraceable: for what Numba and NumPy do not round alike, and for calls of functions that
@@ -102,7 +108,7 @@ def looped(like: Repeated, function: Function, *patterns: Any) -> Repeated:
     repeating = _repeating(ONE_LANE, function, patterns)
     if repeating.trace.functions:
         raise NotTraceable("a call of somebody else's function is not compiled")
-    return like._replace(step=LaneLoop(like.step, *repeating[:3]))
+    return like._replace(step=LaneLoop(like.step, *repeating[:3], table))
 
 
 class _Repeating(NamedTuple):

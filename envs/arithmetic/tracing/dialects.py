@@ -133,8 +133,15 @@ ARRAYS = Dialect(
 )
 
 ONE_LANE = Dialect(
-    names={"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "isfinite": math.isfinite,
-           "inf": math.inf, "nan": math.nan, "floor": np.floor},
+    names={
+        "sin": math.sin,
+        "cos": math.cos,
+        "sqrt": math.sqrt,
+        "isfinite": math.isfinite,
+        "inf": math.inf,
+        "nan": math.nan,
+        "floor": np.floor,
+    },
     written={
         **{name: SCALARS.written[name] for name in ("where", "minimum", "maximum", "any")},
         "logical_not": "not {0}",

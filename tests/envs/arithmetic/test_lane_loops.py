@@ -1,0 +1,187 @@
+"""The step that Numba compiles gives the numbers of the traced one, and their types."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from variants import VARIANTS
+
+from integ_gym.envs import ENVIRONMENTS, environment_setup
+from integ_gym.envs.arithmetic.tracing.compiling import looped, repeated
+from integ_gym.envs.arithmetic.tracing.dialects import ARRAYS, Unusual
+from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
+from integ_gym.envs.episode.steps import compiled_array_step
+from integ_gym.envs.integrators import INTEGRATORS
+
+LANES = 7
+ROUNDED_OTHERWISE = {"reference"}
+"""Integrators that take powers."""
+
+
+def _both(env_id, **arguments):
+    pair = [gym.make_vec(env_id, num_envs=LANES, compiled=c, **arguments) for c in (False, True)]
+    pair[0].action_space.seed(3)
+    return pair
+
+
+def _assert_same(found, expected):
+    for a, b in zip(found[:-1], expected[:-1], strict=True):
+        _assert_equal(a, b)
+    assert found[-1].keys() == expected[-1].keys()
+    for name, value in expected[-1].items():
+        if isinstance(value, dict):
+            _assert_same((found[-1][name],), (value,))
+        else:
+            _assert_equal(found[-1][name], value)
+
+
+def _assert_equal(a, b):
+    assert a.dtype == b.dtype
+    if a.dtype == object:
+        assert [str(x) for x in a] == [str(x) for x in b]
+    else:
+        np.testing.assert_array_equal(a, b)
+
+
+def _compare(plain, made, steps=250):
+    _assert_same(made.reset(seed=5), plain.reset(seed=5))
+    for _ in range(steps):
+        actions = plain.action_space.sample()
+        _assert_same(made.step(actions), plain.step(actions))
+    np.testing.assert_array_equal(made.unwrapped.state, plain.unwrapped.state)
+
+
+@pytest.mark.parametrize("integrator", sorted({*INTEGRATORS.names()} - ROUNDED_OTHERWISE))
+def test_every_integrator_gives_the_same_numbers(integrator):
+    _compare(*_both("IntegCartPole-v0", integrator=integrator))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("integrator", sorted({*INTEGRATORS.names()} - ROUNDED_OTHERWISE))
+def test_every_variant_gives_the_same_numbers(env_id, integrator, variant):
+    _compare(*_both(env_id, integrator=integrator, **VARIANTS[variant]))
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_episodes_begin_anew_alike(mode):
+    plain, made = _both("IntegCartPole-v0", autoreset_mode=mode)
+    if mode is not AutoresetMode.DISABLED:
+        _compare(plain, made)
+        return
+    _assert_same(made.reset(seed=5), plain.reset(seed=5))
+    for _ in range(100):
+        actions = plain.action_space.sample()
+        expected = plain.step(actions)
+        _assert_same(made.step(actions), expected)
+        if (ended := expected[2] | expected[3]).any():
+            options = {"reset_mask": ended}
+            _assert_same(made.reset(options=dict(options)), plain.reset(options=dict(options)))
+
+
+def test_members_of_a_mixture_are_compiled_one_by_one():
+    mixture = [
+        {"integrator": "rk4", "dt": 0.05},
+        {"integrator": "symplectic_euler", "dt": 0.025, "weight": 2.0},
+    ]
+    _compare(*_both("IntegPendulum-v0", mixture=mixture, control_period=0.05))
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_an_action_that_is_not_finite_is_replaced_alike(wrong):
+    plain, made = _both("IntegPendulum-v0")
+    _assert_same(made.reset(seed=5), plain.reset(seed=5))
+    for step in range(8):
+        actions = plain.action_space.sample()
+        actions[2] = wrong if step % 2 else 0.5
+        expected = plain.step(actions)
+        assert expected[-1]["fallback_used"][2] == step % 2
+        _assert_same(made.step(actions), expected)
+
+
+def test_a_lane_that_diverges_does_so_alike():
+    plain, made = _both("IntegPendulum-v0", integrator="explicit_euler", dt=0.5)
+    fast = np.zeros((LANES, 2))
+    fast[3] = 1.5, 995.0
+    options = {"state": fast}
+    _assert_same(made.reset(seed=5, options=options), plain.reset(seed=5, options=options))
+    ended = []
+    for _ in range(4):
+        actions = np.full((LANES, 1), 2.0, dtype=np.float32)
+        expected = plain.step(actions)
+        _assert_same(made.step(actions), expected)
+        ended += expected[-1]["solver_status"].tolist()
+    assert "diverged" in ended
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"integrator": "reference"}, "x \\*\\* y` is not rounded alike"),
+        ({"friction": 0.1}, "tanh` is not rounded alike"),
+        ({"mass": np.linspace(1.0, 2.0, LANES)}, "alike in all lanes"),
+        ({"engine": "mujoco", "integrator": "RK4"}, "native engine"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make_vec("IntegPendulum-v0", num_envs=LANES, compiled=True, **arguments)
+
+
+def test_a_call_of_somebody_elses_function_is_refused():
+    def function(ops, state, push):
+        (after,) = ops.foreign(lambda x: (x + 1.0,), state, (False,))
+        return (after,), (after,), {}
+
+    like = repeated(ARRAYS, lambda ops, state, push: (state, state, {}), (False,), False)
+    with pytest.raises(NotTraceable, match="somebody else's"):
+        looped(like, 1, function, (False,), False)
+
+
+def test_without_numba_one_line_says_what_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    setup = environment_setup("IntegPendulum-v0", {"mass": 1.25})
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[numba\]"'):
+        compiled_array_step(setup)
+
+
+def test_a_result_of_a_loop_in_one_stage_is_read_in_the_next():
+    """Newton's root of a sine, whose sine is taken: a loop, a stage of sines, and what is left."""
+
+    def function(ops, state, push):
+        (x,) = state
+
+        def better(carry):
+            root, rounds = carry
+            return root - (root * root - x) / (2.0 * root), rounds + 1
+
+        root, rounds = ops.while_loop(
+            lambda carry: (abs(carry[0] * carry[0] - x) > 1e-9) & (carry[1] < 30), better, (x, 0)
+        )
+        expected = ops.usually(abs(push) <= 10.0)
+        sine = ops.sin(root + push)
+        again = ops.cos(sine) + root
+        return (x + 1.0,), (sine, again, 1.0), {"rounds": rounds, "given": x, "fine": expected}
+
+    like = repeated(ARRAYS, function, (False,), False)
+    made = looped(like, 1, function, (False,), False)
+    x, push = np.linspace(1.0, 9.0, LANES), np.linspace(-1.0, 1.0, LANES)
+    for _ in range(3):
+        expected, found = like.step((x,), (), push), made.step((x,), (), push)
+        np.testing.assert_array_equal(found[0][0], expected[0][0])
+        columns = np.stack([*expected[1][:2], np.ones(LANES)], axis=1).astype(np.float32)
+        np.testing.assert_array_equal(found[1], columns)
+        assert found[2].keys() == expected[2].keys() == {"rounds", "given"}
+        _assert_equal(found[2]["rounds"], expected[2]["rounds"])
+        assert found[2]["rounds"].dtype == np.int64
+        _assert_equal(found[2]["given"], x)
+        assert found[2]["given"] is not x
+    push[1] = 11.0
+    with pytest.raises(Unusual):
+        made.step((x,), (), push)
