@@ -32,7 +32,8 @@ TASKS = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}
 LANES = (16, 64, 1024)
 MANY = 1024
 INTEGRATORS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint", "reference")
-SCANNED = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint")
+COMPILED = ("explicit_euler", "symplectic_euler", "rk4", "implicit_midpoint")
+SCANNED = COMPILED
 SCAN_LANES, SCAN_STEPS = 4096, 2000
 """Per process."""
 
@@ -40,7 +41,7 @@ FASTEST = "fastest envpool"
 PEERS = ("gymnasium", "envpool", FASTEST)
 
 KINDS = ("single", "vector", "scan")
-PACKAGES = ("integ-gym", "gymnasium", "numpy", "jax", "jaxlib", "envpool", "gymnax")
+PACKAGES = ("integ-gym", "gymnasium", "numpy", "numba", "jax", "jaxlib", "envpool", "gymnax")
 
 
 @dataclass
@@ -100,6 +101,9 @@ def vector_rows(task: str, seconds: float) -> Iterator[Row]:
         for integrator in INTEGRATORS:
             environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator)
             contenders["integ-gym", ours, integrator] = vector(environment, lanes)
+        for integrator in COMPILED:
+            made = gym.make_vec(ours, num_envs=lanes, integrator=integrator, compiled=True)
+            contenders["integ-gym", ours, f"{integrator}, compiled"] = vector(made, lanes)
         for (package, name, detail), rate in rates(contenders, seconds).items():
             yield Row("vector", package, name, detail, lanes, rate)
 
