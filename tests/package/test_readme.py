@@ -34,20 +34,28 @@ def test_python_blocks_run(block):
 
 
 def _documented():
-    """The page's examples: a mixture, and an integrator of one's own."""
+    """The page's examples: a mixture, compiled lanes, and an integrator of one's own."""
     text = (ROOT / "docs" / "reference" / "environments.md").read_text(encoding="utf-8")
     return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 def test_the_documented_mixture_draws_both_members(capsys):
-    mixture, _ = _documented()
+    mixture, *_ = _documented()
     exec(mixture, {})
     assert set(re.findall(r"\d+", capsys.readouterr().out)) == {"0", "1"}
 
 
+def test_the_documented_lanes_are_compiled():
+    _, block, _ = _documented()
+    names = {}
+    exec(block, names)
+    assert names["observations"].shape == (64, 3)
+    assert names["info"]["time"] == pytest.approx(100 * 0.05)
+
+
 def test_the_documented_integrator_has_its_order():
     """The example of an integrator of one's own, taken from the page and measured."""
-    _, block = _documented()
+    *_, block = _documented()
     module = types.ModuleType("documented")
     exec(block, vars(module))
     sys.modules["documented"] = module
