@@ -12,8 +12,8 @@ from typing import Any
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, PendulumSwingUp, Settings
 from integ_gym.support import (
     CommandParser,
-    check_no_option,
-    named_value,
+    add_named_values,
+    by_name,
     report_errors,
     whole_number,
 )
@@ -140,13 +140,7 @@ def training_parser(
     environment = made.add_argument_group("environment (default: its own)")
     for env_field in _ENV_FIELDS:
         _add_flag(environment, env_field)
-    environment.add_argument(
-        "--env-arg",
-        action="append",
-        type=named_value,
-        metavar="NAME=VALUE",
-        help="any other constructor argument",
-    )
+    add_named_values(environment, "--env-arg", "another constructor argument")
     learner = made.add_argument_group(
         f"run (defaults as shown, but for what `{owner.__name__}.of` sets for an environment)"
     )
@@ -199,8 +193,7 @@ def _default_folder(config: TrainingConfig) -> Path:
 def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfig:
     """The run that the flags describe."""
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
-    further = dict(given.pop("env_arg", []))
-    check_no_option(further, {name: _flag(name) for name in arguments}, "--env-arg")
-    arguments.update(further)
+    flags = {name: _flag(name) for name in arguments}
+    arguments.update(by_name(given.pop("env_arg"), "--env-arg", flags))
     env_id = given.pop("env_id", owner.env_id)
     return owner.of(env_id, env_arguments=arguments, **given)

@@ -9,9 +9,22 @@ from pathlib import Path
 
 from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
 from integ_gym.eval import evaluate
-from integ_gym.support import CommandParser, named_value, run_place, say, told_command, whole_number
+from integ_gym.support import (
+    CommandParser,
+    add_named_values,
+    by_name,
+    run_place,
+    say,
+    told_command,
+    whole_number,
+)
 
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
+
+_OPTIONS = {
+    "integrator": "--integrator", "dt": "--dt", "success_return": "--success-return",
+}  # fmt: skip
+"""Of arguments that are not the environment's further ones."""
 
 EXAMPLES = """\
 examples:
@@ -69,10 +82,7 @@ def parser() -> argparse.ArgumentParser:
         help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
         "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
-    add(
-        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
-        help="environment argument; may be repeated",
-    )  # fmt: skip
+    add_named_values(made, "--env-arg", "environment argument")
     add(
         "--success-return", type=float, metavar="R",
         help="of a MuJoCo task: an episode succeeds if its return reaches R (default: if it is "
@@ -112,7 +122,7 @@ def main(argv: Sequence[str]) -> int:
             f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
             "units; leave it out"
         )
-    arguments = dict(given.env_arg)
+    arguments = by_name(given.env_arg, "--env-arg", _OPTIONS)
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
     panel = evaluate(

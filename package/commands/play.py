@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from integ_gym.envs import ENVIRONMENTS
 from integ_gym.eval import Game, play_in_window
-from integ_gym.support import CommandParser, named_value, require, whole_number
+from integ_gym.support import CommandParser, add_named_values, by_name, require, whole_number
 
 EXAMPLES = """\
 examples:
@@ -37,10 +37,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("--integrator", metavar="NAME", help="the first one (default: the environment's)")
     add("--dt", type=float, metavar="S", help="first step, s (default: the environment's)")
-    add(
-        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
-        help="environment argument; may be repeated",
-    )  # fmt: skip
+    add_named_values(made, "--env-arg", "environment argument")
     add("--seed", type=whole_number, default=0, metavar="N", help="of the first start (default: 0)")
     return made
 
@@ -48,10 +45,11 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    further = by_name(given.env_arg, "--env-arg", {"integrator": "--integrator", "dt": "--dt"})
     require("render")
     first = {"integrator": given.integrator, "dt": given.dt}
     arguments = {name: value for name, value in first.items() if value is not None}
-    game = Game(given.env, {**dict(given.env_arg), **arguments}, given.seed)
+    game = Game(given.env, {**further, **arguments}, given.seed)
     play_in_window(game)
     ledger = game.ledger()
     print(

@@ -10,8 +10,8 @@ from integ_gym.eval import Prediction, predict
 from integ_gym.support import (
     NONE,
     CommandParser,
-    check_no_option,
-    named_value,
+    add_named_values,
+    by_name,
     percent,
     print_aligned,
     say,
@@ -51,24 +51,21 @@ def parser() -> argparse.ArgumentParser:
     add("--dt", required=True, type=float, metavar="S", help="integration step, s")
     add("--control-period", type=float, metavar="S", help="s; default: the environment's own")
     add("--engine", default="native", metavar="NAME", help="of the integrator; default: native")
-    add(
-        "--env-arg", action="append", default=[], type=named_value, metavar="NAME=VALUE",
-        help="another constructor argument; may be repeated",
-    )  # fmt: skip
+    add_named_values(made, "--env-arg", "another constructor argument")
     return made
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
-    check_no_option(dict(given.env_arg), _OPTIONS, "--env-arg")
+    further = by_name(given.env_arg, "--env-arg", _OPTIONS)
     found = predict(
         given.env,
         integrator=given.integrator,
         dt=given.dt,
         control_period=given.control_period,
         engine=given.engine,
-        **dict(given.env_arg),
+        **further,
     )
     say(_sentence(found), sys.stdout)
     print_aligned(("what", "value", ""), _rows(found), sys.stdout, right=(False, True, False))

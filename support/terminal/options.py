@@ -23,20 +23,42 @@ def named_value(word: str) -> tuple[str, Any]:
         return name, value
 
 
-def check_no_option(further: Iterable[str], options: Mapping[str, str], how: str) -> None:
-    """Refuse what has an option of its own among arguments that are given by name.
+def add_named_values(parser: Any, flag: str, described: str) -> None:
+    """An option that takes ``NAME=VALUE``, as often as it is given; see :func:`by_name`.
 
     Args:
-        further: names given with ``how``.
+        parser: or a group of one.
+        flag: as ``--env-arg``.
+        described: what is named, for the help.
+    """
+    parser.add_argument(
+        flag,
+        action="append",
+        default=[],
+        type=named_value,
+        metavar="NAME=VALUE",
+        help=f"{described}; may be repeated",
+    )
+
+
+def by_name(
+    pairs: Iterable[tuple[str, Any]], flag: str, options: Mapping[str, str]
+) -> dict[str, Any]:
+    """Values given by name, of which none has an option of its own.
+
+    Args:
+        pairs: of :func:`add_named_values`.
+        flag: the option by which they were given.
         options: of names that are given by themselves, as ``--dt`` of ``dt``.
-        how: the option that takes names, as ``--env-arg``.
 
     Raises:
-        ValueError: naming the first of both.
+        ValueError: naming the first for which there is another option.
     """
-    for name in further:
+    values = dict(pairs)
+    for name in values:
         if name in options:
-            raise ValueError(f"give {options[name]} in place of {how} {name}")
+            raise ValueError(f"give {options[name]} in place of {flag} {name}")
+    return values
 
 
 def whole_number(word: str) -> int:

@@ -73,7 +73,8 @@ def test_what_falls_below_its_bound_is_said_and_fails(tmp_path):
         for kind, detail, lanes in (
             ("single", "", 1), ("single", "with evidence", 1), ("vector", "explicit_euler", 1024),
             ("vector", "symplectic_euler", 16), ("vector", "symplectic_euler", 1024),
-            ("vector", "rk4", 1024),
+            ("vector", "rk4", 1024), ("vector", "explicit_euler, compiled", 1024),
+            ("vector", "symplectic_euler, compiled", 1024),
             ("scan", "symplectic_euler", 4096),
         )
     ]  # fmt: skip

@@ -12,15 +12,13 @@ import numpy.typing as npt
 from integ_gym.envs import Discretization
 
 from ...panel import Home, SpecError
+from ...verdict import LEARNED
 from ..numbers import Quantities
 from ..specification import Atlas, Block
 from .agreement import Agreement, check_agree
 from .summary import Summary
 
 Rates = npt.NDArray[np.float64]
-
-LEARNED = 0.5
-"""Success at home from which on a loss says something."""
 
 
 @dataclass(frozen=True)
