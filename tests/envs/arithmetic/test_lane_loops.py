@@ -69,6 +69,11 @@ def test_every_variant_gives_the_same_numbers(env_id, integrator, variant):
     _compare(*_both(env_id, integrator=integrator, **VARIANTS[variant]))
 
 
+@pytest.mark.parametrize("latency", [0.02, 0.05, 0.08])
+def test_commands_that_are_under_way_for_long_are_the_same(latency):
+    _compare(*_both("IntegPendulum-v0", dt=0.01, control_period=0.02, action_latency=latency), 30)
+
+
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_episodes_begin_anew_alike(mode):
     plain, made = _both("IntegCartPole-v0", autoreset_mode=mode)
@@ -148,6 +153,13 @@ def test_without_numba_one_line_says_what_installs_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     setup = environment_setup("IntegPendulum-v0", {"mass": 1.25})
     with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[numba\]"'):
+        compiled_array_step(setup)
+
+
+def test_sines_of_another_library_are_refused(monkeypatch):
+    monkeypatch.setattr("numba.config.USING_SVML", True)
+    setup = environment_setup("IntegPendulum-v0", {"mass": 1.375})
+    with pytest.raises(ValueError, match="NUMBA_DISABLE_INTEL_SVML=1 makes"):
         compiled_array_step(setup)
 
 

@@ -13,7 +13,7 @@ from ...array_ops import rows_of
 from ...trees import leaves_of
 from ..dialects import Unusual
 from ..running import executed, in_lanes
-from ..symbols import Symbol
+from ..symbols import NotTraceable, Symbol
 from ..syntax import PYTHON_SYNTAX
 from ..trace import Trace
 from ..writer import target
@@ -40,6 +40,7 @@ class LaneLoop:
 
     Raises:
         ModuleNotFoundError: without Numba.
+        NotTraceable: where Numba takes sines from a library of its own.
     """
 
     def __init__(
@@ -51,6 +52,11 @@ class LaneLoop:
         table: int,
     ) -> None:
         self._numba = load("numba", "numba")
+        if self._numba.config.USING_SVML:
+            raise NotTraceable(
+                "Numba takes sines from Intel's SVML here, which are not NumPy's "
+                "(NUMBA_DISABLE_INTEL_SVML=1 makes it take those)"
+            )
         self._of_arrays = of_arrays
         self._trace = trace
         self._arguments = arguments
@@ -84,8 +90,9 @@ class LaneLoop:
         targets = [target(PYTHON_SYNTAX, argument) for argument in self._arguments]
         last = targets[-1]
         pairs = zip(leaves_of(self._arguments[0]), leaves_of(self._result[0]), strict=True)
-        constant = {id(old) for old, new in pairs if not isinstance(new, Symbol)}
-        lines = [f"{x.name} = in_lanes({x.name}, {last})" for x in inputs if id(x) in constant]
+        given = {id(x) for x in leaves_of(tuple(self._arguments))}
+        numbers = {id(a) for a, b in pairs if not isinstance(b, Symbol) or id(b) in given}
+        lines = [f"{x.name} = in_lanes({x.name}, {last})" for x in inputs if id(x) in numbers]
         lines += [f"n = len({last})"]
         lines += [f"{x.name} = empty({x.shape}, {x.type})" for x in results.arrays]
         passed = ", ".join(["n", *(x.name for x in inputs), *(x.name for x in results.arrays)])
