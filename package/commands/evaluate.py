@@ -21,11 +21,6 @@ from integ_gym.support import (
 
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
-_OPTIONS = {
-    "integrator": "--integrator", "dt": "--dt", "success_return": "--success-return",
-}  # fmt: skip
-"""Of arguments that are not the environment's further ones."""
-
 EXAMPLES = """\
 examples:
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
@@ -122,7 +117,7 @@ def main(argv: Sequence[str]) -> int:
             f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
             "units; leave it out"
         )
-    arguments = by_name(given.env_arg, "--env-arg", _OPTIONS)
+    arguments = by_name(given.env_arg, "--env-arg", {"success_return": "--success-return"})
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
     panel = evaluate(
