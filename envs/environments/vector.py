@@ -65,8 +65,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             one of which each lane draws at every reset; all must have one control period.
             ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
-        compiled: whether Numba compiles the step into one loop over lanes, which takes a second or
-            so at the second step, and gives the same numbers sooner.
+        compiled: whether Numba compiles the step into loops over lanes, which takes one to five
+            seconds at the second step, and gives the same numbers sooner.
         arguments: those of the single environment; a plant parameter may be an array of shape
             (num_envs,).
 

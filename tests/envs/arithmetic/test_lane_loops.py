@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import sys
 
@@ -128,8 +129,8 @@ def test_a_lane_that_diverges_does_so_alike():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"integrator": "reference"}, "x \\*\\* y` is not rounded alike"),
-        ({"friction": 0.1}, "tanh` is not rounded alike"),
+        ({"integrator": "reference"}, "x \\*\\* y` does not come to the same"),
+        ({"friction": 0.1}, "tanh` does not come to the same"),
         ({"mass": np.linspace(1.0, 2.0, LANES)}, "alike in all lanes"),
         ({"engine": "mujoco", "integrator": "RK4"}, "native engine"),
     ],
@@ -147,6 +148,24 @@ def test_a_call_of_somebody_elses_function_is_refused():
     like = repeated(ARRAYS, lambda ops, state, push: (state, state, {}), (False,), False)
     with pytest.raises(NotTraceable, match="somebody else's"):
         looped(like, 1, function, (False,), False)
+
+
+def test_what_is_asked_of_all_lanes_together_is_refused():
+    like = repeated(ARRAYS, lambda ops, state, push: (state, state, {}), (False,), False)
+
+    def function(ops, state, push):
+        return state, (ops.where(ops.any(push > 0.0), push, -push),), {}
+
+    with pytest.raises(NotTraceable, match="`any`"):
+        looped(like, 1, function, (False,), False)
+
+
+def test_a_compiled_environment_can_be_copied():
+    (plain, made) = _both("IntegPendulum-v0")
+    _compare(plain, made, 5)
+    actions = plain.action_space.sample()
+    copied = copy.deepcopy(made)
+    _assert_same(copied.step(actions), made.step(actions))
 
 
 def test_without_numba_one_line_says_what_installs_it(monkeypatch):

@@ -51,8 +51,7 @@ class LaneLoop:
         result: tuple[Any, ...],
         table: int,
     ) -> None:
-        self._numba = load("numba", "numba")
-        if self._numba.config.USING_SVML:
+        if load("numba", "numba").config.USING_SVML:
             raise NotTraceable(
                 "Numba takes sines from Intel's SVML here, which are not NumPy's "
                 "(NUMBA_DISABLE_INTEL_SVML=1 makes it take those)"
@@ -79,7 +78,7 @@ class LaneLoop:
         names = ["n", *(f"of_{x.name}" for x in inputs), *(x.name for x in results.arrays)]
         source = PYTHON_SYNTAX.function(names, names, lines, "usual")
         filling = executed(source, {**self._trace.dialect.names, "empty": np.empty, **_TYPES})
-        fill = self._numba.njit(nogil=True, error_model="numpy")(filling)
+        fill = load("numba", "numba").njit(nogil=True, error_model="numpy")(filling)
         types = {x.type: np.dtype(x.type) for x in results.arrays}
         known = {"empty": np.empty, "in_lanes": in_lanes, "Unusual": Unusual, "fill": fill}
         return executed(self._calling(inputs, results), {**known, **types})
