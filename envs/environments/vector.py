@@ -368,20 +368,21 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         """Advance the lanes of each discretization as one group."""
         state = self._current()
         merged: dict[str, Any] = {}
+        observation = np.empty(self.observation_space.shape or (), dtype=np.float32)
         for index, setup in enumerate(self.setups):
             lanes = np.flatnonzero(self._member == index)
             if not lanes.size:
                 continue
             own = self._for_lanes(setup, lanes)
             step = self._steps[index] if own is setup else LanesStep(own)
-            after, _, told = step(take(state, lanes), actions[lanes])
+            after, observation[lanes], told = step(take(state, lanes), actions[lanes])
             state = put(state, lanes, after, self.num_envs)
             for name, value in {**step.alike, **told}.items():
                 if name not in merged:
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
         self._state = state
-        return self._table(self._observed()), merged, {}
+        return observation, merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
         return of_lanes(setup, lanes) if self._lanes_differ else setup

@@ -262,11 +262,11 @@ class _Key:
 @lru_cache(maxsize=_KEPT)
 def _traced(key: _Key) -> Any:
     function = partial(key.function, key.setup)
-    rest = (0.0,) * len(key.setup.plant.coordinates)
+    rest = _at_rest(key.setup)
     try:
         if key.function is _scalar_start:
             return compiled(SCALARS, function, truths(rest), truths(rest))
-        state = truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
+        state = _state_pattern(key.setup, rest)
         if key.function is _scalar_step:
             return compiled(SCALARS, function, state, False)
         return repeated(ARRAYS, function, state, False)
@@ -276,9 +276,17 @@ def _traced(key: _Key) -> Any:
 
 @lru_cache(maxsize=_KEPT)
 def _looped(key: _Key) -> Repeated:
-    rest = (0.0,) * len(key.setup.plant.coordinates)
-    state = truths(tuple(initial_state(SCALAR, key.setup, rest, rest)))
+    state = _state_pattern(key.setup, _at_rest(key.setup))
     return looped(_traced(key), OBSERVED, partial(key.function, key.setup), state, False)
+
+
+def _at_rest(setup: Setup) -> Components:
+    return (0.0,) * len(setup.plant.coordinates)
+
+
+def _state_pattern(setup: Setup, rest: Components) -> Any:
+    """Where truth values stand in a state."""
+    return truths(tuple(initial_state(SCALAR, setup, rest, rest)))
 
 
 def truths(values: tuple[Any, ...]) -> Any:

@@ -133,20 +133,10 @@ ARRAYS = Dialect(
 )
 
 ONE_LANE = Dialect(
-    names={
-        "sin": math.sin,
-        "cos": math.cos,
-        "sqrt": math.sqrt,
-        "isfinite": math.isfinite,
-        "inf": math.inf,
-        "nan": math.nan,
-        "floor": np.floor,
-    },
+    names={**SCALARS.names, "floor": np.floor},
     written={
-        **{name: SCALARS.written[name] for name in ("where", "minimum", "maximum")},
-        "logical_not": "not {0}",
-        "and": "{0} & {1}",
-        "or": "{0} | {1}",
+        **{name: SCALARS.written[name] for name in ("logical_not", "where", "minimum", "maximum")},
+        **{name: ARRAYS.written[name] for name in ("and", "or")},
         "and rarely": "{0} & {1}",
         "expect": "usual &= {0}",
     },

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from ..dialects import called
 from ..liveness import live_items, needed
 from ..symbols import Symbol
 from ..trace import Block, Loop
 
 Item = Symbol | Loop
 
-_APART = ("sin({0})", "cos({0})")
+_APART = (called("sin", 1), called("cos", 1))
 """Calls of the C library, which a compiler does for one lane at a time."""
 
 
