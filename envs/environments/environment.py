@@ -35,6 +35,9 @@ from ..tasks import TASKS
 
 Observation = npt.NDArray[np.float32]
 
+_OF_LANES = ("mixture", "compiled")
+"""Arguments of vector environments alone."""
+
 
 class IntegEnv(gym.Env[Observation, Any]):
     """An environment whose discretization is given by constructor arguments.
@@ -50,10 +53,12 @@ class IntegEnv(gym.Env[Observation, Any]):
     }
 
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
-        if "mixture" in arguments:
-            raise TypeError(
-                "one environment has one discretization; give `mixture` to gym.make_vec"
-            )
+        for name in _OF_LANES:
+            if name in arguments:
+                raise TypeError(
+                    f"`{name}` is for many environments; give it to gym.make_vec, without a "
+                    "`vectorization_mode`"
+                )
         for name, value in arguments.items():
             if isinstance(value, np.ndarray) and value.ndim:
                 raise ValueError(
@@ -80,6 +85,15 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the traced functions, which cannot be pickled, and are made again."""
+        return {**self.__dict__, "_start": plain_start(self.setup), "_step": self._first_steps}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if self._steps_to_trace <= 0:
+            self._trace()
 
     @classmethod
     def task_class(cls) -> type[Any]:
@@ -191,11 +205,14 @@ class IntegEnv(gym.Env[Observation, Any]):
     def _first_steps(self, state: EnvState, action: float) -> tuple[Any, ...]:
         """Steps until it pays to have them traced."""
         self._steps_to_trace -= 1
-        plain = plain_step(self.setup)
         if self._steps_to_trace <= 0:
-            self._step = traced_step(self.setup) or plain
-            self._start = traced_start(self.setup) or self._start
-        return plain(state, action)
+            self._trace()
+        return plain_step(self.setup)(state, action)
+
+    def _trace(self) -> None:
+        """Go on by traced functions, where there are any."""
+        self._step = traced_step(self.setup) or plain_step(self.setup)
+        self._start = traced_start(self.setup) or plain_start(self.setup)
 
     def _observed(self, observation: Components) -> Observation:
         """The last sample, with any noise drawn for it, saturated at the space's bounds."""

@@ -65,8 +65,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             one of which each lane draws at every reset; all must have one control period.
             ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
-        compiled: whether Numba compiles the step into loops over lanes, which takes one to five
-            seconds at the second step, and gives the same numbers sooner.
+        compiled: whether Numba compiles the step into a few loops over lanes, which takes one to
+            five seconds at the second step, and gives the same numbers sooner.
         arguments: those of the single environment; a plant parameter may be an array of shape
             (num_envs,).
 
@@ -92,6 +92,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         compiled: bool = False,
         **arguments: Any,
     ) -> None:
+        if not isinstance(compiled, bool):
+            raise ValueError(f"`compiled` must be True or False, got {compiled!r}")
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None

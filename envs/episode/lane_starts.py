@@ -51,7 +51,7 @@ class LaneStarts:
         self._generators = generators
         self._bank = max(1, min(AT_ONCE, MOST // lanes))
         self._numbers = np.zeros((2 * lanes * self._bank, size))
-        self._banks = [*self._numbers.reshape(2 * lanes, self._bank, size)]
+        self._banks = self._parted()
         self._first = 2 * self._bank * np.arange(lanes)
         self._taken = np.zeros(lanes, dtype=np.int64)
         self._drawn = np.zeros(lanes, dtype=np.int64)
@@ -84,6 +84,14 @@ class LaneStarts:
             self._ready = _Ready(self._setup, first, self._numbers)
         return self._ready.at(places)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is made of the rest, in part by a function that cannot be pickled."""
+        return {**self.__dict__, "_ready": None, "_banks": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._banks = self._parted()
+
     def put_back(self) -> None:
         """Leave every generator as it would be had nothing been drawn ahead."""
         ahead = self._drawn - self._taken
@@ -106,6 +114,10 @@ class LaneStarts:
         self._taken[lanes] = taken + 1
         places: Array = self._first[lanes] + taken % (2 * self._bank)
         return places
+
+    def _parted(self) -> list[Array]:
+        """The numbers of every bank, as parts of the array of all."""
+        return [*self._numbers.reshape(-1, self._bank, self._numbers.shape[1])]
 
     def _draw_banks(self, lanes: Array) -> None:
         """Draw a bank of starts for some lanes that have one to be drawn."""

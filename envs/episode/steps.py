@@ -32,11 +32,11 @@ In `info`, the solver's status is a code."""
 ScalarStart = Callable[[Components, Components], tuple[Any, ...]]
 """(q, v) to (state, observation, info)."""
 
-ArrayStep = Callable[[EnvState, Component], tuple[EnvState, Components, dict[str, Any]]]
-"""(state, actions) to (state, observation, told); what is alike in all lanes may be one number.
+ArrayStep = Callable[[EnvState, Component], tuple[EnvState, Any, dict[str, Any]]]
+"""(state, actions) to (state, observations, told); what is alike in all lanes may be one number.
 
-Arrays that are told are objects of their own. They are `info`, with the solver's status as a code,
-and reward, terminated, truncated and sampled.
+Observations are rows of float32, shape (lanes, n). Arrays that are told are objects of their own.
+They are `info`, with the solver's status as a code, and reward, terminated, truncated and sampled.
 """
 
 OBSERVED = 1
@@ -83,7 +83,7 @@ def traced_start(setup: Setup) -> ScalarStart | None:
 
 def plain_array_step(setup: Setup) -> ArrayStep:
     """The step of a setup on arrays, as it is written."""
-    return partial(_array_step, setup, ARRAY)
+    return partial(_in_rows, partial(_array_step, setup, ARRAY))
 
 
 def traced_array_step(setup: Setup) -> Repeated | None:
@@ -98,23 +98,23 @@ def traced_array_step(setup: Setup) -> Repeated | None:
 
 
 def compiled_array_step(setup: Setup) -> Repeated:
-    """The same as one loop over lanes that Numba compiles at its second call, to the same numbers.
-
-    Its step returns observations as rows of float32, shape (lanes, n).
+    """The same as a few loops over lanes that Numba compiles at the second call.
 
     Raises:
         ValueError: for a setup of which this cannot be done.
         ModuleNotFoundError: without Numba.
     """
+    settings = setup.settings
+    of = f"`compiled` cannot be had of integrator {settings.integrator!r}"
     if traced_array_step(setup) is None:
         raise ValueError(
-            "`compiled` is for the native engine, integrators that can be traced, and parameters "
-            "that are alike in all lanes; leave it out"
+            f"{of} on engine {settings.engine!r}: it is for the native engine, integrators that "
+            "can be traced, and parameters that are alike in all lanes; leave it out"
         )
     try:
         return _looped(_Key(setup, _array_step))
     except NotTraceable as error:
-        raise ValueError(f"`compiled` cannot be had, for {error}; leave it out") from None
+        raise ValueError(f"{of}: {error}; leave it out") from None
 
 
 class LanesStep:
@@ -132,12 +132,21 @@ class LanesStep:
     def __init__(self, setup: Setup, compiled: bool = False) -> None:
         self._setup = setup
         self._plain = plain_array_step(setup)
+        self._trace = compiled_array_step if compiled else traced_array_step
         self._traced = compiled_array_step(setup) if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
-        self._compiled = compiled
         self._steps_to_trace = 0 if compiled else WARM_UP
         self.alike: Mapping[str, Any] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the traced step, which cannot be pickled, and is there again when it is made."""
+        return {**self.__dict__, "_traced": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if not self._steps_to_trace:
+            self._traced = self._trace(self._setup)
 
     @property
     def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
@@ -168,12 +177,11 @@ class LanesStep:
         return EnvState._make(map_leaves(put, tuple(state)))
 
     def __call__(self, state: EnvState, actions: Any) -> tuple[EnvState, Any, dict[str, Any]]:
-        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`, with observations as rows
-        of float32, shape (lanes, n)."""
+        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`."""
         if self._steps_to_trace > 0:
             self._steps_to_trace -= 1
             if not self._steps_to_trace:
-                self._traced = traced_array_step(self._setup)
+                self._traced = self._trace(self._setup)
         if self._traced is not None:
             try:
                 return self._go_on(self._traced, state, actions)
@@ -181,21 +189,16 @@ class LanesStep:
                 pass
         self.alike = {}
         with np.errstate(all="ignore"):
-            after, observed, told = self._plain(state, actions)
-        told = {name: _own(value) for name, value in told.items()}
-        return after, rows_of(observed, len(actions), np.float32), told
+            after, rows, told = self._plain(state, actions)
+        return after, rows, {name: _own(value) for name, value in told.items()}
 
     def _go_on(
         self, traced: Repeated, state: EnvState, actions: Any
     ) -> tuple[EnvState, Any, dict[str, Any]]:
-        if state is not self._last:
-            self._carried = traced.first(state)
-        if self._compiled:
+        with np.errstate(all="ignore"):
+            if state is not self._last:
+                self._carried = traced.first(state)
             after, rows, told, self._carried = traced.step(state, self._carried, actions)
-        else:
-            with np.errstate(all="ignore"):
-                after, observed, told, self._carried = traced.step(state, self._carried, actions)
-            rows = rows_of(observed, len(actions), np.float32)
         self._last, self.alike = EnvState._make(after), traced.alike
         return self._last, rows, told
 
@@ -269,9 +272,16 @@ def _traced(key: _Key) -> Any:
         state = _state_pattern(key.setup, rest)
         if key.function is _scalar_step:
             return compiled(SCALARS, function, state, False)
-        return repeated(ARRAYS, function, state, False)
+        made = repeated(ARRAYS, function, state, False)
+        return made._replace(step=partial(_in_rows, made.step))
     except Exception:  # whatever a part of the user's own does with what is not a float
         return None
+
+
+def _in_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
+    """What a step of arrays gives, with the components of observations as rows of float32."""
+    after, observed, *rest = step(*arguments)
+    return after, rows_of(observed, len(arguments[-1]), np.float32), *rest
 
 
 @lru_cache(maxsize=_KEPT)

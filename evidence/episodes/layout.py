@@ -36,7 +36,8 @@ class Layout:
 
     Row 0 of an episode is its reset and row k the result of its control step k - 1: the state,
     observation and times at the instant after that step, and what was booked during it. All
-    entries fit a float64 exactly.
+    entries fit a float64 exactly. No zero is negative: of which sign it is hangs on how a step is
+    compiled, and a record's content hash is not to.
 
     Args:
         plant: plant or plant class.
@@ -115,6 +116,6 @@ class Layout:
             Shape (all entries, resets).
         """
         rows = np.zeros((len(self), entries.shape[1]))
-        rows[self._starting] = entries
+        rows[self._starting] += entries
         rows[self._places[STATUS]] = status
         return rows

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ..trees import leaves_of, map_leaves, rebuilt
 from ._loops import LaneLoop
-from .dialects import ONE_LANE, Dialect
+from .dialects import ARRAYS, ONE_LANE, Dialect
 from .liveness import carried
 from .running import executed, in_lanes
 from .symbolic_ops import SymbolicOps
@@ -91,23 +91,26 @@ def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
 def looped(like: Repeated, table: int, function: Function, *patterns: Any) -> Repeated:
     """``like``, which :func:`repeated` has made of the same, with a step that Numba compiles.
 
-    The step is one loop over lanes in place of an array operation after the other, and gives the
+    The step is a few loops over lanes in place of an array operation after the other, and gives the
     same numbers; the last argument must be an array. It is compiled at the second call.
 
     Args:
-        like: see above.
-        table: place, in what the function returns, of numbers that the step gives as rows of
-            float32, shape (lanes, n).
+        like: see above, with a step that gives what stands at ``table`` as rows of float32, shape
+            (lanes, n).
+        table: a place in what the function returns.
         function: see :func:`compiled`, as ``patterns``.
 
     Raises:
-        NotTraceable: for what Numba and NumPy do not round alike, and for calls of functions that
-            are not of our own arithmetic.
+        NotTraceable: for what Numba and NumPy do not round alike, for calls of functions that are
+            not of our own arithmetic, and for a function that does something else when it is called
+            again.
         ModuleNotFoundError: without Numba.
     """
     repeating = _repeating(ONE_LANE, function, patterns)
     if repeating.trace.functions:
         raise NotTraceable("a call of somebody else's function is not compiled")
+    if _outline(repeating) != _outline(_repeating(ARRAYS, function, patterns)):
+        raise NotTraceable("a function that does something else each time is not compiled")
     return like._replace(step=LaneLoop(like.step, *repeating[:3], table))
 
 
@@ -132,6 +135,19 @@ def _repeating(dialect: Dialect, function: Function, patterns: Sequence[Any]) ->
     alike = [_entries(part, varying=False) for part in result if isinstance(part, dict)]
     arguments = [arguments[0], taken, *arguments[1:]]
     return _Repeating(trace, arguments, (*varying, passed_on), dict(ChainMap(*alike)), places)
+
+
+def _outline(repeating: _Repeating) -> Any:
+    """Where the same stands again in what a step takes and gives, however it is computed."""
+    marks: dict[int, int] = {}
+    named = [part if isinstance(part, dict) else {"": part} for part in repeating.result]
+    given = [{"": argument} for argument in repeating.arguments]
+    return repr(repeating.alike), [
+        (name, marks.setdefault(id(x), len(marks)) if isinstance(x, Symbol) else repr(x))
+        for part in (*given, *named)
+        for name, tree in part.items()
+        for x in leaves_of(tree)
+    ]
 
 
 def _entries(part: Any, varying: bool) -> Any:

@@ -137,7 +137,7 @@ ONE_LANE = Dialect(
     written={
         **{name: SCALARS.written[name] for name in ("logical_not", "where", "minimum", "maximum")},
         **{name: ARRAYS.written[name] for name in ("and", "or")},
-        "and rarely": "{0} & {1}",
+        "and rarely": "({0} & {1})",
         "expect": "usual &= {0}",
     },
     finite=True,

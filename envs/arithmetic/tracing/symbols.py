@@ -20,12 +20,23 @@ def _operator(template: str) -> tuple[Operator, Operator]:
     """An operation with the symbol on the left, and with the symbol on the right."""
 
     def left(self: Symbol, other: Any) -> Any:
+        _check_numbers(self, other)
         return self.trace.note(self.trace.dialect.operator(template), self, other)
 
     def right(self: Symbol, other: Any) -> Any:
+        _check_numbers(self, other)
         return self.trace.note(self.trace.dialect.operator(template), other, self)
 
     return left, right
+
+
+def _check_numbers(*operands: Any) -> None:
+    """Refuse arithmetic on truth values alone, of which the worlds make different things."""
+    if all(map(is_boolean, operands)):
+        raise NotTraceable(
+            "arithmetic on truth values is not the same for floats and arrays; "
+            "`ops.where(x, 1.0, 0.0)` makes a number of one"
+        )
 
 
 def _comparison(template: str) -> Operator:
@@ -89,6 +100,7 @@ class Symbol:
         return _EQUAL(self, other)
 
     def __neg__(self) -> Any:
+        _check_numbers(self)
         return self.trace.note("-{0}", self)
 
     def __pos__(self) -> Any:

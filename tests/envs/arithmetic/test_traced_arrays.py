@@ -187,6 +187,16 @@ def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
     assert told["both"] is not told["rare"]
 
 
+@pytest.mark.parametrize(
+    "operation",
+    [lambda a, b: a + b, lambda a, b: a * True, lambda a, b: False - b, lambda a, b: -a],
+)
+def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
+    """A sum of two is 2 of floats, True of arrays."""
+    with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
+        compiled(ARRAYS, lambda ops, x: operation(x > 1.0, x > 0.0), False)
+
+
 @pytest.mark.parametrize("held", [[1.0, 2.0], [2.0, 1.0]])
 def test_a_choice_of_two_numbers(held):
     made = compiled(ARRAYS, lambda ops, x: ops.where(x > 0.0, *held), False)

@@ -140,7 +140,7 @@ def test_arrays_are_refused_where_they_cannot_work():
     values = np.array([1.0, 2.0])
     with pytest.raises(ValueError, match=r"give arrays to gym\.make_vec"):
         gym.make("IntegPendulum-v0", mass=values)
-    with pytest.raises(TypeError, match=r"one discretization; give `mixture` to gym\.make_vec"):
+    with pytest.raises(TypeError, match=r"`mixture` is for many .* give it to gym\.make_vec"):
         gym.make("IntegPendulum-v0", mixture=[{"integrator": "rk4"}])
     with pytest.raises(ValueError, match=r"`dt` must be one value.*got \[0\.05\].*`mixture` is a"):
         gym.make_vec("IntegPendulum-v0", num_envs=1, dt=[0.05])

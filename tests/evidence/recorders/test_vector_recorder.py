@@ -83,6 +83,7 @@ def _assert_same(record, other, ignored):
     assert record.trace.keys() == other.trace.keys()
     for name, values in record.trace.items():
         np.testing.assert_array_equal(values, other.trace[name], err_msg=name)
+        np.testing.assert_array_equal(np.signbit(values), np.signbit(other.trace[name]))
         assert values.dtype == other.trace[name].dtype
 
 
@@ -106,6 +107,20 @@ def test_same_records_as_single_environments(env_id, arguments, mode, tmp_path, 
         _assert_same(record, expected[key], {"episode_index", "record_id"})
     indices = sorted(record["episode_index"] for record in found.values())
     assert indices == list(range(len(found)))
+
+
+@pytest.mark.parametrize(("env_id", "arguments"), CASES.values(), ids=CASES)
+def test_compiled_lanes_give_records_of_the_same_content(env_id, arguments, tmp_path, context):
+    hashes = []
+    for compiled in (False, True):
+        env = gym.make_vec(env_id, num_envs=LANES, compiled=compiled, **arguments)
+        env = RecordVectorEvidence(env, tmp_path / str(compiled), context)
+        _run_vector(env, AutoresetMode.NEXT_STEP)
+        env.close()
+        records = EvidenceStore(tmp_path / str(compiled)).records()
+        hashes.append([record["content_hash"] for record in records])
+    assert hashes[0] == hashes[1]
+    assert len(hashes[0]) > 2 * LANES
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])

@@ -9,5 +9,8 @@ VARIANTS = {
         "dt": 0.005, "control_period": 0.02, "action_latency": 0.01, "sensor_period": 0.03,
         "fallback": "zero",
     },
+    "later than a decision": {
+        "dt": 0.01, "control_period": 0.02, "action_latency": 0.05, "sensor_period": 0.04,
+    },
     "limited": {"dt": 0.02, "max_speed": 3.0, "damping": 0.1},
 }  # fmt: skip
