@@ -1,11 +1,13 @@
 """What evidence costs: time while recording, time and bytes when written, time of queries.
 
-    python benchmarks/evidence_cost.py [--seconds 4.0] [--episodes 1000000] [--only store]
-                                       [--json FILE]
+    python benchmarks/evidence_cost.py [--seconds 4.0] [--episodes 1000000]
+                                       [--only recording parts store] [--json FILE]
 
 Recording: an environment and the same one recorded take turns, with traces of all episodes and with
 summaries alone; what was recorded is written in batches. `recording` is the rate while recording,
 `in all` with the writing, both as shares of the rate without evidence, which is `steps/s`.
+Parts: what recording and committing many lanes' episodes takes, one piece of work after the other,
+and what SHA-256 and files of the same numbers take that hold nothing else.
 Queries run over a store of that many summaries, made from a few thousand recorded ones under new
 ids.
 """
@@ -31,6 +33,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from measuring import results
 from measuring.bounds import print_judged
+from measuring.commit_parts import commit_parts
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
@@ -222,13 +225,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=4.0, help="time per recorded row, s")
     parser.add_argument("--episodes", type=int, default=1_000_000, help="to be queried")
-    parser.add_argument("--only", choices=("recording", "store"), help="one of the two")
+    kinds = ("recording", "parts", "store")
+    parser.add_argument("--only", nargs="+", choices=kinds, default=kinds, help="some of these")
     parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
     content: dict[str, Any] = {}
-    if arguments.only != "store":
+    if "recording" in arguments.only:
         content["recording"] = _recording(arguments.seconds)
-    if arguments.only != "recording":
+    if "parts" in arguments.only:
+        content["parts"] = _parts(arguments.seconds)
+    if "store" in arguments.only:
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
             content |= pool.submit(store_cost, arguments.episodes).result()
         _print_store(content)
@@ -250,6 +256,21 @@ def _recording(seconds: float) -> list[dict[str, Any]]:
     )  # fmt: skip
     results.print_table(header, map(_cells, costs))
     return [asdict(cost) for cost in costs]
+
+
+def _parts(seconds: float) -> dict[str, Any]:
+    """Print what a commit is made of; what was found."""
+    found = commit_parts(ENVIRONMENTS[0], LANES[-1], seconds)
+    print(
+        f"\n{found['episodes']} episodes of {found['environment']}, played together; "
+        f"{found['trace_bytes'] / 2**20:.0f} MiB of traces"
+    )
+    rows = (
+        (name, f"{1e3 * part['seconds']:.1f}", "yes" if part["serves"] else "")
+        for name, part in found["parts"].items()
+    )
+    results.print_table(("work, in one thread", "ms", "part of a commit"), rows)
+    return found
 
 
 def _print_store(found: dict[str, Any]) -> None:
