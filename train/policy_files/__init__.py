@@ -10,10 +10,16 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
     from .error import PolicyFileError
-    from .onnx_file import OnnxPolicy, onnx_card, onnx_data
+    from .formats import (
+        OnnxPolicy,
+        onnx_card,
+        onnx_data,
+        read_observation_statistics,
+        read_sb3_model,
+        read_sb3_zip,
+    )
     from .own_hash import HASH_KEY, card_hash
     from .reading import ONNX_ENDING, POLICY_ENDINGS, read_weights
-    from .sb3_zip import read_observation_statistics, read_sb3_model, read_sb3_zip
     from .sidecar import (
         POLICY_FILE,
         SIDECAR_FILE,

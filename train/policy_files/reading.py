@@ -9,10 +9,15 @@ from typing import Any
 
 from ..policy import MlpPolicy, ObservationStatistics
 from .error import PolicyFileError
-from .onnx_file import OnnxPolicy, read_onnx
-from .safetensors_file import read_safetensors
-from .sb3_zip import read_observation_statistics, read_sb3_zip
-from .state_dict import STATE_DICT_ENDINGS, read_state_dict
+from .formats import (
+    STATE_DICT_ENDINGS,
+    OnnxPolicy,
+    read_observation_statistics,
+    read_onnx,
+    read_safetensors,
+    read_sb3_zip,
+    read_state_dict,
+)
 
 ONNX_ENDING, SAFETENSORS_ENDING = ".onnx", ".safetensors"
 POLICY_ENDINGS = (".zip", ONNX_ENDING, *STATE_DICT_ENDINGS, SAFETENSORS_ENDING)

@@ -25,11 +25,9 @@ from integ_gym.support import read_json, read_object, replace_file
 
 from ..policy import BoxActions, DiscreteActions, MlpPolicy
 from .error import PolicyFileError
-from .onnx_file import OnnxPolicy
+from .formats import OnnxPolicy, read_archive, safetensors_bytes
 from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed
 from .reading import read_weights
-from .safetensors_file import safetensors_bytes
-from .sb3_zip import read_archive
 
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"

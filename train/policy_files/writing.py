@@ -14,11 +14,15 @@ from integ_gym.support import replace_file
 
 from ..policy import BoxActions, MlpPolicy
 from .error import PolicyFileError
-from .onnx_file import OnnxPolicy, onnx_bytes
+from .formats import (
+    OnnxPolicy,
+    onnx_bytes,
+    read_observation_statistics,
+    read_sb3_model,
+    safetensors_bytes,
+)
 from .own_hash import FORMAT, hashed
 from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights
-from .safetensors_file import safetensors_bytes
-from .sb3_zip import read_observation_statistics, read_sb3_model
 from .sidecar import has_sidecar, read_trained
 from .stated_home import Stated, stated_arguments
 

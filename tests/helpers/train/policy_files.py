@@ -16,7 +16,7 @@ from gymnasium import spaces
 
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
 
 torch = pytest.importorskip("torch")
 

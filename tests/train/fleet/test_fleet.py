@@ -38,7 +38,7 @@ from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
 from integ_gym.train.fleet.update import permutations, update
 from integ_gym.train.policy.network import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.safetensors_file import (
+from integ_gym.train.policy_files.formats.safetensors_file import (
     FORMAT,
     read_safetensors,
 )

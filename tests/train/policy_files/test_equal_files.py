@@ -8,7 +8,10 @@ import numpy as np
 
 from integ_gym.train.policy.actions import BoxActions
 from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes
+from integ_gym.train.policy_files.formats.safetensors_file import (
+    read_safetensors,
+    safetensors_bytes,
+)
 
 
 def _policy() -> MlpPolicy:

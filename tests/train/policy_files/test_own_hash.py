@@ -11,7 +11,7 @@ import pytest
 from integ_gym.train import save_policy, write_sidecar
 from integ_gym.train.policy import BoxActions, MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.onnx_file import onnx_card
+from integ_gym.train.policy_files.formats.onnx_file import onnx_card
 from integ_gym.train.policy_files.own_hash import hashed
 from integ_gym.train.policy_files.sidecar import read_trained
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from policy_files import refusal, rewritten, saved, state_dict
 
-from integ_gym.train.policy_files.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
 
 
 class Touch:

@@ -15,9 +15,15 @@ from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.sb3_zip.observation_statistics import read_observation_statistics
-from integ_gym.train.policy_files.vec_normalize.inert_pickle import Note, entries, parse_pickle
-from integ_gym.train.policy_files.vec_normalize.reading import read_vec_normalize
+from integ_gym.train.policy_files.formats.sb3_zip.observation_statistics import (
+    read_observation_statistics,
+)
+from integ_gym.train.policy_files.formats.vec_normalize.inert_pickle import (
+    Note,
+    entries,
+    parse_pickle,
+)
+from integ_gym.train.policy_files.formats.vec_normalize.reading import read_vec_normalize
 
 
 def _normalized(**arguments) -> VecNormalize:

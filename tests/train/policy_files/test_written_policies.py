@@ -21,9 +21,12 @@ from integ_gym.train import read_weights, save_policy, write_sidecar
 from integ_gym.train.policy import ACTIVATIONS, BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy.observation_statistics import ObservationStatistics
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.onnx_file import OnnxPolicy, onnx_bytes, onnx_card
-from integ_gym.train.policy_files.onnx_file.reading import read_onnx
-from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes
+from integ_gym.train.policy_files.formats.onnx_file import OnnxPolicy, onnx_bytes, onnx_card
+from integ_gym.train.policy_files.formats.onnx_file.reading import read_onnx
+from integ_gym.train.policy_files.formats.safetensors_file import (
+    read_safetensors,
+    safetensors_bytes,
+)
 from integ_gym.train.policy_files.sidecar import read_trained
 
 HOME = "integrator=explicit_euler,dt=0.05,control_period=0.1"

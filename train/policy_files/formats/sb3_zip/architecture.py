@@ -6,8 +6,8 @@ import math
 import re
 from typing import Any
 
-from ...policy import ACTIVATIONS
-from ..error import DAMAGED, RETRAIN, PolicyFileError
+from ....policy import ACTIVATIONS
+from ...error import DAMAGED, RETRAIN, PolicyFileError
 from .algorithms import Actor, actor_of
 from .data import Json, printed_class, section
 

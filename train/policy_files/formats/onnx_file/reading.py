@@ -9,9 +9,9 @@ import numpy as np
 
 from integ_gym.support import load, parse_json, read_bounded
 
-from ...policy import MlpPolicy
-from ..error import PolicyFileError
-from ..own_hash import check_own_hash
+from ....policy import MlpPolicy
+from ...error import PolicyFileError
+from ...own_hash import check_own_hash
 from .chain import NotAChain, steps_of
 from .network import policy_of
 from .packages import FORMAT, METADATA, onnx

@@ -11,8 +11,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ...policy import ActionArray
-from ..error import PolicyFileError
+from ....policy import ActionArray
+from ...error import PolicyFileError
 from .packages import onnxruntime
 
 

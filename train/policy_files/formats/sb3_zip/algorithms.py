@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..error import RETRAIN, PolicyFileError
+from ...error import RETRAIN, PolicyFileError
 
 SHARED = "mlp_extractor.shared_net"
 """Layers that actor and critic have in common, in files of before 1.8."""

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from integ_gym.support import check_regular
 
-from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from ..error import DAMAGED, PolicyFileError
+from ....policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ...error import DAMAGED, PolicyFileError
 from . import limits
 from .algorithms import SHARED, Actor
 from .architecture import (

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from ..error import DAMAGED, PolicyFileError
+from ...error import DAMAGED, PolicyFileError
 
 Json: TypeAlias = Mapping[str, Any]
 

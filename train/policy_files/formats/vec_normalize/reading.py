@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...policy import ObservationStatistics
-from ..error import PolicyFileError
+from ....policy import ObservationStatistics
+from ...error import PolicyFileError
 from .inert_pickle import Name, Note, entries, parse_pickle
 
 _CLASS = Name("stable_baselines3.common.vec_env.vec_normalize", "VecNormalize")

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from integ_gym.support import check_regular, missing
 
-from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from .error import PolicyFileError
+from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ..error import PolicyFileError
 
 try:
     from safetensors import SafetensorError, safe_open

@@ -8,8 +8,8 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...policy import BoxActions, DiscreteActions, FloatArray
-from ..error import PolicyFileError
+from ....policy import BoxActions, DiscreteActions, FloatArray
+from ...error import PolicyFileError
 from .data import Json, printed_class
 
 _PASS_BOUNDS = "pass action_bounds=(low, high)"

@@ -15,8 +15,8 @@ import numpy as np
 
 from integ_gym.support import read_bounded
 
-from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy
-from .error import PolicyFileError
+from ...policy import BoxActions, DiscreteActions, Layer, MlpPolicy
+from ..error import PolicyFileError
 from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
 
 STATE_DICT_ENDINGS = (".pt", ".pth", ".cleanrl_model")

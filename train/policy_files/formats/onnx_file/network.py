@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...policy import MOST, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ....policy import MOST, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from .chain import NotAChain, Step
 
 _NO_CLIP = 1e300

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from ..error import PolicyFileError
+from ...error import PolicyFileError
 
 
 @dataclass(frozen=True)

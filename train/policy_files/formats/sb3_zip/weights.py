@@ -13,8 +13,8 @@ import numpy as np
 
 from integ_gym.support import missing
 
-from ...policy import Layer
-from ..error import DAMAGED, RETRAIN, PolicyFileError
+from ....policy import Layer
+from ...error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
 
 

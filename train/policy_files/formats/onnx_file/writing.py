@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from ..own_hash import hashed
+from ....policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ...own_hash import hashed
 from .packages import ACTIVATION_OPS, FORMAT, IR_VERSION, METADATA, OPSET, onnx
 
 INPUT, OUTPUT = "observations", "actions"
