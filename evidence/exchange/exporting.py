@@ -15,7 +15,7 @@ from ..store import EvidenceStore
 from .lerobot_dataset import write_lerobot
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
-from .parquet_dataset import write_parquet
+from .parquet_export import write_parquet
 from .selection import Selection, select
 from .text import write_csv, write_jsonl
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from ..schema import SCHEMA_VERSION, described
-from ..store import EvidenceStore, check_schema
+from ...schema import SCHEMA_VERSION, described
+from ...store import EvidenceStore, check_schema
+from ..selection import Selection
 from .croissant import CROISSANT_FILE
-from .selection import Selection
 
 CARD_FILE = "README.md"
 

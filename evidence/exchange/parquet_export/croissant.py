@@ -7,9 +7,9 @@ from typing import Any
 
 from integ_gym.support import file_hash
 
-from ..schema import described
-from ..store import EvidenceStore, check_schema
-from .selection import Selection
+from ...schema import described
+from ...store import EvidenceStore, check_schema
+from ..selection import Selection
 
 CROISSANT_FILE = "croissant.json"
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from integ_gym.support import Kinds, file_hash, read_object, replace_file, write_json
 
-from ..schema import EvidenceError, Finding
-from ..store import EvidenceStore
+from ...schema import EvidenceError, Finding
+from ...store import EvidenceStore
+from ..selection import Selection
 from .croissant import CROISSANT_FILE, croissant
 from .data_card import CARD_FILE, data_card
-from .selection import Selection
 
 EXPORT_FILE = "export.json"
 FORMAT = "integ-gym export 1"
