@@ -87,11 +87,14 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._renderer: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the traced functions, which cannot be pickled, and are made again."""
-        return {**self.__dict__, "_start": plain_start(self.setup), "_step": self._first_steps}
+        """Without traced functions and drawing surfaces, which are made again."""
+        left_out = ("_start", "_step", "_renderer")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._renderer = None
+        self._start, self._step = plain_start(self.setup), self._first_steps
         if self._steps_to_trace <= 0:
             self._trace()
 

@@ -92,7 +92,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         compiled: bool = False,
         **arguments: Any,
     ) -> None:
-        if not isinstance(compiled, bool):
+        if not isinstance(compiled, (bool, np.bool_)):
             raise ValueError(f"`compiled` must be True or False, got {compiled!r}")
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
@@ -115,7 +115,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
         self._info = LaneInfo(num_envs, quiet_status(self.setup))
-        self._steps = [LanesStep(setup, compiled) for setup in self.setups]
+        self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._starts: LaneStarts | None = None
@@ -127,6 +127,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.status_codes = np.full(num_envs, quiet_status(self.setup))
         self.final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without drawing surfaces, which are made again."""
+        return {**self.__dict__, "_renderers": []}
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -50,6 +50,10 @@ class LaneInfo:
         self.everyone = np.ones(lanes, dtype=bool)
         self.everyone.flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew where it is copied or pickled: arrays would no longer be read-only."""
+        return LaneInfo, (self._lanes, self._blank["solver_status"])
+
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""
         return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in BLANK.items()}

@@ -51,8 +51,8 @@ class LaneStarts:
         self._generators = generators
         self._bank = max(1, min(AT_ONCE, MOST // lanes))
         self._numbers = np.zeros((2 * lanes * self._bank, size))
-        self._banks = self._parted()
         self._first = 2 * self._bank * np.arange(lanes)
+        self._banks = self._parted()
         self._taken = np.zeros(lanes, dtype=np.int64)
         self._drawn = np.zeros(lanes, dtype=np.int64)
         self._ready: _Ready | None = None
@@ -117,7 +117,7 @@ class LaneStarts:
 
     def _parted(self) -> list[Array]:
         """The numbers of every bank, as parts of the array of all."""
-        return [*self._numbers.reshape(-1, self._bank, self._numbers.shape[1])]
+        return [*self._numbers.reshape(2 * len(self._first), self._bank, self._numbers.shape[1])]
 
     def _draw_banks(self, lanes: Array) -> None:
         """Draw a bank of starts for some lanes that have one to be drawn."""

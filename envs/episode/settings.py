@@ -91,6 +91,17 @@ class Setup:
     system: PlantSystem
     engine: Engine
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without a simulator, which is made anew of the rest."""
+        kept = self.engine if self.settings.engine == "native" else type(self.engine)
+        return {**vars(self), "engine": kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if isinstance(self.engine, type):
+            made = _engine(self.engine, self.system, self.settings, self.timing)
+            vars(self)["engine"] = made
+
     @property
     def fingerprinted(self) -> str:
         """The plant on which the engine's fingerprint is taken."""
@@ -127,7 +138,7 @@ class Setup:
         if self.engine.batched:
             engine = self.engine.at(system, timing.dt)
         else:
-            engine = type(self.engine)(system, self.settings.integrator, timing.dt)  # type: ignore[call-arg]
+            engine = _engine(type(self.engine), system, self.settings, timing)
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
@@ -176,8 +187,13 @@ def build_setup(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
     system = _system(the_plant, settings, settings.max_speed)
-    engine = ENGINES.load(settings.engine)(system, settings.integrator, settings.dt)
+    engine = _engine(ENGINES.load(settings.engine), system, settings, timing)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _engine(kind: type[Any], system: PlantSystem, settings: Settings, timing: Timing) -> Engine:
+    engine: Engine = kind(system, settings.integrator, timing.dt)
+    return engine
 
 
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:

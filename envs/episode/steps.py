@@ -66,7 +66,7 @@ def traced_step(setup: Setup) -> ScalarStep | None:
     Returns:
         None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
     """
-    step: ScalarStep | None = _traced(_Key(setup, _scalar_step))
+    step: ScalarStep | None = _unless_refused(_traced(setup, _scalar_step))
     return step
 
 
@@ -77,7 +77,7 @@ def plain_start(setup: Setup) -> ScalarStart:
 
 def traced_start(setup: Setup) -> ScalarStart | None:
     """The same as one function without calls; as :func:`traced_step`."""
-    start: ScalarStart | None = _traced(_Key(setup, _scalar_start))
+    start: ScalarStart | None = _unless_refused(_traced(setup, _scalar_start))
     return start
 
 
@@ -94,7 +94,8 @@ def traced_array_step(setup: Setup) -> Repeated | None:
     Returns:
         None where a part cannot be traced, such as parameters that differ between lanes.
     """
-    return _traced(_Key(setup, _array_step)) if setup.engine.batched else None
+    made: Repeated | None = _unless_refused(_traced(setup, _array_step))
+    return made
 
 
 def compiled_array_step(setup: Setup) -> Repeated:
@@ -104,17 +105,17 @@ def compiled_array_step(setup: Setup) -> Repeated:
         ValueError: for a setup of which this cannot be done.
         ModuleNotFoundError: without Numba.
     """
+    made = _traced(setup, _array_step)
+    if not isinstance(made, NotTraceable):
+        try:
+            return _looped(_Key(setup, _array_step))
+        except NotTraceable as error:
+            made = error
     settings = setup.settings
-    of = f"`compiled` cannot be had of integrator {settings.integrator!r}"
-    if traced_array_step(setup) is None:
-        raise ValueError(
-            f"{of} on engine {settings.engine!r}: it is for the native engine, integrators that "
-            "can be traced, and parameters that are alike in all lanes; leave it out"
-        )
-    try:
-        return _looped(_Key(setup, _array_step))
-    except NotTraceable as error:
-        raise ValueError(f"{of}: {error}; leave it out") from None
+    raise ValueError(
+        f"`compiled` cannot be had of integrator {settings.integrator!r} on engine "
+        f"{settings.engine!r}: {made}; leave it out"
+    )
 
 
 class LanesStep:
@@ -243,17 +244,13 @@ def _array_step(
 
 
 class _Key:
-    """A function of a setup; equals others made of the same classes and arguments.
-
-    One with an engine that keeps a simulator's data of its own equals itself alone.
-    """
+    """A function of a setup; equals others made of the same classes and arguments."""
 
     def __init__(self, setup: Setup, function: Callable[..., Any]) -> None:
         self.setup = setup
         self.function = function
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
-        own = None if setup.engine.batched else id(setup.engine)
-        self._parts = (function, *map(type, parts), repr(setup.arguments()), own)
+        self._parts = (function, *map(type, parts), repr(setup.arguments()))
 
     def __hash__(self) -> int:
         return hash(self._parts)
@@ -262,20 +259,43 @@ class _Key:
         return isinstance(other, _Key) and self._parts == other._parts
 
 
+def _traced(setup: Setup, function: Callable[..., Any]) -> Any:
+    """A traced function of a setup, or why there is none; kept, but for engines with data."""
+    if any(isinstance(value, np.ndarray) for value in setup.arguments().values()):
+        return NotTraceable("parameters differ between lanes")
+    if setup.engine.batched:
+        return _kept(_Key(setup, function))
+    if function is _array_step:
+        return NotTraceable("it moves lanes one by one")
+    return _tried(setup, function)
+
+
 @lru_cache(maxsize=_KEPT)
-def _traced(key: _Key) -> Any:
-    function = partial(key.function, key.setup)
-    rest = _at_rest(key.setup)
+def _kept(key: _Key) -> Any:
+    return _tried(key.setup, key.function)
+
+
+def _tried(setup: Setup, function: Callable[..., Any]) -> Any:
     try:
-        if key.function is _scalar_start:
-            return compiled(SCALARS, function, truths(rest), truths(rest))
-        state = _state_pattern(key.setup, rest)
-        if key.function is _scalar_step:
-            return compiled(SCALARS, function, state, False)
-        made = repeated(ARRAYS, function, state, False)
-        return made._replace(step=partial(_in_rows, made.step))
-    except Exception:  # whatever a part of the user's own does with what is not a float
-        return None
+        return _made(setup, function)
+    except Exception as error:  # whatever a part of the user's own does with what is not a float
+        known = isinstance(error, NotTraceable)
+        return NotTraceable(str(error) if known else f"{type(error).__name__}: {error}")
+
+
+def _made(setup: Setup, function: Callable[..., Any]) -> Any:
+    of_setup, rest = partial(function, setup), _at_rest(setup)
+    if function is _scalar_start:
+        return compiled(SCALARS, of_setup, truths(rest), truths(rest))
+    state = _state_pattern(setup, rest)
+    if function is _scalar_step:
+        return compiled(SCALARS, of_setup, state, False)
+    made = repeated(ARRAYS, of_setup, state, False)
+    return made._replace(step=partial(_in_rows, made.step))
+
+
+def _unless_refused(made: Any) -> Any:
+    return None if isinstance(made, NotTraceable) else made
 
 
 def _in_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
@@ -287,7 +307,7 @@ def _in_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
 @lru_cache(maxsize=_KEPT)
 def _looped(key: _Key) -> Repeated:
     state = _state_pattern(key.setup, _at_rest(key.setup))
-    return looped(_traced(key), OBSERVED, partial(key.function, key.setup), state, False)
+    return looped(_kept(key), OBSERVED, partial(key.function, key.setup), state, False)
 
 
 def _at_rest(setup: Setup) -> Components:

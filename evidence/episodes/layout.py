@@ -36,8 +36,7 @@ class Layout:
 
     Row 0 of an episode is its reset and row k the result of its control step k - 1: the state,
     observation and times at the instant after that step, and what was booked during it. All
-    entries fit a float64 exactly. No zero is negative: of which sign it is hangs on how a step is
-    compiled, and a record's content hash is not to.
+    entries fit a float64 exactly.
 
     Args:
         plant: plant or plant class.
@@ -116,6 +115,6 @@ class Layout:
             Shape (all entries, resets).
         """
         rows = np.zeros((len(self), entries.shape[1]))
-        rows[self._starting] += entries
+        rows[self._starting] = entries
         rows[self._places[STATUS]] = status
         return rows

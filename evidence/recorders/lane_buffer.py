@@ -61,7 +61,7 @@ class LaneBuffer:
         return self._time >= len(self._steps[0])
 
     def add(self, row: Sequence[Array]) -> None:
-        """Take in a control step: every entry of its row, of shape (lanes,), -0.0 as 0.0.
+        """Take in a control step: every entry of its row, of shape (lanes,).
 
         Steps that no episode under way needs are dropped when there is no room.
 
@@ -76,7 +76,7 @@ class LaneBuffer:
             self._starts -= oldest
             self._time -= oldest
         for place, values in enumerate(row):
-            np.add(values, 0.0, out=self._steps[place, self._time])
+            self._steps[place, self._time] = values
         self._time += 1
 
     def begin(self, lanes: Array, first: Array, record: Array) -> None:

@@ -134,7 +134,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     def _hand_over(self) -> None:
         if self._heads:
             rows = np.frombuffer(b"".join(self._rows[: self._finished]))
-            by_entry = np.add(rows.reshape(-1, len(self._layout)).T, 0.0, order="C")
+            by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
             heads = EpisodeHeads.of(self._heads)
             self._log.add(by_entry, np.array(self._counts, dtype=np.int64), heads)
         del self._rows[: self._finished]

@@ -91,6 +91,17 @@ class Recorder:
             self._process = os.getpid()
             self._at_exit = Finalize(None, _end_of, (weakref.ref(self),), exitpriority=0)
 
+    def __getstate__(self) -> Any:
+        """Refused: what a copy and its original recorded would be mixed.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            "a recorder cannot be copied or pickled; copy the environment that it records, and "
+            "record the copy in a context of its own"
+        )
+
     def __del__(self) -> None:
         """What nobody has any more is written, and others may record the same episodes."""
         if getattr(self, "_reservation", None) is not None and self._process == os.getpid():

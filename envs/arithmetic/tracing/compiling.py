@@ -102,15 +102,15 @@ def looped(like: Repeated, table: int, function: Function, *patterns: Any) -> Re
 
     Raises:
         NotTraceable: for what Numba and NumPy do not round alike, for calls of functions that are
-            not of our own arithmetic, and for a function that does something else when it is called
-            again.
+            not of our own arithmetic, and for a function that gives another result when it is
+            traced again.
         ModuleNotFoundError: without Numba.
     """
     repeating = _repeating(ONE_LANE, function, patterns)
     if repeating.trace.functions:
         raise NotTraceable("a call of somebody else's function is not compiled")
     if _outline(repeating) != _outline(_repeating(ARRAYS, function, patterns)):
-        raise NotTraceable("a function that does something else each time is not compiled")
+        raise NotTraceable("a function that gives another result each time is not compiled")
     return like._replace(step=LaneLoop(like.step, *repeating[:3], table))
 
 
@@ -138,7 +138,10 @@ def _repeating(dialect: Dialect, function: Function, patterns: Sequence[Any]) ->
 
 
 def _outline(repeating: _Repeating) -> Any:
-    """Where the same stands again in what a step takes and gives, however it is computed."""
+    """Where the same stands again in what a step takes and gives, however it is computed.
+
+    Two traces that differ in it cannot take each other's place.
+    """
     marks: dict[int, int] = {}
     named = [part if isinstance(part, dict) else {"": part} for part in repeating.result]
     given = [{"": argument} for argument in repeating.arguments]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..ops import SCALAR, Carry
-from .symbols import NotTraceable, Symbol, is_boolean, same
+from .symbols import NotTraceable, Symbol, check_numbers, is_boolean, same
 from .trace import Trace
 
 
@@ -16,6 +16,8 @@ def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
     def call(self: SymbolicOps, x: Any, /) -> Any:
         if not isinstance(x, Symbol):
             return getattr(SCALAR, name)(x)
+        if not boolean:
+            check_numbers(x)
         return self._trace.note(self._trace.dialect.template(name), x, boolean=boolean)
 
     return call
@@ -83,4 +85,4 @@ class SymbolicOps:
         template = self._trace.dialect.template(name, 2)
         if not isinstance(a, Symbol) and a == a:
             template = template.replace(" or {0} != {0}", "")
-        return self._trace.note(template, a, b)
+        return self._trace.note(template, a, b, boolean=is_boolean(a) and is_boolean(b))

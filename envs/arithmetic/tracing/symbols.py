@@ -16,22 +16,30 @@ class NotTraceable(TypeError):
 Operator = Callable[["Symbol", Any], Any]
 
 
-def _operator(template: str) -> tuple[Operator, Operator]:
+def _operator(template: str, of_truths: bool = False) -> tuple[Operator, Operator]:
     """An operation with the symbol on the left, and with the symbol on the right."""
 
     def left(self: Symbol, other: Any) -> Any:
-        _check_numbers(self, other)
-        return self.trace.note(self.trace.dialect.operator(template), self, other)
+        return noted(self, self, other)
 
     def right(self: Symbol, other: Any) -> Any:
-        _check_numbers(self, other)
-        return self.trace.note(self.trace.dialect.operator(template), other, self)
+        return noted(self, other, self)
+
+    def noted(self: Symbol, *operands: Any) -> Any:
+        truths = of_truths and all(map(is_boolean, operands))
+        if not truths:
+            check_numbers(*operands)
+        return self.trace.note(self.trace.dialect.operator(template), *operands, boolean=truths)
 
     return left, right
 
 
-def _check_numbers(*operands: Any) -> None:
-    """Refuse arithmetic on truth values alone, of which the worlds make different things."""
+def check_numbers(*operands: Any) -> None:
+    """Refuse arithmetic on truth values alone, of which the worlds make different things.
+
+    Raises:
+        NotTraceable: for it.
+    """
     if all(map(is_boolean, operands)):
         raise NotTraceable(
             "arithmetic on truth values is not the same for floats and arrays; "
@@ -86,7 +94,7 @@ class Symbol:
 
     __add__, __radd__ = _operator("{0} + {1}")
     __sub__, __rsub__ = _operator("{0} - {1}")
-    __mul__, __rmul__ = _operator("{0} * {1}")
+    __mul__, __rmul__ = _operator("{0} * {1}", of_truths=True)
     __truediv__, __rtruediv__ = _operator("{0} / {1}")
     __mod__, __rmod__ = _operator("{0} % {1}")
     __pow__, __rpow__ = _operator("{0} ** {1}")
@@ -100,13 +108,14 @@ class Symbol:
         return _EQUAL(self, other)
 
     def __neg__(self) -> Any:
-        _check_numbers(self)
+        check_numbers(self)
         return self.trace.note("-{0}", self)
 
     def __pos__(self) -> Any:
         return self
 
     def __abs__(self) -> Any:
+        check_numbers(self)
         return self.trace.note(self.trace.dialect.template("abs"), self)
 
     def __and__(self, other: Any) -> Any:

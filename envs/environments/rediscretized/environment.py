@@ -98,6 +98,16 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         self._saturated = False
         self._diverged = False
 
+    def __getstate__(self) -> Any:
+        """Refused: MuJoCo's data belong to the task that is wrapped.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            "a rediscretized task cannot be pickled or copied; make another one and set its state"
+        )
+
     @property
     def state(self) -> npt.NDArray[np.float64]:
         """Positions and velocities of the joints, SI units, shape (nq + nv,)."""

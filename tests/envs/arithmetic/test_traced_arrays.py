@@ -189,12 +189,25 @@ def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
 
 @pytest.mark.parametrize(
     "operation",
-    [lambda a, b: a + b, lambda a, b: a * True, lambda a, b: False - b, lambda a, b: -a],
+    [
+        lambda ops, a, b: a + b,
+        lambda ops, a, b: False - b,
+        lambda ops, a, b: -a,
+        lambda ops, a, b: abs(a),
+        lambda ops, a, b: ops.sin(a),
+        lambda ops, a, b: ops.sqrt(b),
+        lambda ops, a, b: ops.minimum(a, b) + a * b,
+    ],
 )
 def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
     """A sum of two is 2 of floats, True of arrays."""
     with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
-        compiled(ARRAYS, lambda ops, x: operation(x > 1.0, x > 0.0), False)
+        compiled(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
+
+
+def test_a_product_of_truth_values_is_a_truth_value():
+    made = compiled(ARRAYS, lambda ops, x: 0.5 * ((x > 0.0) * (x < 2.0)), False)
+    assert made(np.array([-1.0, 1.0, 3.0])).tolist() == [0.0, 0.5, 0.0]
 
 
 @pytest.mark.parametrize("held", [[1.0, 2.0], [2.0, 1.0]])

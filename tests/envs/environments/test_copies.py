@@ -8,7 +8,10 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from engine_cases import FIRST, lighter
+from pairing import covering
 
+from integ_gym import Step, along, rediscretize
 from integ_gym.envs import ENVIRONMENTS
 from integ_gym.envs.episode.steps import WARM_UP
 
@@ -16,27 +19,97 @@ STEPS = 3 * WARM_UP
 WAYS = {"copied": copy.deepcopy, "pickled": lambda env: pickle.loads(pickle.dumps(env))}
 
 
+class Iterating:
+    """Says that every step took three iterations, and makes lanes fall so that many are reset."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        rates, powers = system.rates(ops, q, v, control)
+        return Step(along(q, dt, v), along(v, dt, rates), along(losses, dt, powers), 3)
+
+
 def _rollout(env, actions):
-    """Observations and energies over steps; a single environment begins anew when it ends."""
+    """What every step tells; a single environment begins anew when it ends."""
     told = []
     for action in actions:
-        observation, _, terminated, truncated, info = env.step(action)
-        told.append(np.append(np.ravel(observation), np.ravel(info["energy"])))
-        if not np.ndim(terminated) and (terminated or truncated):
-            told.append(np.append(env.reset()[0], 0.0))
-    return np.array(told)
+        *results, info = env.step(action)
+        told.append((results, info))
+        if not np.ndim(results[2]) and (results[2] or results[3]):
+            told.append(env.reset())
+    return told
+
+
+def _assert_same(found, expected):
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys()
+        found, expected = found.values(), expected.values()
+    elif not isinstance(expected, (tuple, list)):
+        np.testing.assert_array_equal(found, expected)
+        if isinstance(expected, np.ndarray):
+            assert found.flags.writeable == expected.flags.writeable
+        return
+    for one, other in zip(found, expected, strict=True):
+        _assert_same(one, other)
+
+
+def _goes_on_alike(env, before, steps, copied):
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    actions = [env.action_space.sample() for _ in range(steps)]
+    _rollout(env, actions[:before])
+    other = copied(env)
+    _assert_same(_rollout(other, actions), _rollout(env, actions))
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kind", "before", "way"),
+    covering(ENVIRONMENTS, ("single", "vector", "compiled"), (1, WARM_UP + 1), WAYS),
+)
+def test_a_copy_goes_on_alike(env_id, kind, before, way):
+    if kind == "single":
+        env = gym.make(env_id)
+    else:
+        env = gym.make_vec(env_id, num_envs=3, compiled=kind == "compiled")
+    _goes_on_alike(env, before, STEPS, WAYS[way])
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("before", [1, WARM_UP + 1])
-@pytest.mark.parametrize("arguments", [None, {}, {"compiled": True}], ids=str)
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_a_copy_goes_on_alike(env_id, arguments, before, way):
-    single = arguments is None
-    env = gym.make(env_id) if single else gym.make_vec(env_id, num_envs=3, **arguments)
+@pytest.mark.parametrize("compiled", [False, True])
+def test_what_all_lanes_have_in_common_stays_theirs(compiled, way):
+    """The iterations of a step that are the same in all lanes, where some have just been reset."""
+    integrator = f"{__name__}:Iterating"
+    env = gym.make_vec("IntegCartPole-v0", 3, integrator=integrator, compiled=compiled)
+    _goes_on_alike(env, WARM_UP + 1, STEPS, WAYS[way])
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
+def test_simulators_are_made_anew(engine, integrator, way):
+    env = gym.make("IntegPendulum-v0", engine=engine, integrator=integrator)
+    _goes_on_alike(env, 2, 5, WAYS[way])
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("vector", [False, True])
+def test_pictures_are_drawn_by_each(vector, way):
+    make = gym.make_vec if vector else gym.make
+    env = make("IntegPendulum-v0", render_mode="rgb_array")
     env.reset(seed=1)
-    env.action_space.seed(1)
-    actions = [env.action_space.sample() for _ in range(STEPS)]
-    _rollout(env, actions[:before])
-    other = WAYS[way](env)
-    np.testing.assert_array_equal(_rollout(other, actions), _rollout(env, actions))
+    drawn = env.render()
+    np.testing.assert_array_equal(WAYS[way](env).render(), drawn)
+
+
+def test_a_shallow_copy_is_traced_on_its_own():
+    env = gym.make("IntegPendulum-v0").unwrapped
+    env.reset(seed=1)
+    other = copy.copy(env)
+    for _ in range(WARM_UP):
+        other.step(np.zeros(1))
+    assert other._step.__doc__.startswith("def traced")
+    assert env._step == env._first_steps
+
+
+@pytest.mark.parametrize("way", [*WAYS.values(), copy.copy])
+def test_a_rediscretized_task_is_not_copied(way):
+    env = rediscretize(gym.make("InvertedPendulum-v5"), dt=0.01)
+    with pytest.raises(TypeError, match="make another one and set its state"):
+        way(env)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -204,6 +206,8 @@ def test_a_task_may_always_start_alike():
     starts.put_back()
     for mine, own in zip(generators, untouched, strict=True):
         assert mine.bit_generator.state == own.bit_generator.state
+    again = pickle.loads(pickle.dumps(starts))
+    np.testing.assert_array_equal(again.draw(np.array([1]), {}), [[1.0, 0.5]])
 
 
 class Fixed(PendulumSwingUp):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import signal
 import subprocess
 import sys
@@ -15,6 +17,19 @@ from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema.errors import EvidenceError
 from integ_gym.evidence.store.store import EvidenceStore
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
+@pytest.mark.parametrize("lanes", [None, 2])
+def test_a_recorder_is_not_copied(lanes, way, tmp_path, context):
+    if lanes is None:
+        env = RecordEvidence(gym.make("IntegPendulum-v0"), tmp_path, context)
+    else:
+        env = RecordVectorEvidence(gym.make_vec("IntegPendulum-v0", lanes), tmp_path, context)
+    with pytest.raises(TypeError, match="copy the environment that it records"):
+        way(env)
+    env.close()
+
 
 RECORDING = """
 import multiprocessing, os, signal, sys
