@@ -84,6 +84,7 @@ if TYPE_CHECKING:
         Panes,
         View,
         load_pygame,
+        open_screen,
     )
     from .tasks import (
         FLOAT32_ROUNDING,

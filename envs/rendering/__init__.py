@@ -13,5 +13,6 @@ if TYPE_CHECKING:
     from .course import Course
     from .panes import Moment, Pane, Panes
     from .renderer import Renderer
+    from .screen import open_screen
 else:
     __getattr__, __dir__ = lazy_door(__name__)

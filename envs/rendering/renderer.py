@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..episode import Setup
 from .canvas import INK, MUTED, WHITE, Canvas, load_pygame
 from .plants import drawing, signed
+from .screen import open_screen
 
 _MAX_FPS = 60
 _LARGEST_LAG = 0.25
@@ -160,10 +161,7 @@ class _Pane:
 
     def _screen(self, size: tuple[int, int]) -> Any:
         """The window's surface; opens the window or gives it the size it needs."""
-        display = self._pygame.display
-        screen = display.get_surface()
+        screen = self._pygame.display.get_surface()
         if screen is None or screen.get_size() != size:
-            display.init()
-            screen = display.set_mode(size)
-            display.set_caption("integ-gym")
+            return open_screen(size, "integ-gym")
         return screen

@@ -113,10 +113,15 @@ class _Job:
         """A sentence on what failed, with whose step it was where one of them was at work."""
         names = INTEGRATORS.at_work(error, self.integrators) or self.integrators
         what = " ".join(str(error).split())
+        own = any(":" in name for name in (self.subject.name, *names))
+        remedy = (
+            "docs/how-to/adding.md says what a plant and an integrator must be"
+            if own
+            else "this is a fault of integ-gym's: please report it with this line"
+        )
         return (
             f"{self.section} of {self.subject.name} with {', '.join(names)} failed: "
-            f"{type(error).__name__}: {what}; docs/how-to/adding.md says what a plant and an "
-            "integrator must be"
+            f"{type(error).__name__}: {what}; {remedy}"
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from time import perf_counter
 
-from integ_gym.envs import load_pygame
+from integ_gym.envs import load_pygame, open_screen
 
 from .film import Film
 
@@ -21,13 +21,9 @@ def show_film(film: Film) -> None:
     pygame = load_pygame()
     frames = [pygame.surfarray.make_surface(frame.swapaxes(0, 1)) for frame in film]
     try:
-        pygame.display.init()
-        screen = pygame.display.set_mode(frames[0].get_size())
-    except pygame.error as error:
-        raise ValueError(
-            f"no window can be opened ({error}); write the film with --out film.gif or film.mp4"
-        ) from None
-    pygame.display.set_caption("integ-gym watch")
+        screen = open_screen(frames[0].get_size(), "integ-gym watch")
+    except ValueError as error:
+        raise ValueError(f"{error}; write the film with --out film.gif or film.mp4") from None
     began = perf_counter()
     while not _is_closed(pygame):
         passed = (perf_counter() - began) % (len(frames) / film.fps + _PAUSE)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
-from integ_gym.envs import Cockpit, load_pygame
+from integ_gym.envs import Cockpit, load_pygame, open_screen
 
 from .game import Game
 
@@ -58,13 +58,9 @@ class Window:
         self._keys = self._bindings()
         picture = self._cockpit.frame(game.view())
         try:
-            self._pygame.display.init()
-            self._screen = self._pygame.display.set_mode(picture.get_size())
-        except self._pygame.error as error:
-            raise ValueError(
-                f"no window can be opened ({error}); play on a machine with a display"
-            ) from None
-        self._pygame.display.set_caption("integ-gym play")
+            self._screen = open_screen(picture.get_size(), "integ-gym play")
+        except ValueError as error:
+            raise ValueError(f"{error}; play on a machine with a display") from None
 
     def frame(self) -> bool:
         """Heed keys, let the time pass that has passed, draw; whether the game goes on."""

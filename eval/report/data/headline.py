@@ -42,10 +42,24 @@ def _given(panel: Panel, row: Row) -> str:
     else:
         first = f"It is not known what {row.name} was trained on, and there is no truth here."
     others = [e for cell in panel.columns if (e := panel.entry(row.name, cell.name)) is not None]
+    if places and panel.truth is not None and not any(e.success.estimate for e, _ in places):
+        return f"{first} {_by_return(places[0][0], others)}"
     worst = min(others, key=lambda entry: _value(panel, entry))
     if places and _value(panel, worst) == min(_value(panel, entry) for entry, _ in places):
         return f"{first} It does no worse on any of {plural(len(others), 'discretization')}."
     return f"{first} Worst is {worst.cell}: there it {_earned(panel, worst)}."
+
+
+def _by_return(own: Entry, others: Sequence[Entry]) -> str:
+    """Of a policy that never succeeds, so that there is no success to lose: its returns."""
+    told = [(x.returns.estimate, x.cell) for x in others if x.returns is not None]
+    if own.returns is None or not told:
+        return "Where there is no success, none can be lost."
+    least, where = min(told)
+    return (
+        f"Where there is no success, none can be lost; its mean return is lowest on {where}: "
+        f"{compact(least, 4)}, where {own.cell} gives {compact(own.returns.estimate, 4)}."
+    )
 
 
 def _earned(panel: Panel, entry: Entry) -> str:
