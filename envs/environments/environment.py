@@ -267,6 +267,10 @@ def _interleaved(count: int) -> Callable[[Components], Components]:
     return itemgetter(*order)
 
 
+_NO_ACTIONS = (str, bytes, bytearray, set, frozenset, dict)
+"""What holds one thing that can be made a number, and is no action."""
+
+
 def box_action(action: Any) -> float:
     """The one entry of a `Box` action as float; infinite where a float cannot hold it.
 
@@ -275,6 +279,8 @@ def box_action(action: Any) -> float:
     """
     try:
         (value,) = action.tolist() if type(action) is np.ndarray else action
+        if isinstance(value, (str, bytes)) or isinstance(action, _NO_ACTIONS):
+            raise TypeError
         return float(value)
     except OverflowError:
         return math.inf

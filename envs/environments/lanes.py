@@ -88,13 +88,33 @@ def _arrays(part: Any) -> dict[str, Array]:
     return {k: x for k, x in vars(part).items() if k in names and isinstance(x, np.ndarray)}
 
 
-def as_floats(values: Any) -> Array:
-    """A copy as floats; infinite where a float cannot hold a whole number."""
+def as_floats(values: Any, large: bool = True) -> Array:
+    """A copy of actions as floats.
+
+    Args:
+        values: numbers.
+        large: whether a whole number that a float cannot hold is infinite.
+
+    Raises:
+        ValueError: for what is no number.
+    """
+    array = np.asarray(values)
+    kind = array.dtype.kind
+    if kind not in _KINDS or (kind == "O" and any(value is None for value in array.flat)):
+        raise ValueError(f"actions must be numbers, got {values!r:.60}")
     try:
-        return np.array(values, dtype=np.float64)
+        floats: Array = np.array(array, dtype=np.float64)
+    except TypeError:
+        raise ValueError(f"actions must be numbers, got {values!r:.60}") from None
     except OverflowError:
-        large = np.frompyfunc(_as_float, 1, 1)(np.array(values, dtype=object))
-        return np.asarray(large, dtype=np.float64)
+        if not large:
+            raise ValueError(f"an action is larger than any number, got {values!r:.60}") from None
+        floats = np.frompyfunc(_as_float, 1, 1)(array).astype(np.float64)
+    return floats
+
+
+_KINDS = "biufO"
+"""Of arrays that hold numbers: truth values, whole and real numbers, objects."""
 
 
 def _as_float(value: Any) -> float:

@@ -114,7 +114,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(varied(self.setup))
-        self._info = LaneInfo(num_envs, quiet_status(self.setup))
+        self._quiet = np.array([quiet_status(setup) for setup in self.setups])
+        self._info = LaneInfo(num_envs, int(self._quiet[0]))
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -124,7 +125,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._member = np.zeros(num_envs, dtype=np.int64)
         self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
         self._control = np.zeros(num_envs)
-        self.status_codes = np.full(num_envs, quiet_status(self.setup))
+        self.status_codes = self._quiet[self._member]
         self.final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
 
@@ -299,6 +300,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._done[lanes] = False
         self._control[lanes] = 0.0
         self._info.begin(info, lanes, fresh.energy, fresh.goal_since)
+        if self.mixed:
+            info["solver_status"][lanes] = self._quiet[self._member[lanes]]
 
     def _begin_again(self, lanes: Array, info: Info, observation: Array) -> None:
         """The same after a step, whose arrays and observation, without noise, are written into."""
@@ -329,18 +332,18 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             drawn = self.mixture.member(rng.random()) if given is None else given[lane]
             self._member[lane] = drawn
         if "state" in options:
-            states = np.asarray(options["state"], dtype=np.float64)
-            if states.shape[:1] != (self.num_envs,):
+            states = options["state"]
+            if not np.iterable(states) or len(states) != self.num_envs:
                 raise ValueError(
                     f"reset option `state` must have one row per lane ({self.num_envs}), "
-                    f"got shape {states.shape}"
+                    f"got {states!r:.60}"
                 )
             options = {**options, "state": states[lane]}
         return draw_start(self.setup, rng, options)
 
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
-        values = as_floats(actions)
+        values = as_floats(actions, self.setup.task.discrete is None)
         if values.shape != self._action_shape:
             raise ValueError(f"actions must have shape {self._action_shape}, got {values.shape}")
         if ignored.size:

@@ -218,7 +218,8 @@ def _outcome(
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
     period, mean_square = timing.control_period, _mean_square(orders.segments, timing.substeps)
     earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
-    worst = task.worst_return(ops, timing.horizon - before.steps, period, top_speed(setup))
+    left = ops.maximum(timing.horizon - before.steps, 1)
+    worst = task.worst_return(ops, left, period, top_speed(setup))
     solved = ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
     return Outcome(
         reward=ops.where(ok, earned, worst),

@@ -162,7 +162,7 @@ def build_setup(
         if name not in names:
             raise TypeError(unknown_name("argument", name, names))
     values = {
-        name: value.item() if isinstance(value, np.generic) else value
+        name: value.item() if isinstance(value, np.generic) or _is_scalar(value) else value
         for name, value in {**defaults, **arguments}.items()
     }
     given = _parse(Settings, values)
@@ -189,6 +189,10 @@ def build_setup(
     system = _system(the_plant, settings, settings.max_speed)
     engine = _engine(ENGINES.load(settings.engine), system, settings, timing)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _is_scalar(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 0
 
 
 def _engine(kind: type[Any], system: PlantSystem, settings: Settings, timing: Timing) -> Engine:

@@ -65,9 +65,9 @@ def checked_state(setup: Setup, state: Any) -> Components:
     names = state_names(setup.plant)
     try:
         values = np.asarray(state, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r}"
+            f"reset option `state` must be numbers ({', '.join(names)}), got {state!r:.60}"
         ) from None
     if values.shape != (len(names),):
         raise ValueError(

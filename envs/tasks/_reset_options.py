@@ -18,8 +18,8 @@ def number(options: Mapping[str, Any], name: str, default: float) -> float:
     value = options.get(name, default)
     try:
         return float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"reset option `{name}` must be a number, got {value!r}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
 
 
 def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
@@ -33,6 +33,6 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
         ValueError: if the bounds are not finite and in order.
     """
     low, high = number(options, "low", -half_width), number(options, "high", half_width)
-    if not (isfinite(low) and isfinite(high) and low <= high):
+    if not (isfinite(high - low) and low <= high):
         raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
     return tuple(rng.uniform(low=low, high=high, size=(size,)))

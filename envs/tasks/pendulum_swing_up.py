@@ -79,7 +79,7 @@ class PendulumSwingUp(BoxTask):
         centre, x_default, y_default = (0.0, pi, 1.0) if start == "uniform" else (pi, 0.2, 0.2)
         x = number(options, "x_init", x_default)
         y = number(options, "y_init", y_default)
-        if not (isfinite(x) and isfinite(y) and x >= 0.0 and y >= 0.0):
+        if not (isfinite(2.0 * x) and isfinite(2.0 * y) and x >= 0.0 and y >= 0.0):
             raise ValueError(
                 f"reset options `x_init` and `y_init` must be finite and 0 or above, got {x}, {y}"
             )

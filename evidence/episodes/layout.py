@@ -104,12 +104,12 @@ class Layout:
         """The entries of a reset's row that are not 0, as :meth:`row`; of the status see there."""
         return (*(info[name] for name in _STARTING), *state, *sensed)
 
-    def start_rows(self, entries: Array, status: int) -> Array:
+    def start_rows(self, entries: Array, status: int | Array) -> Array:
         """Whole rows of resets.
 
         Args:
             entries: see :meth:`start`, shape (entries, resets).
-            status: code of the solver's status where no step has been taken.
+            status: code of the solver's status where no step has been taken, one or of each.
 
         Returns:
             Shape (all entries, resets).

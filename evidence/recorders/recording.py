@@ -82,7 +82,7 @@ class Recorder:
         self._commit_on_close = commit_on_close
         self._commit_every = commit_every if commit_on_close else None
         self._horizon = max(setup.timing.horizon for setup, _ in setups)
-        self._status_at_start = quiet_status(setups[0][0])
+        self._quiet = np.array([quiet_status(setup) for setup, _ in setups])
         self._noted = False
         self._lay_out(None)
         self._reservation: Reservation | None = None

@@ -210,12 +210,13 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             return
         entries = self._layout.start(info, self._inner.state_components, observation.T)
         first = np.array([values[lanes] for values in entries])
-        rows = self._layout.start_rows(first, self._status_at_start)
+        if "mixture_index" in info:
+            self._member[lanes] = info["mixture_index"][lanes]
+        quiet = self._quiet[self._member[lanes] * self._per_member]
+        rows = self._layout.start_rows(first, quiet)
         buffer.begin(lanes, rows, ~self._recorded[lanes])
         self._wall_start[lanes] = now()
         self._draws[lanes] += 1
-        if "mixture_index" in info:
-            self._member[lanes] = info["mixture_index"][lanes]
 
     def _finish(self, buffer: LaneBuffer, lanes: Array) -> None:
         """Note the episodes that end in ``lanes``."""

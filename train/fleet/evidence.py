@@ -72,7 +72,7 @@ class EpisodeAssembler:
         self._open = [np.zeros((len(layout), 0)) for _ in range(lanes)]
         self._opened = np.full(lanes, now())
         self._draws = np.zeros(lanes, dtype=np.int64)
-        self._status_at_start = quiet_status(setups[0])
+        self._quiet = np.array([quiet_status(setup) for setup in setups])
         self._next_index = evidence.context.first_episode
         self._clock = now()
 
@@ -94,7 +94,7 @@ class EpisodeAssembler:
         taken = [np.zeros((len(self._layout), 0))]
         found: list[_Found] = []
         for lane in range(lanes):
-            joined, last_of = self._joined(lane, rows, first_rows, begun, ended)
+            joined, last_of = self._joined(lane, rows, first_rows, begun, member[:, lane])
             stops = np.flatnonzero(ended[:, lane])
             ends = last_of[stops] + 1
             whole = int(ends[-1]) if len(ends) else 0
@@ -116,7 +116,7 @@ class EpisodeAssembler:
         return EvidenceStore(self._evidence.store).commit_unhashed(self._evidence.batch, table)
 
     def _joined(
-        self, lane: int, rows: Array, first_rows: Array, begun: Array, ended: Array
+        self, lane: int, rows: Array, first_rows: Array, begun: Array, member: Array
     ) -> tuple[Array, Array]:
         """A lane's rows, with those left over in front and a row for every reset.
 
@@ -130,7 +130,7 @@ class EpisodeAssembler:
         joined[:, : left.shape[1]] = left
         joined[:, places] = rows[:, :, lane]
         joined[:, places[starts] - 1] = self._layout.start_rows(
-            first_rows[:, starts, lane], self._status_at_start
+            first_rows[:, starts, lane], self._quiet[member[starts]]
         )
         return joined, places
 

@@ -17,6 +17,7 @@ from integ_gym.support import load
 from ...engines.mujoco import silencer
 from ...episode import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
+from ..bounds import at_bounds
 from ..foreign import ForeignSetup, ForeignTask, ReturnGoal
 from ..lanes import as_floats
 from .description import Choice, ModelEngine, integrator_numbers, plant_of
@@ -93,6 +94,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         self.setup = self._discretized(choice)
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
+        limited = self._model.actuator_ctrllimited.astype(bool)
+        low, high = self._model.actuator_ctrlrange.T
+        self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         self._inner.do_simulation = self._simulate
         self._booked = NOTHING
         self._saturated = False
@@ -144,7 +148,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         """Start an episode."""
         self.final_state, self.final_status = self.state_components, self.status_code
         observation, info = self.env.reset(seed=seed, options=options)
-        self._steps, self._least = 0, 0.0
+        self._steps, self._least, self._earned = 0, 0.0, 0.0
         self._goal.begin()
         self._energy = self._ledger.energy(self._data)
         self._control = np.zeros(self._model.nu)
@@ -165,9 +169,11 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         if self._diverged:
             observation, terminated = self._observation, True
             left = self.setup.timing.horizon - self._steps + 1
-            reward = min(0.0, self._least) * left
-        self._observation, self._control = observation, command
+            reward = self._least * left - max(0.0, self._earned)
+        self._observation = observation
+        self._control = np.clip(command, self._low, self._high)
         self._least = min(self._least, float(reward))
+        self._earned += float(reward)
         self._energy = before if self._diverged else self._ledger.energy(self._data)
         booked = self._booked
         residual = self._energy - before - booked.work + booked.dissipated
@@ -175,7 +181,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         time = self._steps * self.setup.timing.control_period
         success = self._goal.note(float(reward), bool(terminated), bool(truncated), time)
         success = success and not self._diverged
-        told = self._info(residual, self._saturated, not valid, success)
+        told = self._info(residual, valid and self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
 
     def render(self) -> Any:
@@ -224,10 +230,8 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         data, model = self._data, self._model
         q, v = data.qpos.copy(), data.qvel.copy()
         data.ctrl[:] = control
-        low, high = model.actuator_ctrlrange.T
-        limited = model.actuator_ctrllimited.astype(bool)
-        self._applied = np.where(limited, np.clip(control, low, high), control)
-        self._saturated = bool((self._applied != control).any())
+        self._applied = np.clip(control, self._low, self._high)
+        self._saturated = at_bounds(control, self._low, self._high)
         self._silence()
         with self._timed(timing.dt, timing.substeps):
             self._booked = self._ledger.step(data, timing.substeps)

@@ -18,6 +18,13 @@ FASTEST = 1e6
 """A velocity component beyond this, m/s or rad/s, is a divergence."""
 
 
+_NOT_BOOKED = (
+    "body_gravcomp", "tendon_damping", "tendon_dampingpoly", "dof_dampingpoly",
+    "actuator_damping", "actuator_dampingpoly",
+)  # fmt: skip
+"""Parameters of a model, where its MuJoCo has them, of losses that are not accounted for."""
+
+
 class Booked(NamedTuple):
     """What one control period brought, J."""
 
@@ -43,9 +50,10 @@ class Ledger:
 
     Work is the generalized force of the actuators times the displacement, which is exact where the
     force does not depend on the state within a step, as that of a motor. What damping takes is
-    known for integrators that take it at the end of the step; losses in a fluid, in a tendon or by
-    gravity compensation are not accounted for. Of RK4's four stages MuJoCo tells the constraints of
-    the last alone: a step that ends where it would without any constraint had none in the others.
+    known for integrators that take it at the end of the step; losses in a fluid, a tendon or an
+    actuator, by gravity compensation or by powers of the speed are not accounted for. Of RK4's four
+    stages MuJoCo tells the constraints of the last alone: a step that ends where it would without
+    any constraint had none in the others.
 
     Args:
         mujoco: the module.
@@ -127,8 +135,7 @@ def _accounted(model: Any, integrator: str) -> bool:
     elsewhere = (
         model.opt.density > 0.0
         or model.opt.viscosity > 0.0
-        or np.any(model.tendon_damping)
-        or np.any(model.body_gravcomp)
+        or any(np.any(getattr(model, name, 0.0)) for name in _NOT_BOOKED)
     )
     damped = bool(np.any(model.dof_damping))
     return not elsewhere and (not damped or integrator in TAKEN_AT_THE_END)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...episode import NOT_REPORTED, Discretization
+from ..bounds import at_bounds
 from ..foreign import ReturnGoal
 from ..lanes import as_floats
 from .setup import stated_setup
@@ -69,18 +70,18 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         self._steps = 0
         self._goal.begin()
         self._control = self._within(np.zeros(len(self._names)))
-        return observation, {**info, **self._info(self._control, self._control, False, False)}
+        return observation, {**info, **self._info(False, False, False)}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one decision."""
         asked = as_floats(action).ravel()
         valid = bool(np.isfinite(asked).all())
-        asked = asked if valid else self._control
-        self._control = self._within(asked)
+        saturated = valid and self._saturates(asked)
+        self._control = self._within(asked if valid else self._control)
         observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
         self._steps += 1
         success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
-        told = self._info(asked, self._control, not valid, success)
+        told = self._info(saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
 
     @property
@@ -94,6 +95,13 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             return np.clip(np.rint(control), space.start, space.start + space.n - 1)
         return np.clip(control, space.low.ravel(), space.high.ravel())
 
+    def _saturates(self, asked: Array) -> bool:
+        """Whether a finite action is beyond the set, or at a bound of the box."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return bool((self._within(asked) != asked).any())
+        return at_bounds(asked, space.low.ravel(), space.high.ravel())
+
     def _typed(self, control: Array) -> Any:
         """Numbers as an action of the space."""
         space: Any = self.action_space
@@ -101,14 +109,13 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             return int(control[0])
         return control.reshape(space.shape).astype(space.dtype)
 
-    def _info(self, asked: Array, given: Array, fell_back: bool, success: bool) -> dict[str, Any]:
+    def _info(self, saturated: bool, fell_back: bool, success: bool) -> dict[str, Any]:
         controls = {}
-        pairs = zip(self._names, asked.tolist(), given.tolist(), strict=True)
-        for name, commanded, applied in pairs:
-            controls[f"{name}_commanded"], controls[f"{name}_applied"] = commanded, applied
+        for name, given in zip(self._names, self._control.tolist(), strict=True):
+            controls[f"{name}_commanded"] = controls[f"{name}_applied"] = given
         return {
             "time": self._time,
-            "saturated": bool((asked != given).any()),
+            "saturated": saturated,
             "fallback_used": fell_back,
             "sensor_time": self._time,
             "goal_since": self._goal.since,

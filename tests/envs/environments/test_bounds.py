@@ -45,9 +45,61 @@ def test_a_number_that_no_float_holds_is_refused_or_falls_back(env_id, value):
         with pytest.raises(ValueError, match=r"action must be one of 0, 1, got -?1000") as refused:
             env.unwrapped.step(value)
         assert len(str(refused.value)) < 200
-        *_, info = lanes.step([value, 0])
-    else:
-        *_, info = env.unwrapped.step([value])
-        assert info["fallback_used"]
-        *_, info = lanes.step([[value], [0.0]])
+        with pytest.raises(ValueError, match=r"larger than any number, got \[-?1000") as refused:
+            lanes.step([value, 0])
+        assert len(str(refused.value)) < 200
+        return
+    *_, info = env.unwrapped.step([value])
+    assert info["fallback_used"]
+    *_, info = lanes.step([[value], [0.0]])
     np.testing.assert_array_equal(info["fallback_used"], [True, False])
+
+
+@pytest.mark.parametrize(
+    "value", [None, "5", b"5", 1 + 2j, {0.5}, {0.5: 1.0}, np.datetime64(5, "s")], ids=repr
+)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_an_action_that_is_no_number_is_refused(env_id, value):
+    env, lanes = gym.make(env_id), gym.make_vec(env_id, 1)
+    env.reset(seed=0)
+    lanes.reset(seed=0)
+    discrete = isinstance(env.action_space, gym.spaces.Discrete)
+    with pytest.raises(ValueError, match="action must"):
+        env.unwrapped.step(value if discrete else [value])
+    with pytest.raises(ValueError, match="actions must"):
+        lanes.step([value] if discrete else [[value]])
+
+
+@pytest.mark.parametrize("action", [{0.5}, {0.5: 1.0}, "5", b"5"], ids=repr)
+def test_a_box_action_is_a_list_of_one_number(action):
+    env = gym.make("IntegPendulum-v0")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must have shape \(1,\)"):
+        env.unwrapped.step(action)
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+@pytest.mark.parametrize(
+    ("env_id", "options"),
+    [
+        ("IntegPendulum-v0", {"x_init": 1e308}),
+        ("IntegPendulum-v0", {"x_init": 10**400}),
+        ("IntegCartPole-v0", {"low": -1e308, "high": 1e308}),
+        ("IntegCartPole-v0", {"low": 10**400}),
+        ("IntegPendulum-v0", {"state": [10**400, 0]}),
+        ("IntegPendulum-v0", {"state": ["a", 0]}),
+        ("IntegPendulum-v0", {"state": [1, [2, 3]]}),
+    ],
+    ids=lambda x: f"{x!r:.40}",
+)
+def test_starts_that_cannot_be_are_refused(env_id, options, make):
+    if make is gym.make_vec and "state" in options:
+        options = {"state": [options["state"]]}
+    names = "|".join(f"`{name}`" for name in options)
+    with pytest.raises(ValueError, match=f"reset options? ({names})"):
+        make(env_id).reset(seed=0, options=options)
+
+
+def test_a_parameter_may_be_an_array_of_no_dimension():
+    for make in (gym.make, gym.make_vec):
+        assert make("IntegPendulum-v0", mass=np.array(1.5)).unwrapped.setup.plant.mass == 1.5

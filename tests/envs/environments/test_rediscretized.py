@@ -203,6 +203,38 @@ def test_an_action_that_is_not_finite_holds_the_last_one():
     assert info["leg_joint_control_applied"] == 1.0
 
 
+def test_a_control_at_its_bound_is_saturated_and_recorded_within_it():
+    env = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"))
+    env.reset(seed=0)
+    (high,) = env.action_space.high
+    for action, saturated in ((0.5 * high, False), (high, True), (5.0, True), (np.nan, False)):
+        info = env.step(np.array([action]))[4]
+        assert info["saturated"] is saturated
+    told = [info[name] for name in info if name.endswith(("_commanded", "_applied"))]
+    assert told == [high, high]
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator"),
+    [('damping="0 5"', ""), ("", 'damping="5"'), ("", 'damping="0 5"')],
+)
+def test_damping_that_the_ledger_does_not_know_leaves_it_open(joint, actuator, tmp_path):
+    text = f"""<mujoco><option timestep="0.01"/><worldbody><body>
+    <joint name="slider" type="slide" axis="1 0 0" {joint}/>
+    <geom size=".1" mass="1" contype="0" conaffinity="0"/>
+    <body><joint name="hinge" type="hinge" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .6" size=".05" contype="0" conaffinity="0"/></body>
+    </body></worldbody><actuator>
+    <motor joint="slider" ctrllimited="true" ctrlrange="-3 3" gear="100" {actuator}/></actuator>
+    </mujoco>"""
+    path = tmp_path / "damped.xml"
+    path.write_text(text, encoding="utf-8")
+    env = integ_gym.rediscretize(gym.make("InvertedPendulum-v5", xml_file=str(path)))
+    env.reset(seed=0)
+    info = env.step(np.array([1.0]))[4]
+    assert not {"dissipated", "energy_residual"} & info.keys()
+
+
 def test_success_is_survival_or_a_return():
     falling = integ_gym.rediscretize(gym.make("Hopper-v5"))
     earning = integ_gym.rediscretize(gym.make("Hopper-v5"), success_return=5.0)

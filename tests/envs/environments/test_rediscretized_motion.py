@@ -78,14 +78,25 @@ def test_a_period_in_which_a_limit_acted_is_open_and_every_other_closes(integrat
 def test_a_divergence_ends_the_episode_where_mujoco_would_start_it_anew():
     env = integ_gym.rediscretize(gym.make("InvertedPendulum-v5"))
     env.reset(seed=0)
-    last = env.step(np.zeros(1, np.float32))[0]
+    last, earned, *_ = env.step(np.zeros(1, np.float32))
     env.unwrapped.data.qvel[:] = 1e7
     observation, reward, terminated, _, info = env.step(np.zeros(1, np.float32))
     assert terminated
     assert info["solver_status"] == "diverged"
     assert (observation == last).all()
-    assert reward == 0.0
+    assert earned == 1.0
+    assert reward == -earned
     assert not info["success"]
+
+
+def test_a_divergence_pays_the_least_reward_for_all_that_was_left():
+    env = integ_gym.rediscretize(gym.make("HalfCheetah-v5"))
+    env.reset(seed=0)
+    rewards = [env.step(env.action_space.high)[1] for _ in range(20)]
+    env.unwrapped.data.qvel[:] = 1e7
+    assert min(rewards) < 0.0
+    expected = min(rewards) * (1000 - 20) - max(0.0, sum(rewards))
+    assert env.step(env.action_space.high)[1] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -308,3 +308,24 @@ def test_frames_per_second_are_those_of_the_single_environment(period):
         gym.make_vec("IntegPendulum-v0", 3, **given),
     )
     assert lanes.metadata["render_fps"] == single.metadata["render_fps"] == round(1.0 / period)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_lanes_of_a_mixture_begin_with_their_own_engines_status(order):
+    mixture = [
+        {"engine": "native", "integrator": "rk4"},
+        {"engine": "mujoco", "integrator": "RK4"},
+    ][::order]
+    env = gym.make_vec("IntegPendulum-v0", num_envs=2, control_period=0.05, mixture=mixture)
+    options = {"mixture_index": np.array([0, 1])}
+    expected = ["ok", "not_reported"][::order]
+    assert env.reset(seed=0, options=options)[1]["solver_status"].tolist() == expected
+    assert env.step(env.action_space.sample())[4]["solver_status"].tolist() == expected
+
+
+def test_a_divergence_after_the_end_of_an_episode_does_not_pay():
+    env = gym.make("IntegPendulum-v0", integrator="explicit_euler", dt=1.0, duration=2.0,
+                   max_torque=500.0).unwrapped  # fmt: skip
+    env.reset(seed=0)
+    rewards = [env.step(np.array([500.0]))[1] for _ in range(6)]
+    assert max(rewards[1:]) < 0.0
