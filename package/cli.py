@@ -11,6 +11,9 @@ from typing import NoReturn
 
 from integ_gym.support import CommandParser, end_quietly, report_errors
 
+LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
+"""What an interruption leaves, of commands where that is not what was finished."""
+
 COMMANDS = {
     "panel": "train and evaluate a whole panel (the main job)",
     "train": "train one policy with PPO",
@@ -60,7 +63,11 @@ def _main(arguments: list[str]) -> int:
     parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     chosen = parser.parse_args(arguments[:1] or ["--help"])
-    return report_errors(f"integ-gym {chosen.command}", lambda: _run(chosen.command, arguments[1:]))
+    return report_errors(
+        f"integ-gym {chosen.command}",
+        lambda: _run(chosen.command, arguments[1:]),
+        interrupted=LEFT.get(chosen.command, "what was finished stays"),
+    )
 
 
 class _Version(argparse.Action):

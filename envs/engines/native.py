@@ -40,4 +40,9 @@ class NativeEngine(SteppedEngine):
     ) -> Step:
         """One step of the integrator."""
         step: Step = self.integrator.step(ops, self.system, q, v, losses, control, self.dt)
+        if not isinstance(step, tuple) or len(step) != len(Step._fields):
+            raise TypeError(
+                f"{type(self.integrator).__name__}.step must return an integ_gym.Step, got "
+                f"{step!r:.60}; docs/how-to/adding.md has an example"
+            )
         return step

@@ -332,8 +332,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             drawn = self.mixture.member(rng.random()) if given is None else given[lane]
             self._member[lane] = drawn
         if "state" in options:
-            states = options["state"]
-            if not np.iterable(states) or len(states) != self.num_envs:
+            states: Any = options["state"]
+            if not hasattr(states, "__len__") or len(states) != self.num_envs:
                 raise ValueError(
                     f"reset option `state` must have one row per lane ({self.num_envs}), "
                     f"got {states!r:.60}"

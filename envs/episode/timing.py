@@ -53,9 +53,10 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
         return count
     below = max(least, math.floor(ratio))
     nearest = " or ".join(f"{n * unit:.12g}" for n in (below, below + 1))
+    kept = "" if value <= 0.0 else f"; or keep it, with `{unit_name}` {_parts(value, ratio)} s"
     raise ValueError(
         f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
-        f"nearest valid: {nearest} s"
+        f"nearest valid: {nearest} s{kept}"
     )
 
 
@@ -67,12 +68,16 @@ def check_divides(name: str, value: float, whole_name: str, whole: float) -> Non
     """
     ratio = whole / value
     if ratio <= MOST and (round(ratio) < 1 or not is_multiple(whole, value)):
-        below = math.floor(ratio)
-        nearest = " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
         raise ValueError(
             f"`{name}`={value:.12g} s does not divide {whole_name} of {whole:.12g} s into whole "
-            f"steps; nearest valid: {nearest} s"
+            f"steps; nearest valid: {_parts(whole, ratio)} s"
         )
+
+
+def _parts(whole: float, ratio: float) -> str:
+    """The whole parts of a time that are nearest to the one that goes into it ``ratio`` times."""
+    below = math.floor(ratio)
+    return " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
 
 
 def _horizon(duration: float, period: float) -> int:

@@ -86,7 +86,15 @@ class GymTestbed(SequentialTestbed):
             integrator: its integrator.
             dt: its integration step, s.
             env: made by :meth:`held`.
+
+        Raises:
+            ValueError: for another environment.
         """
+        if not env.has_wrapper_attr("count"):
+            raise ValueError(
+                f"{type(self).__name__}.read calls `as_applied`, which is for environments that "
+                "`build` gives to `held`; of others, return an Applied"
+            )
         count = int(env.get_wrapper_attr("count"))
         return Applied(Discretization(integrator, dt, dt * count, self.home.engine), count)
 

@@ -34,6 +34,12 @@ LIBRARIES: Mapping[str, Callable[..., Testbed]] = {
 }
 """Tasks of other libraries', ``"library:task"``."""
 
+_MEMBERS = (
+    "arguments", "batched", "home", "control_period", "horizon", "success", "controller",
+    "integrators", "steps", "truth", "make", "applied",
+)  # fmt: skip
+"""What every testbed has."""
+
 _ROBOTICS = "gymnasium_robotics"
 """Package whose tasks are MuJoCo tasks of Gymnasium's kind."""
 
@@ -67,9 +73,23 @@ def _found(env_id: str, arguments: str) -> Testbed:
     if task and library in LIBRARIES:
         return LIBRARIES[library](task, **given)
     if task and library != _ROBOTICS:
-        made: Testbed = _OWN.load(env_id)(**given)
-        return made
+        return _complete(_OWN.load(env_id)(**given), env_id)
     return MujocoTestbed(env_id, **given)
+
+
+def _complete(testbed: Testbed, env_id: str) -> Testbed:
+    """A user's own testbed.
+
+    Raises:
+        ValueError: if it lacks something.
+    """
+    missing = [name for name in _MEMBERS if not hasattr(testbed, name)]
+    if missing:
+        raise ValueError(
+            f"the testbed {env_id!r} lacks {', '.join(missing)}; docs/how-to/testbeds.md says what "
+            "a testbed has"
+        )
+    return testbed
 
 
 def make_checked(
@@ -98,6 +118,8 @@ def make_checked(
 
 def _check(asked: Discretization, applied: Applied) -> None:
     """Hold what was asked for against what is applied, sub-steps included."""
+    if not isinstance(applied, Applied):
+        raise TypeError(f"a testbed must tell what is applied by an Applied, got {applied!r:.60}")
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)
     for made in (found.arguments(), whole.arguments()):

@@ -68,7 +68,7 @@ def report_errors(
     try:
         with _interruptions() as noted:
             code = run()
-            if noted:  # and swallowed by compiled code that called back
+            if noted and code != INTERRUPTED:  # and swallowed by compiled code that called back
                 raise KeyboardInterrupt
             return code
     except KeyboardInterrupt:

@@ -35,7 +35,10 @@ SIDECAR_FILE = "policy.json"
 _ZIP_HASH = "zip_hash"
 _FILES = (POLICY_FILE, WEIGHTS_FILE, SIDECAR_FILE)
 
-_RESTORE = "keep the side-car beside the policy it was written with, or train it again"
+_RESTORE = (
+    "keep the side-car beside the policy it was written with, or write one with "
+    "integ_gym.write_sidecar"
+)
 _REWRITE = "restore it from a copy, or say what is right with integ_gym.write_sidecar"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
@@ -51,9 +52,19 @@ class Work:
                     "happens again"
                 ) from error
             if isinstance(error, Exception):
-                named = f"{phase} {futures[future]} failed: {error}"
+                named = f"{phase} {futures[future]} failed: {_told(error)}"
                 raise PanelError(f"{named}; the rest is kept") from error
         return [future.result() for future in futures]
+
+
+def _told(error: Exception) -> str:
+    """What an error says, with its type where that helps; of a full disk the remedy."""
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return f"{error}: free some space, and run the same command again to go on"
+    own = type(error).__module__.partition(".")[0] == "integ_gym"
+    if own or isinstance(error, ValueError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
 
 
 @contextmanager

@@ -79,6 +79,8 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
     Raises:
         EvidenceError: for ``sealed`` or a signature without a seal.
     """
+    if given.sample < 1:
+        raise EvidenceError(f"--sample must be 1 or above, got {given.sample}")
     run = store.run
     sealed, exported = read_seal(run), read_export(run)
     if sealed is None and (given.depth == "sealed" or given.public_key is not None):

@@ -60,7 +60,11 @@ def test_docstring_has_the_contract_table(env_id):
         ({"dt": nan}, ValueError, ["`dt`", "finite", "nan"]),
         ({"dt": "fast"}, ValueError, ["`dt`", "finite number", "'fast'"]),
         ({"dt": 0.02, "control_period": 0.05}, ValueError, ["0.04 or 0.06"]),
-        ({"dt": 0.05, "control_period": 0.02}, ValueError, ["nearest valid: 0.05 or 0.1"]),
+        (
+            {"dt": 0.05, "control_period": 0.02},
+            ValueError,
+            ["nearest valid: 0.05 or 0.1 s; or keep it, with `dt` 0.02 s"],
+        ),
         ({"action_latency": 0.03}, ValueError, ["`action_latency`", "nearest valid"]),
         ({"sensor_period": 0.03}, ValueError, ["`sensor_period`", "nearest valid"]),
         ({"mass": -1.0}, ValueError, ["`mass`", "above 0"]),

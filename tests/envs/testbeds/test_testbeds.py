@@ -33,6 +33,50 @@ def _testbed(env_id, **arguments):
     return testbeds.testbed_of(env_id, arguments)
 
 
+class Lacking(integ_gym.GymTestbed):
+    """It does not say what its home is."""
+
+
+class Silent(integ_gym.GymTestbed):
+    """It does not say what its environment applies."""
+
+    home = Discretization("rk4", 0.2, 0.2, "gymnasium")
+    choices = ("rk4",)
+
+    def build(self, discretization, **arguments):
+        return gym.make("Acrobot-v1")
+
+    def applied(self, environments):
+        return None
+
+    def read(self, env):
+        return Applied(self.home, 1)
+
+
+class Mistaken(Silent):
+    """It reads what it has not held."""
+
+    def read(self, env):
+        return self.as_applied("rk4", 0.2, env)
+
+
+@pytest.mark.parametrize(
+    ("owner", "message"),
+    [
+        (Lacking, "lacks home, control_period; docs/how-to/testbeds.md says"),
+        (Silent, "must tell what is applied by an Applied, got None"),
+        (Mistaken, "which is for environments that `build` gives to `held`"),
+    ],
+)
+def test_a_testbed_of_ones_own_with_a_mistake_is_told_which(owner, message):
+    def made():
+        testbed = testbeds.testbed_of(f"{__name__}:{owner.__name__}", {})
+        return make_checked(testbed, testbed.home, 1)
+
+    with pytest.raises((TypeError, ValueError), match=message):
+        made()
+
+
 @pytest.mark.parametrize("env_id", EVERY)
 def test_every_offer_is_made_and_really_applied(env_id):
     testbed = _testbed(env_id)
