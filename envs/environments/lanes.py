@@ -109,7 +109,7 @@ def as_floats(values: Any, large: bool = True) -> Array:
     except OverflowError:
         if not large:
             raise ValueError(f"an action is larger than any number, got {values!r:.60}") from None
-        floats = np.frompyfunc(_as_float, 1, 1)(array).astype(np.float64)
+        floats = np.asarray(np.frompyfunc(_as_float, 1, 1)(array), dtype=np.float64)
     return floats
 
 

