@@ -37,7 +37,7 @@ def print_plan(spec: PanelSpec, workers: int | None) -> None:
     say(
         f"Panel {spec.name}: {plural(len(each), 'policy', 'policies')} and "
         f"{plural(len(spec.baselines), 'baseline')}. What it costs, from figures that were "
-        "measured on one kind of machine; yours may take half or twice as long:",
+        "measured on one kind of machine; yours may take a third or twice as long:",
         sys.stdout,
     )
     print_aligned(
