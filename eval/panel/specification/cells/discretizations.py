@@ -10,7 +10,7 @@ from integ_gym.envs import WEIGHT, Discretization
 
 from ..values import SpecError, check_keys, check_unique, list_of, many, positive, text
 from .cell import DiscretizationMixture, Home
-from .engines import INSTALLED, on_installed
+from .engines import INSTALLED, check_some_installed, on_installed
 
 
 def trained(data: Mapping[str, Any], of: Discretization) -> tuple[Home, ...]:
@@ -35,11 +35,17 @@ def evaluated(data: Mapping[str, Any], of: Discretization) -> tuple[Discretizati
     Args:
         data: of the specification.
         of: see :func:`trained`.
+
+    Raises:
+        SpecError: if it asks for installed engines, and there is none.
     """
     entries: list[Any] = []
     for entry in list_of(data, "evaluate"):
         entries += on_installed(entry) if asks_for_installed(entry) else [entry]
     found = [member for entry in entries for member, _ in _expand("evaluate", entry, of)]
+    asked = [entry["map"] for entry in list_of(data, "evaluate") if asks_for_installed(entry)]
+    if asked:
+        check_some_installed(found, [name for maps in asked for name in many(maps)])
     return tuple(dict.fromkeys(found))
 
 

@@ -6,12 +6,37 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
-from integ_gym.support import running_version
+from integ_gym.support import APART, install_command, running_version
 
-from ..values import check_known, many
+from ..values import SpecError, check_known, many
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""
+
+_EASIEST = "mujoco"
+"""Of the engines that could be installed, where it serves."""
+
+
+def check_some_installed(grid: Iterable[Discretization], maps: Sequence[str]) -> None:
+    """Refuse a panel that is about engines where it has none but the native one.
+
+    Args:
+        grid: its discretizations.
+        maps: names of the one-step maps that it asks of installed engines.
+
+    Raises:
+        SpecError: with the command that installs one.
+    """
+    if any(discretization.engine != NATIVE for discretization in grid):
+        return
+    serving = [
+        name for name in absent_engines() if name not in APART and integrator_applying(name, maps)
+    ]
+    name = min(serving or [_EASIEST], key=lambda name: name != _EASIEST)
+    raise SpecError(
+        "it is about other engines, and none that it could use is installed; run: "
+        f"{install_command(name)}, or see `integ-gym engines` for the others"
+    )
 
 
 def foreign_engines() -> tuple[str, ...]:

@@ -60,6 +60,30 @@ def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
         assert any(command in gap for gap in spec.gaps())
 
 
+def test_a_panel_about_engines_without_one_is_refused_in_one_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    assert main(["panel", "engines", "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err.strip()
+    assert "\n" not in message
+    assert 'run: pip install "integ-gym[mujoco]"' in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    data = tomllib.loads(engines_panel.TOML)
+    data["evaluate"][1]["map"] = "implicit_midpoint"
+    with pytest.raises(SpecError, match=r'pip install "integ-gym\[casadi\]"'):
+        parse_spec(data, "test")
+
+
+def test_one_engine_of_its_own_is_enough_for_a_panel_about_engines(monkeypatch):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    data = tomllib.loads(engines_panel.TOML)
+    data["evaluate"].append({"engine": "mujoco", "integrator": "Euler", "dt": 0.05})
+    assert "mujoco" in {d.engine for d in parse_spec(data, "test").grid}
+
+
 @pytest.mark.parametrize("engine", FOREIGN)
 def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
     """Of an engine that the specification names."""
