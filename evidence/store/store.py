@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -209,8 +209,12 @@ class EvidenceStore:
             check_schema(file)
         return query(files, sql)
 
-    def verify(self) -> list[Finding]:
-        """Re-compute all content hashes and look for records that are there twice."""
+    def verify(self, report: Callable[[int], object] = lambda count: None) -> list[Finding]:
+        """Re-compute all content hashes and look for records that are there twice.
+
+        Args:
+            report: told now and then how many more records were looked at.
+        """
         problems: list[Finding] = []
         seen: dict[str, str] = {}
         for file in self.files():
@@ -219,7 +223,9 @@ class EvidenceStore:
             except EvidenceError as error:
                 problems.append(Finding(file.name, None, str(error)))
                 continue
-            problems += _altered(file.name, table)
+            for part in groups(table):
+                problems += _altered(file.name, part)
+                report(part.num_rows)
             for record_id in table.column("record_id").to_pylist():
                 if record_id in seen:
                     message = f"is also in {seen[record_id]}; remove one of the two files"

@@ -115,6 +115,7 @@ def replay(
     exact: bool = False,
     own_code: bool = False,
     policy: Callable[[EvidenceRecord], Acting] | None = None,
+    report: Callable[[int], object] = lambda count: None,
 ) -> Replayed:
     """Play episodes again from their first states, with the controls of their traces.
 
@@ -128,6 +129,7 @@ def replay(
         policy: what acted in a record, which then decides again; a `ValueError` says that it
             cannot be had. Its decisions are the same to the last bit where all its episodes of a
             cell are among ``records``, for it sees them together.
+        report: told now and then how many more of ``records`` are done with.
     """
     done = Replayed()
     able = []
@@ -141,15 +143,16 @@ def replay(
             able.append((file, record))
         else:
             done.skip(reason)
+    report(len(records) - len(able))
     key = _key if policy is None else _policy_key
     able.sort(key=key)
     for _, group in groupby(able, key):
         alike = sorted(group, key=lambda item: item[1].fields["episode_index"])
-        if policy is not None:
-            _play(alike, exact, done, policy)
-            continue
-        for first in range(0, len(alike), MOST_LANES):
-            _play(alike[first : first + MOST_LANES], exact, done)
+        lanes = MOST_LANES if policy is None else len(alike)
+        for first in range(0, len(alike), lanes):
+            together = alike[first : first + lanes]
+            _play(together, exact, done, policy)
+            report(len(together))
     return done
 
 

@@ -49,6 +49,7 @@ def replay_some(
     decide: bool = False,
     exact: bool = False,
     own_code: bool = False,
+    report: Callable[[int], object] = lambda count: None,
 ) -> Replayed:
     """Play records of a run again: with recorded controls, or without a trace by their policy.
 
@@ -63,13 +64,14 @@ def replay_some(
         decide: let the policies decide again where there are traces, too.
         exact: see :func:`replay`.
         own_code: see :func:`replay`.
+        report: see :func:`replay`.
     """
     drawn = _drawn(store, count, chance, decide)
     done = Replayed()
     for block in _blocks(store, drawn.repeated):
-        done.add(replay(block, exact=exact, own_code=own_code))
+        done.add(replay(block, exact=exact, own_code=own_code, report=report))
     for block in _files(store, drawn.decided):
-        done.add(replay(block, exact=exact, own_code=own_code, policy=policy))
+        done.add(replay(block, exact=exact, own_code=own_code, policy=policy, report=report))
     done.skip(UNDECIDED, store.query(_HOPELESS.format(condition="" if decide else _BARE)).num_rows)
     return done.settle()
 

@@ -11,12 +11,15 @@ from integ_gym.evidence import ELSEWHERE, Acting, EvidenceRecord, EvidenceStore,
 from integ_gym.support import plural
 
 
-def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str], list[str]]:
+def replayed(
+    store: EvidenceStore, given: argparse.Namespace, report: Callable[[int], object]
+) -> tuple[list[str], list[str]]:
     """Deviations of what was played again, and sentences that say what was.
 
     Args:
         store: of the run.
         given: ``all``, ``sample``, ``seed``, ``exact``, ``own_code`` and ``policy`` of `verify`.
+        report: told now and then how many more records are done with.
     """
     done = replay_some(
         store,
@@ -26,6 +29,7 @@ def replayed(store: EvidenceStore, given: argparse.Namespace) -> tuple[list[str]
         decide=given.policy,
         exact=given.exact,
         own_code=given.own_code,
+        report=report,
     )
     count = store.count()
     told = [

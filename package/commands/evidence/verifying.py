@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from integ_gym.evidence import (
 )
 from integ_gym.support import plural, whole_number
 
+from ..work_options import add_progress
+from .checking import HASH_SECONDS, REPLAY_SECONDS, TRACE_SECONDS, Checking
 from .replaying import replayed
 
 DEPTHS = ("whole", "sealed", "replayed")
@@ -67,6 +69,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--public-key", type=Path, metavar="FILE",
         help="demand a signature of the seal by a key of this file, such as id_ed25519.pub",
     )  # fmt: skip
+    add_progress(command)
 
 
 def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
@@ -90,26 +93,50 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         )
     if given.depth == "whole" and given.public_key is not None:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
-    found = [str(problem) for problem in store.verify()]
-    with contextlib.suppress(*([ValueError] if found else [])):  # what cannot be read is named
-        found.extend(map(str, _whole(store, exported)))
-    sound = not found
-    found += _against_plan(run, given.own_code, sound)
-    if given.depth != "whole":
-        found += map(str, broken_seals(run))
-        if sealed is None and (run / _PAGE).exists():
-            found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
-    if given.public_key is not None:
-        found += map(str, broken_signature(run, given.public_key))
-    told: list[str] = []
-    if given.depth == "replayed" and all(line.startswith(_PAGE) for line in found):
-        played, told = replayed(store, given)
-        found += played
+    checking = Checking(_seconds(store, given), not given.no_progress)
+    with contextlib.closing(checking):
+        found, told = _found(store, given, checking)
     for line in found or [*_checked(store, given, sealed, exported), *told]:
         print(line)
     if found:
         print(f"problems in {run}: {len(found)}")
     return 1 if found else 0
+
+
+def _found(
+    store: EvidenceStore, given: argparse.Namespace, checking: Checking
+) -> tuple[list[str], list[str]]:
+    """What is wrong with a run, and sentences that say what was played again."""
+    run, exported = store.run, read_export(store.run)
+    report = checking.begin("hashes", HASH_SECONDS)
+    found = [str(problem) for problem in store.verify(report)]
+    report = checking.begin("outcomes from traces", TRACE_SECONDS)
+    with contextlib.suppress(*([ValueError] if found else [])):  # what cannot be read is named
+        found.extend(map(str, _whole(store, exported, report)))
+    sound = not found
+    checking.begin("plan and verdicts")
+    found += _against_plan(run, given.own_code, sound)
+    if given.depth != "whole":
+        checking.begin("seal")
+        found += map(str, broken_seals(run))
+        if read_seal(run) is None and (run / _PAGE).exists():
+            found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
+    if given.public_key is not None:
+        found += map(str, broken_signature(run, given.public_key))
+    if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
+        return found, []
+    played, told = replayed(store, given, checking.begin("playing again", REPLAY_SECONDS))
+    return found + played, told
+
+
+def _seconds(store: EvidenceStore, given: argparse.Namespace) -> float:
+    """Time that checking a run takes, about, s."""
+    count = 0
+    with contextlib.suppress(EvidenceError):  # what cannot be read is a finding
+        count = store.count()
+    again = count if given.all else min(count, max(0, given.sample))
+    replays = again * REPLAY_SECONDS if given.depth == "replayed" else 0.0
+    return count * (HASH_SECONDS + TRACE_SECONDS) + replays
 
 
 def _checked(
@@ -155,9 +182,12 @@ def _against_plan(run: Path, own_code: bool, sound: bool) -> list[str]:
     return found
 
 
-def _whole(store: EvidenceStore, exported: Mapping[str, Any] | None) -> Iterator[Finding]:
+def _whole(
+    store: EvidenceStore, exported: Mapping[str, Any] | None, report: Callable[[int], None]
+) -> Iterator[Finding]:
     if exported is not None:
         yield from changed_since_export(store, exported)
     yield from missing_episodes(store, part=exported is not None)
     for file, record in store.named_records():
         yield from recompute(record, file)
+        report(1)

@@ -9,6 +9,7 @@ import io
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 import termios
@@ -142,6 +143,32 @@ def test_verify(two_environments, capsys, store):
     text = capsys.readouterr().out
     assert text.count("was altered") == 3
     assert "problems in" in text
+
+
+def test_verify_says_meanwhile_what_it_checks_and_how_much_is_done(two_environments, capsys):
+    assert main(["verify", str(two_environments)]) == 0
+    shown = capsys.readouterr().err
+    phases = ["hashes", "outcomes from traces", "plan and verdicts", "seal", "playing again"]
+    places = [shown.index(phase) for phase in phases]
+    assert places == sorted(places)
+    assert re.search(r" [1-9]\d?%.*outcomes from traces", shown)
+    assert "100%" in shown
+    assert main(["verify", str(two_environments), "--no-progress"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_verify_needs_nothing_to_draw_a_bar_with(two_environments, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    assert main(["verify", str(two_environments)]) == 0
+    told = capsys.readouterr()
+    assert "records: 6" in told.out
+    assert told.err == ""
+
+
+def test_verify_of_what_cannot_be_counted_is_a_finding(store, capsys):
+    store.files()[0].write_bytes(b"PAR1 and no more")
+    assert main(["verify", str(store.directory)]) == 1
+    assert "cannot read" in capsys.readouterr().out
 
 
 def test_export(two_environments, tmp_path, capsys):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import gymnasium as gym
 import numpy as np
 import pyarrow as pa
@@ -21,6 +23,7 @@ from integ_gym.evidence.verification import replaying
 from integ_gym.evidence.verification.gaps import missing_episodes
 from integ_gym.evidence.verification.recomputing import recompute
 from integ_gym.evidence.verification.replaying import replay
+from integ_gym.evidence.verification.sampling import replay_some
 from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, read_seal, seal
 
 SETTINGS = {
@@ -112,6 +115,17 @@ def test_a_forged_trace_whose_sums_fit_is_named_by_the_replay(tmp_path, play):
     done = _replayed(store)
     assert len(done.findings) == 4
     assert "`theta_dot[10]` is recorded as" in str(done.findings[0])
+
+
+def test_checks_tell_of_every_record_that_they_are_done_with(tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=5)
+    told = {"verify": [], "replay": []}
+    assert store.verify(told["verify"].append) == []
+    done = replay_some(
+        store, None, random.Random(0), lambda record: None, report=told["replay"].append
+    )
+    assert done.records == 5
+    assert {name: sum(counts) for name, counts in told.items()} == {"verify": 5, "replay": 5}
 
 
 def test_the_last_bit_counts_if_asked_for(tmp_path, play):
