@@ -167,6 +167,7 @@ if TYPE_CHECKING:
         run_place,
         say,
         seconds,
+        stands_in_columns,
         step,
         together,
         told_command,

@@ -16,10 +16,10 @@ from ..schema import SUMMARY_FIELDS
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"
+NOTHING = "-"
 
 _WIDTH = 40
 _NAME = 28
-_NOTHING = "-"
 
 _LEADING = ("outcome", "ledger")
 """Groups that are shown before the others."""
@@ -95,7 +95,7 @@ def sparkline(values: npt.NDArray[Any], bars: str = BARS) -> str:
 def number(value: Any) -> str:
     """A value in a few characters."""
     if value is None:
-        return _NOTHING
+        return NOTHING
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -108,7 +108,7 @@ def number(value: Any) -> str:
 
 
 def _line(name: str, value: str, unit: str, width: int | None) -> str:
-    shown = "" if value == _NOTHING else _unit(unit)
+    shown = "" if value == NOTHING else _unit(unit)
     return beside(f"  {name:<{_NAME - 2}}", f"{value} {shown}".rstrip(), width)
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         print_aligned,
         print_groups,
         say,
+        stands_in_columns,
         unbroken,
         visible,
         width_of,

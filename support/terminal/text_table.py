@@ -25,6 +25,7 @@ READABLE = 16
 Rows = Sequence[Sequence[str]]
 
 _GAP = 2
+_CUT = " ..."
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _BREAKS = " ,_"
 """Characters after which a line may end, the best first."""
@@ -178,6 +179,11 @@ def fits(names: Sequence[str], rows: Rows, file: TextIO) -> bool:
     return width is None or _total(_natural([names, *rows])) <= width
 
 
+def stands_in_columns(names: Sequence[str], rows: Rows, width: int) -> bool:
+    """Whether lines of a width have room for columns, with cells broken where need be."""
+    return _fitted(names, rows, width) is not None
+
+
 def _parts(names: Sequence[str], rows: Rows, width: int | None, keys: int) -> list[list[int]]:
     """Columns of each of the tables that a table is divided into."""
     every = list(range(len(names)))
@@ -264,8 +270,17 @@ def _print_lists(names: Sequence[str], rows: Rows, file: TextIO) -> None:
             print(beside(f"{name:<{before}}", cell, width), file=file)
 
 
-def beside(name: str, text: str, width: int | None) -> str:
-    """A text to the right of its name, each of its lines below the first."""
+def beside(name: str, text: str, width: int | None, most: int | None = None) -> str:
+    """A text to the right of its name, each of its lines below the first.
+
+    Args:
+        name: of the text.
+        text: what is shown.
+        width: characters in a line; None: as many as it takes.
+        most: lines; where there are more, the last of these ends with three dots.
+    """
     room = None if width is None else max(NARROWEST // 2, width - len(name))
-    lines = f"\n{' ' * len(name)}".join(wrapped(text, room))
-    return (name + lines).rstrip()
+    lines = wrapped(text, room)
+    if room is not None and most is not None and len(lines) > most:
+        lines = [*lines[: most - 1], lines[most - 1][: room - len(_CUT)].rstrip() + _CUT]
+    return (name + f"\n{' ' * len(name)}".join(lines)).rstrip()

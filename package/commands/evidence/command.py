@@ -93,8 +93,8 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
         "--format", choices=TABLE_FORMATS, default="table",
-        help="csv and json give every value in full, a table shortens numbers and long lists "
-        "(default: table)",
+        help="csv and json give every value in full; a table shortens numbers and long lists, and "
+        "of many columns prints each in a line with its unit, long texts cut (default: table)",
     )  # fmt: skip
 
     command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")

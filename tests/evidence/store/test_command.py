@@ -101,6 +101,54 @@ def test_query_table(two_environments, capsys):
     assert lines[-1] == "(2 rows)"
 
 
+def _cells(text):
+    """Of rows that are printed one column a line: name to cell."""
+    return dict(re.split(" {2,}", line, maxsplit=1) for line in text.splitlines()
+                if re.match(r"\w+ {2,}\S", line))  # fmt: skip
+
+
+def test_a_row_of_many_columns_is_printed_one_a_line_with_units(
+    two_environments, capsys, monkeypatch
+):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    sql = "SELECT * FROM records ORDER BY record_id LIMIT 1"
+    assert main(["query", str(two_environments), sql]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 120
+    cells = _cells(text)
+    assert cells["dt"] == "0.05 s" or cells["dt"] == "0.02 s"
+    assert re.fullmatch(r"\S+ J", cells["work_total"])
+    assert cells["constraint_violation_max"] == "-"
+    assert re.fullmatch(r"\d+", cells["length"])
+    assert text.count(" ...\n") == 1
+    assert text.endswith("--format json gives every value in full.\n(1 row)\n")
+    assert main(["query", str(two_environments), sql, "--format", "csv"]) == 0
+    (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
+    assert json.loads(row["arguments"])
+    assert float(row["dt"]) in (0.05, 0.02)
+
+
+def test_many_rows_into_a_file_stay_one_a_line(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    table = pa.table({f"column_{k}": ["a_word_" + "x" * 20] * 11 for k in range(9)})
+    file = io.StringIO()
+    print_table(table, file)
+    assert len(file.getvalue().splitlines()) == 2 + 11 + 1
+    for made, width in ((table.slice(0, 10), ""), (table, "60")):
+        monkeypatch.setenv("COLUMNS", width)
+        file = io.StringIO()
+        print_table(made, file)
+        assert len(file.getvalue().splitlines()) == len(made) * 10 + 1
+
+
+def test_a_unit_is_that_of_the_field_and_not_of_another_column_of_its_name():
+    table = pa.table({"dt": [3], "energy_end": [1.5], **{f"x{k}": ["y" * 30] for k in range(9)}})
+    file = io.StringIO()
+    print_table(table, file)
+    cells = _cells(file.getvalue())
+    assert (cells["dt"], cells["energy_end"], cells["x0"]) == ("3", "1.5 J", "y" * 30)
+
+
 def test_query_csv_and_json_give_values_in_full(two_environments, record_id, capsys):
     sql = (
         'SELECT record_id, "return", success, time_to_success, wall_start, initial_state, theta '

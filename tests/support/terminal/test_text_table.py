@@ -6,7 +6,15 @@ import io
 
 import pytest
 
-from integ_gym.support.terminal.text_table import print_aligned, say, unbroken, width_of, wrapped
+from integ_gym.support.terminal.text_table import (
+    beside,
+    print_aligned,
+    say,
+    stands_in_columns,
+    unbroken,
+    width_of,
+    wrapped,
+)
 
 REASON = "it never reached the goal, with 12% of the control steps saturated, over and over again"
 
@@ -73,6 +81,21 @@ def test_too_many_columns_become_lists(narrow):
     assert lines[12] == ""
     assert max(map(len, lines)) <= 60
     assert " ".join(line.strip() for line in lines[24:]) == f"column 11  {REASON}"
+
+
+def test_a_text_beside_its_name_is_cut_where_it_takes_too_many_lines():
+    whole = beside("why  ", REASON, 40)
+    assert beside("why  ", REASON, 40, most=3) == whole
+    assert beside("why  ", REASON, None, most=1) == f"why  {REASON}"
+    first, last = beside("why  ", REASON, 40, most=2).splitlines()
+    assert first == whole.splitlines()[0]
+    assert last.endswith(" ...")
+    assert len(last) <= 40
+
+
+def test_columns_stand_side_by_side_if_their_cells_can_be_broken():
+    assert stands_in_columns(["record", "why"], [["3f9a", REASON]], 40)
+    assert not stands_in_columns(["one", "other"], [["3f9a" * 5, "x" * 30]], 40)
 
 
 def test_too_many_columns_become_tables_that_repeat_the_keys(narrow):
