@@ -35,7 +35,7 @@ examples:
   integ-gym panel --out runs/panel
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
-  integ-gym diagnose --out runs/diagnose
+  integ-gym diagnose --plant pendulum --integrator rk4
   integ-gym engines
   integ-gym census --out runs/census
   integ-gym watch runs/panel RECORD --out film.gif

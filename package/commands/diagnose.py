@@ -23,13 +23,12 @@ from .work_options import add_work, workers_of
 
 EXAMPLES = """\
 examples:
-  integ-gym diagnose --out runs/diagnose
-                                  every integrator on every plant, in under two minutes
+  integ-gym diagnose              every integrator on every plant, in under two minutes
   integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.02 --out runs/rk4
   integ-gym diagnose --plant pendulum --integrator my_module:Heun --out runs/heun
                                   an integrator of your own is told what it is
   integ-gym diagnose --plant my_module:Slider --out runs/slider
-  integ-gym diagnose --example drift --out runs/drift
+  integ-gym diagnose --example drift
                                   energy drift over 200 s, see docs/explanation/drift.md
   integ-gym diagnose --example drift --dt 0.01 --out runs/drift-fine
 """
@@ -65,7 +64,8 @@ def parser() -> argparse.ArgumentParser:
     add("--example", choices=("drift",), help="a worked example instead")
     add(
         "--out", type=Path, metavar="DIR",
-        help="where results go; for --example by default runs/NAME",
+        help="where results go, in place of those of an earlier diagnosis (default: runs/diagnose, "
+        "for --example runs/NAME)",
     )  # fmt: skip
     add(
         "--all", action="store_true",
@@ -77,12 +77,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
-    made = parser()
-    given = made.parse_args(argv)
+    given = parser().parse_args(argv)
     if given.out is None:
-        if not given.example:
-            made.error("the following arguments are required: --out")
-        given.out = Path("runs") / given.example
+        given.out = Path("runs") / (given.example or "diagnose")
     require("report", "evidence")
     if given.example:
         return _example(given)

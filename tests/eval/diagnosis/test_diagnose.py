@@ -303,6 +303,23 @@ def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys):
     assert left == []
 
 
+def test_without_out_the_directory_is_of_the_commands_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    chosen = {name: run.SECTIONS[name] for name in ("integrator", "latency")}
+    monkeypatch.setattr(run, "SECTIONS", chosen)
+    command = ["diagnose", "--integrator", "rk4", "--no-progress", "--workers", "1", "--plant"]
+    assert main([*command, "pendulun"]) == 2
+    assert "pendulum" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert main([*command, "pendulum"]) == 0
+    page = tmp_path / "runs" / "diagnose" / "diagnose.html"
+    assert str(page) in capsys.readouterr().out
+    assert page.is_file()
+    page.with_name("diagnose.json").unlink()
+    assert main([*command, "pendulum"]) == 2
+    assert "holds evidence of something else than a diagnosis" in capsys.readouterr().err
+
+
 def test_a_file_in_the_place_of_the_directory(tmp_path, capsys):
     (tmp_path / "out").write_text("", encoding="utf-8")
     command = ["diagnose", "--plant", "pendulum", "--out", str(tmp_path / "out"), "--no-progress"]
