@@ -8,19 +8,36 @@ from typing import Any, Final
 LONG: Final = 40
 """Letters of a text that is given the room of a sentence."""
 
+LONG_CODE: Final = 24
+"""Letters of code that may be broken after the marks between its words."""
+
+_NUMBER: Final = re.compile(r"[+−-]?\d.{,14}")  # with what little is beside it, as a unit
 _CELL: Final = re.compile(r"<td>(.*?)</td>", re.DOTALL)
 _TAG: Final = re.compile(r"(<[^>]*>)")
+_CODE: Final = re.compile(rf"<code>([^<]{{{LONG_CODE + 1},}})</code>")
+_MARK: Final = re.compile(r"(?<=[_./=,])(?=\w)")
 _GROUPS: Final = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Mark the long cells of a page's tables, and keep the digits of a number together."""
+    """Mark what is long in the cells of a page's tables, and keep digits of a number together."""
     return _CELL.sub(lambda found: _cell(found[1]), html)
 
 
 def _cell(content: str) -> str:
     parts = _TAG.split(content)
-    texts = parts[::2]
-    parts[::2] = [_GROUPS.sub("\N{NO-BREAK SPACE}", text) for text in texts]
-    long = len(" ".join("".join(texts).split())) > LONG
-    return ('<td class="long">' if long else "<td>") + "".join(parts) + "</td>"
+    kind = _kind(" ".join("".join(parts[::2]).split()))
+    parts[::2] = [_GROUPS.sub("\N{NO-BREAK SPACE}", text) for text in parts[::2]]
+    told = _CODE.sub(lambda found: _code(found[1]), "".join(parts))
+    return (f'<td class="{kind}">' if kind else "<td>") + told + "</td>"
+
+
+def _kind(text: str) -> str:
+    """The class of a cell."""
+    if len(text) > LONG:
+        return "long"
+    return "number" if _NUMBER.fullmatch(text) else ""
+
+
+def _code(text: str) -> str:
+    return f'<code class="long">{_MARK.sub("<wbr>", text)}</code>'

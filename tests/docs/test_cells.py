@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import pytest
 from site_modules import loaded
 
 cells = loaded("cells").on_page_content
 
 
 def test_the_digits_of_a_number_stay_together():
-    assert cells("<td>20 500 000 steps</td>") == "<td>20\xa0500\xa0000 steps</td>"
-    for other in ("<td>5 1000</td>", "<td>rk4 of 8 plants</td>", "<p>20 500 000</p>"):
+    assert cells("<td>all 20 500 000</td>") == "<td>all 20\xa0500\xa0000</td>"
+    for other in ("<td>of 5 1000</td>", "<td>rk4 of 8 plants</td>", "<p>20 500 000</p>"):
         assert cells(other) == other
-    assert cells('<td><a href="a 100">1 100</a></td>') == '<td><a href="a 100">1\xa0100</a></td>'
+    linked = '<td>a <a href="a 100">1{}100</a></td>'
+    assert cells(linked.format(" ")) == linked.format("\xa0")
+
+
+@pytest.mark.parametrize("number", ["7e-08", "0.05 s", "−0.0046 %", "2 × 0.01 s", "8"])
+def test_a_number_stays_beside_its_unit(number):
+    assert cells(f"<td>{number}</td>") == f'<td class="number">{number}</td>'
+    sentence = f"<td>{number}, by the uncut speed</td>"
+    assert cells(sentence) == sentence
 
 
 def test_a_sentence_is_given_room():
@@ -19,3 +28,11 @@ def test_a_sentence_is_given_room():
     assert cells(f"<td>{sentence}</td>") == f'<td class="long">{sentence}</td>'
     short = f'<td><a title="{sentence}">short</a>\n</td>'
     assert cells(short) == short
+
+
+def test_long_code_is_broken_between_its_words_alone():
+    whole = "<td><code>symplectic_euler</code></td>"
+    assert cells(whole) == whole
+    broken = "symplectic_<wbr>euler_<wbr>implicit_<wbr>damping"
+    long = f'<td><code class="long">{broken}</code></td>'
+    assert cells(f"<td><code>{broken.replace('<wbr>', '')}</code></td>") == long

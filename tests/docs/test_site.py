@@ -24,11 +24,12 @@ PAGES = (
 WIDE = """[...document.querySelectorAll(".md-typeset__scrollwrap, pre > code")]
     .filter((box) => box.scrollWidth > box.clientWidth)"""
 FADES = f"{WIDE}.map((box) => parseFloat(getComputedStyle(box).getPropertyValue('--more')))"
-BROKEN = """[...document.querySelectorAll("td, td code, th code")].filter((cell) => {
+CELLS = "td:not(:has(.long)), table code:not(.long)"
+BROKEN = f"""[...document.querySelectorAll("{CELLS}")].filter((cell) => {{
     const range = document.createRange();
     range.selectNodeContents(cell);
     return /^[^ \\n]+$/.test(cell.innerText) && range.getBoundingClientRect().height > 30;
-}).map((cell) => cell.innerText)"""
+}}).map((cell) => cell.innerText)"""
 """Words and numbers of tables that take more than a line."""
 
 
