@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         TrainedPolicy,
         card_hash,
         has_sidecar,
+        lacks_statistics,
         onnx_card,
         onnx_data,
         policy_file,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         readable_file,
         save_policy,
         stated_arguments,
+        unscaled,
         write_sidecar,
     )
     from .ppo import PPOConfig, train_ppo

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .error import PolicyFileError
     from .formats import (
         OnnxPolicy,
+        lacks_statistics,
         onnx_card,
         onnx_data,
         read_observation_statistics,
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
         read_sb3_zip,
     )
     from .own_hash import HASH_KEY, card_hash
-    from .reading import ONNX_ENDING, POLICY_ENDINGS, read_weights
+    from .reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled
     from .sidecar import (
         POLICY_FILE,
         SIDECAR_FILE,

@@ -12,6 +12,7 @@ from .error import PolicyFileError
 from .formats import (
     STATE_DICT_ENDINGS,
     OnnxPolicy,
+    is_scaled,
     read_observation_statistics,
     read_onnx,
     read_safetensors,
@@ -58,6 +59,20 @@ def read_weights(
             f"{path}: is run by onnxruntime as it is; put the normalization into its graph"
         )
     return _with(policy, statistics, path)
+
+
+def unscaled(path: Path, card: Mapping[str, Any] | None = None) -> bool:
+    """Whether a policy learned from scaled observations, and its files say nothing of their scale.
+
+    Args:
+        path: of a file that :func:`read_weights` reads.
+        card: content of its side-car.
+    """
+    if path.suffix.lower() in POLICY_ENDINGS[1:]:
+        return False
+    network = (card or {}).get("network") or {}
+    told = network.get("observation_statistics") is not None or network.get("scaled") is False
+    return not told and is_scaled(path)
 
 
 def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | OnnxPolicy:

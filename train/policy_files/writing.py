@@ -16,15 +16,21 @@ from ..policy import BoxActions, MlpPolicy
 from .error import PolicyFileError
 from .formats import (
     OnnxPolicy,
+    lacks_statistics,
     onnx_bytes,
     read_observation_statistics,
     read_sb3_model,
     safetensors_bytes,
 )
 from .own_hash import FORMAT, hashed
-from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights
+from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights, unscaled
 from .sidecar import has_sidecar, read_trained
 from .stated_home import Stated, stated_arguments
+
+_UNSCALED = (
+    "was trained inside VecNormalize, whose statistics are missing; pass "
+    'obs_stats="vecnormalize.pkl", also of one with norm_obs=False'
+)
 
 
 def write_sidecar(
@@ -59,7 +65,7 @@ def write_sidecar(
         The side-car's path: the JSON file of the same name.
 
     Raises:
-        PolicyFileError: for a policy that cannot be read.
+        PolicyFileError: for a policy that cannot be read, or whose `VecNormalize` is missing.
         ValueError: for a home that is none.
     """
     file = Path(policy)
@@ -79,7 +85,10 @@ def write_sidecar(
         },
         **_training(env_id, home, environment),
     }
+    if obs_stats is not None and statistics is None:
+        card["network"]["scaled"] = False
     card["content_hash"] = read_weights(file, card).content_hash
+    _check_scale(file, card)
     path = file.with_suffix(".json")
     text = json.dumps(hashed(card), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     replace_file(path, text.encode())
@@ -113,7 +122,8 @@ def save_policy(
         The path.
 
     Raises:
-        PolicyFileError: for a policy that is none of these, or cannot be read.
+        PolicyFileError: for a policy that is none of these, cannot be read, or whose `VecNormalize`
+            is missing.
         ValueError: for another suffix, a home that is none, or a name whose side-car is another
             policy's.
     """
@@ -136,7 +146,12 @@ def _feed_forward(policy: Any, name: str, obs_stats: Path | None) -> MlpPolicy:
     if isinstance(policy, str | os.PathLike):
         policy = _of_file(Path(policy), obs_stats)
     elif not isinstance(policy, MlpPolicy | OnnxPolicy):
-        policy = read_sb3_model(policy, name)
+        model, policy = policy, read_sb3_model(policy, name)
+        if lacks_statistics(model):
+            raise PolicyFileError(
+                f"the model {name} was trained inside VecNormalize and is without it; load it with "
+                "env=VecNormalize.load(path, venv)"
+            )
     if not isinstance(policy, MlpPolicy):
         raise PolicyFileError("only a feed-forward policy is written; give one")
     return replace(policy, policy_id=name)
@@ -144,10 +159,17 @@ def _feed_forward(policy: Any, name: str, obs_stats: Path | None) -> MlpPolicy:
 
 def _of_file(path: Path, obs_stats: Path | None) -> Any:
     """A policy with the statistics that are given, or that its side-car holds."""
-    if not has_sidecar(path):
-        return read_weights(path, obs_stats=obs_stats)
-    policy, card = read_trained(path)
-    return policy if obs_stats is None else read_weights(path, card, obs_stats)
+    policy, card = read_trained(path) if has_sidecar(path) else (read_weights(path), None)
+    if obs_stats is not None:
+        return read_weights(path, card, obs_stats)
+    _check_scale(path, card)
+    return policy
+
+
+def _check_scale(path: Path, card: Mapping[str, Any] | None) -> None:
+    """Refuse a policy that would act on observations of the wrong scale."""
+    if unscaled(path, card):
+        raise PolicyFileError(f"{path}: {_UNSCALED}")
 
 
 def _check_alone(file: Path) -> None:

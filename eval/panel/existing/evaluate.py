@@ -135,6 +135,7 @@ def _write(
         spec={**spec.to_json(), "home": existing.told},
         remark=given_remark(spec, layout, matrix),
         warnings=(
+            *_unscaled(existing),
             *_homeless(existing),
             *_no_better(existing, spec, matrix),
             *_cannot_fail(spec, EvidenceStore(directory.evidence)),
@@ -159,6 +160,20 @@ def _told(existing: Existing, policy: Policy) -> PanelPolicy:
     kept = next(iter(existing.files), None)
     file = kept and f"policies/{name}/{kept}"
     return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)
+
+
+def _unscaled(existing: Existing) -> list[str]:
+    """Doubt where the observations that it learned from were of another scale."""
+    if not existing.unscaled:
+        return []
+    remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
+    if not existing.files:
+        remedy = "load it with env=VecNormalize.load(path, venv)"
+    return [
+        f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations, "
+        "and was judged without its statistics, so nothing here need be what it does with them; "
+        f"{remedy}"
+    ]
 
 
 def _homeless(existing: Existing) -> list[str]:
@@ -204,6 +219,8 @@ def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
 
 
 def _remedy(existing: Existing) -> str:
+    if existing.unscaled:
+        return "the missing statistics would explain it"
     if not existing.files:
         return "does it take this environment's observations, and give its actions?"
     if getattr(existing.policy, "statistics", None) is not None:

@@ -21,6 +21,7 @@ from integ_gym.train import (
     RawModel,
     Stated,
     behaviour_hash,
+    lacks_statistics,
     read_sb3_model,
 )
 
@@ -58,7 +59,8 @@ def given_policy(
     target = _loaded(given) if isinstance(given, str) else given
     known, environments = provenance(env_id, None, home, environment)
     policy = _as_policy(target, _name(given, target), env_id, known.environment, environments)
-    return Existing(replace(policy, policy_id=row_name(policy.policy_id)), known, {}, None)
+    bare = _is_sb3_model(target) and lacks_statistics(target)
+    return Existing(replace(policy, policy_id=row_name(policy.policy_id)), known, {}, None, bare)
 
 
 def _loaded(reference: str) -> Any:

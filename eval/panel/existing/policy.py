@@ -24,6 +24,7 @@ from integ_gym.train import (
     read_trained,
     read_weights,
     readable_file,
+    unscaled,
 )
 
 from ..specification import Home
@@ -39,12 +40,14 @@ class Existing:
         provenance: where it comes from.
         files: what it was read from, by the name to keep it under.
         seed: of its training, where it is known.
+        unscaled: whether it learned from scaled observations, and is given them as they are.
     """
 
     policy: Policy
     provenance: Provenance
     files: Mapping[str, Path]
     seed: int | None
+    unscaled: bool = False
 
     @property
     def home(self) -> Home | None:
@@ -92,7 +95,8 @@ def read_existing(
     name, seed = (path.stem, None)
     if card is not None:
         name, seed = str(card.get("policy_id", name)), card.get("seed")
-    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed)
+    bare = obs_stats is None and unscaled(path, card)
+    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed, bare)
 
 
 def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, Any, dict[str, Path]]:

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from .onnx_file import OnnxPolicy, onnx_bytes, onnx_card, onnx_data, read_onnx
     from .safetensors_file import read_safetensors, safetensors_bytes
     from .sb3_zip import (
+        is_scaled,
+        lacks_statistics,
         read_archive,
         read_observation_statistics,
         read_sb3_model,

@@ -11,7 +11,13 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .limits import MAX_WEIGHTS_BYTES
     from .observation_statistics import read_observation_statistics
-    from .reading import read_archive, read_sb3_model, read_sb3_zip
+    from .reading import (
+        is_scaled,
+        lacks_statistics,
+        read_archive,
+        read_sb3_model,
+        read_sb3_zip,
+    )
     from .weights import load_tensors
 else:
     __getattr__, __dir__ = lazy_door(__name__)

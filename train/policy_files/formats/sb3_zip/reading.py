@@ -29,8 +29,9 @@ from .architecture import (
     quantile_count,
     squashed,
 )
-from .data import json_object, section
+from .data import Json, json_object, section
 from .observation_statistics import read_observation_statistics
+from .scaling import learned_scaled
 from .spaces import decoding, vector_size
 from .weights import averaged, layers_of, load_tensors
 
@@ -52,8 +53,8 @@ def read_sb3_zip(
     Of PPO, A2C, SAC, TD3, DDPG and DQN of stable-baselines3 and TQC, TRPO and QR-DQN of
     sb3-contrib, of all versions since 1.0.
 
-    The file does not say whether the model was trained inside `VecNormalize`; if it was, pass
-    `obs_stats`, or the policy acts on observations of the wrong scale.
+    The file has no statistics of a `VecNormalize`; of a model that was trained inside one, pass
+    `obs_stats`, or the policy acts on observations of the wrong scale; see :func:`is_scaled`.
 
     Args:
         path: the `.zip` file.
@@ -101,6 +102,29 @@ def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
         raise PolicyFileError(f"the model {policy_id}: {error}") from error
 
 
+def is_scaled(archive: Path | BinaryIO) -> bool:
+    """Whether the model in a zip was trained inside `VecNormalize`, as far as that shows.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    data_text, _ = _read_members(archive)
+    return learned_scaled(_data(data_text))
+
+
+def lacks_statistics(model: Any) -> bool:
+    """Whether a model in memory was trained inside `VecNormalize` and is without one now.
+
+    Args:
+        model: of stable-baselines3 or sb3-contrib.
+    """
+    if model.get_vec_normalize_env() is not None:
+        return False
+    content = io.BytesIO()
+    model.save(content)
+    return is_scaled(content)
+
+
 def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
     return (space.low, space.high) if isinstance(space, spaces.Box) else None
 
@@ -117,7 +141,7 @@ def read_archive(
         ValueError: what is wrong with the zip or the policy, without a file's name.
     """
     data_text, weights = _read_members(archive)
-    data = json_object(data_text, f"its member 'data' {{}}; {DAMAGED}")
+    data = _data(data_text)
     actor, kwargs = actor_class(data), policy_kwargs(data)
     inputs = vector_size(section(data, "observation_space"), "observation space")
     activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
@@ -131,6 +155,10 @@ def read_archive(
     sizes = (inputs, *shared, *own, quantiles * actions.size)
     layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
     return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
+
+
+def _data(content: bytes) -> Json:
+    return json_object(content, f"its member 'data' {{}}; {DAMAGED}")
 
 
 def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:

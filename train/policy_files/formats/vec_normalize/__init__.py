@@ -9,6 +9,6 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .inert_pickle import looks_pickled
-    from .reading import read_vec_normalize
+    from .reading import pickled_kind, read_vec_normalize
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -54,19 +54,45 @@ def _number(given: Any) -> float:
     return float(value)
 
 
+def pickled_kind(content: bytes) -> str:
+    """Type of the numbers of one pickled array, such as `f4`.
+
+    Raises:
+        PolicyFileError: for what is no pickled array of numbers.
+    """
+    try:
+        return _kind(_stored(parse_pickle(content))[1])
+    except PolicyFileError:
+        raise
+    except Exception as error:  # damaged bytes can fail in any way
+        raise PolicyFileError("holds no array of numbers") from error
+
+
 def _array(note: Any) -> NDArray[np.float64]:
     """An array or scalar of numbers, from what its pickle notes."""
+    return _numbers(*_stored(note))
+
+
+def _stored(note: Any) -> tuple[Any, Any, Any, Any]:
+    """Bytes, type, shape and order of an array or scalar of numbers."""
     if isinstance(note, Note) and isinstance(note.maker, Name):
         maker, given = note.maker, note.arguments
         if maker.module in _ARRAYS and maker.name == "_reconstruct" and len(note.state) == 1:
             _, shape, dtype, fortran, content = note.state[0]
-            return _numbers(content, dtype, shape, "F" if fortran else "C")
+            return content, dtype, shape, "F" if fortran else "C"
         if maker.module in _ARRAYS and maker.name == "scalar":
-            return _numbers(given[1], given[0], (), "C")
+            return given[1], given[0], (), "C"
         if maker.module in _BUFFERS and maker.name == "_frombuffer":
             content, dtype, shape, order = given
-            return _numbers(content, dtype, shape, order)
+            return content, dtype, shape, order
     raise PolicyFileError("holds statistics that are no arrays of numbers")
+
+
+def _kind(dtype: Any) -> str:
+    kind = dtype.arguments[0] if isinstance(dtype, Note) else None
+    if kind not in _NUMBERS:
+        raise PolicyFileError("holds statistics that are no arrays of numbers")
+    return str(kind)
 
 
 def _bytes(content: Any) -> bytes:
@@ -81,9 +107,8 @@ def _bytes(content: Any) -> bytes:
 
 
 def _numbers(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[np.float64]:
-    kind = dtype.arguments[0] if isinstance(dtype, Note) else None
-    byte_order = dtype.state[0][1] if isinstance(dtype, Note) and dtype.state else "<"
-    if kind not in _NUMBERS or byte_order not in ("<", ">", "=") or order not in ("C", "F"):
+    kind, byte_order = _kind(dtype), dtype.state[0][1] if dtype.state else "<"
+    if byte_order not in ("<", ">", "=") or order not in ("C", "F"):
         raise PolicyFileError("holds statistics that are no arrays of numbers")
     flat = np.frombuffer(_bytes(content), dtype=f"{byte_order}{kind}")
     return flat.reshape(shape, order=order).astype(np.float64)
