@@ -9,7 +9,9 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .comparing import ROUNDING
-    from .given import given_remark, given_rows, home_cell
+    from .findings import paired_episodes
+    from .given import compares_success, given_remark, given_rows, home_cell
+    from .layout import PanelLayout
     from .matrix import Matrix
     from .outputs import cost_of, reduced, write_artefact, write_outputs
     from .remaking import deviations

@@ -31,9 +31,14 @@ def home_cell(home: Home | None) -> str | None:
 def given_remark(spec: PanelSpec, layout: PanelLayout, matrix: Matrix) -> str:
     """Returns of the policy, and how it does beside home or the truth, in sentences."""
     paired, row = paired_episodes(layout, matrix), layout.rows[0]
-    succeeds = any(matrix.rates(row.name, cell.name).any() for cell in spec.columns())
-    compared = paired_remark(paired, spec.reference is not None and succeeds)
+    compared = paired_remark(paired, compares_success(spec, matrix, row.name))
     return f"{_returns(spec, row, matrix)} {compared}".strip()
+
+
+def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:
+    """Whether success tells how a policy does; where it never succeeds, returns do."""
+    succeeds = any(matrix.rates(row, cell.name).any() for cell in spec.columns())
+    return spec.reference is not None and succeeds
 
 
 def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:

@@ -1,0 +1,167 @@
+"""What casts doubt on the evaluation of a policy, each in a sentence with its remedy."""
+
+from __future__ import annotations
+
+import math
+
+from integ_gym.evidence import EvidenceStore
+from integ_gym.train import HOW_TO_STATE
+
+from ...verdict import ALPHA, FAIL_MARGIN, p_text
+from ..model import Estimate, PairedEpisodes
+from ..results import Matrix, PanelLayout, compares_success, home_cell, paired_episodes
+from ..specification import PanelSpec
+from .policy import Existing
+
+
+def doubts_of(
+    existing: Existing,
+    spec: PanelSpec,
+    layout: PanelLayout,
+    matrix: Matrix,
+    records: EvidenceStore,
+) -> tuple[str, ...]:
+    """All doubts, the gravest first."""
+    return (
+        *_unscaled(existing),
+        *_homeless(existing),
+        *_no_better(existing, spec, layout, matrix),
+        *_cannot_fail(spec, records),
+    )
+
+
+def _unscaled(existing: Existing) -> list[str]:
+    """Doubt where the observations that it learned from were of another scale."""
+    if not existing.unscaled:
+        return []
+    remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
+    if not existing.files:
+        remedy = "load it with env=VecNormalize.load(path, venv)"
+    return [
+        f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations, "
+        "and was judged without its statistics, so nothing here need be what it does with them; "
+        f"{remedy}"
+    ]
+
+
+def _homeless(existing: Existing) -> list[str]:
+    """What is not known where the home is not."""
+    if existing.home is not None:
+        return []
+    return [
+        f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it and "
+        f"no failure is put down to the discretization; {HOW_TO_STATE}"
+    ]
+
+
+def _no_better(
+    existing: Existing, spec: PanelSpec, layout: PanelLayout, matrix: Matrix
+) -> list[str]:
+    """Doubt where the policy is no better than random at home, or anywhere without a home.
+
+    Where it does far better elsewhere, the doubt is about its home.
+    """
+    home, elsewhere = home_cell(existing.home), _far_better(existing, spec, layout, matrix)
+    row = existing.policy.policy_id
+    cells = [cell.name for cell in spec.columns()] if home is None else [home]
+    leads = {cell: _lead(matrix, row, cell) for cell in cells}
+    if any(lead > 2.0 * error for lead, error in leads.values()):
+        return [f"{row} {elsewhere}"] if elsewhere else []
+    best = max(cells, key=lambda cell: leads[cell][0])
+    own, chance = (matrix.values(name, best, "return")[0] for name in (row, "random"))
+    compared = f"{own.mean():.1f} over {len(own)} episodes"
+    if home is None:
+        return [
+            f"on no discretization is the policy shown to be better than random: it comes nearest "
+            f"on {best}, with a return of {compared} where random's is {chance.mean():.1f}; "
+            f"{_remedy(existing)}"
+        ]
+    better = "no better than" if leads[best][0] <= 0 else "not shown to be better than"
+    why = f"it {elsewhere}" if elsewhere else _remedy(existing)
+    return [
+        f"on its home discretization ({home}) the policy's return {compared} is {better} "
+        f"random's {chance.mean():.1f}; {why}"
+    ]
+
+
+def _far_better(
+    existing: Existing, spec: PanelSpec, layout: PanelLayout, matrix: Matrix
+) -> str | None:
+    """That the policy does far better on a discretization than at home, in a clause; or None.
+
+    Far is a success that is shown to be higher by more than verdicts let pass; of returns, a lead
+    over random that is shown and more than twice that at home.
+    """
+    row, home = existing.policy.policy_id, home_cell(existing.home)
+    if home is None:
+        return None
+    success = compares_success(spec, matrix, row)
+    columns = {cell.name for cell in spec.columns()}
+    found = []
+    for one in paired_episodes(layout, matrix):
+        if one.cell not in columns:
+            continue
+        lost, p = _lost(one, success)
+        far = max(lost.ends) < -FAIL_MARGIN if success else _leads(matrix, row, one.cell, home)
+        if p < ALPHA and lost.estimate < 0.0 and far:
+            found.append((lost.estimate, one.cell, p))
+    if not found:
+        return None
+    _, cell, p = min(found)
+    kind, digits = ("success", 2) if success else ("return", 1)
+    there, here = (matrix.values(row, name, kind)[0].mean() for name in (cell, home))
+    stated = existing.provenance.origin.startswith("stated")
+    return (
+        f"does far better on {cell} than at its stated home ({home}), with a mean {kind} of "
+        f"{there:.{digits}f} where that gives {here:.{digits}f} (adjusted {p_text(p)}): is "
+        f"{'--home' if stated else 'the side-car'} right?"
+    )
+
+
+def _lost(one: PairedEpisodes, success: bool) -> tuple[Estimate, float]:
+    """What is lost in a cell beside home, and the adjusted p-value; nothing where not known."""
+    if success:
+        return one.success, one.p_success_adjusted
+    if one.returns is None or one.p_return_adjusted is None:
+        return Estimate(0.0), 1.0
+    return one.returns, one.p_return_adjusted
+
+
+def _leads(matrix: Matrix, row: str, cell: str, home: str) -> bool:
+    """Whether random is beaten in a cell, by more than twice as much as at home."""
+    lead, error = _lead(matrix, row, cell)
+    return lead > 2.0 * error and lead > 2.0 * _lead(matrix, row, home)[0]
+
+
+def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
+    """By how much the policy's mean return exceeds random's, and the standard error of that."""
+    own, chance = (matrix.values(name, cell, "return")[0] for name in (row, "random"))
+    difference = own - chance
+    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
+    return float(difference.mean()), error
+
+
+def _remedy(existing: Existing) -> str:
+    if existing.unscaled:
+        return "the missing statistics would explain it"
+    if not existing.files:
+        return "does it take this environment's observations, and give its actions?"
+    if getattr(existing.policy, "statistics", None) is not None:
+        return "was it trained for long enough?"
+    long = "" if existing.seed is None else "was it trained for long enough? "
+    return f"{long}trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
+
+
+def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
+    """Doubt where success is survival, and everybody survives."""
+    success = spec.testbed.success
+    if success.parameter is None or success.parameter in spec.environment:
+        return []
+    if records.query("SELECT record_id FROM records WHERE terminated LIMIT 1").num_rows:
+        return []
+    solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
+    suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
+    return [
+        "no episode of any row ends before its time limit, so success, which is survival, tells "
+        f"nothing here: compare returns, or give {flag}{suggestion}"
+    ]
