@@ -166,12 +166,22 @@ class MlpPolicy:
         """
         return self.actions.decode(self.outputs(observations))
 
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray] | None:
+        """Lower and upper bounds of its actions, in their units; None where it has none."""
+        actions = self.actions
+        if (
+            isinstance(actions, DiscreteActions)
+            or np.abs([actions.low, actions.high]).min() >= MOST
+        ):
+            return None
+        return actions.low, actions.high
+
     def choosing(self) -> MlpPolicy | None:
         """The same network choosing the action of its largest output; None where it has bounds."""
-        actions = self.actions
-        if isinstance(actions, DiscreteActions) or np.abs([actions.low, actions.high]).min() < MOST:
+        if isinstance(self.actions, DiscreteActions) or self.bounds is not None:
             return None
-        return replace(self, actions=DiscreteActions(actions.size))
+        return replace(self, actions=DiscreteActions(self.actions.size))
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
 
 from integ_gym.evidence import EvidenceStore
 from integ_gym.train import HOW_TO_STATE
@@ -24,6 +29,7 @@ def doubts_of(
     """All doubts, the gravest first."""
     return (
         *_unscaled(existing),
+        *(_overridden(existing) or _limited_otherwise(existing)),
         *_homeless(existing),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
@@ -42,6 +48,38 @@ def _unscaled(existing: Existing) -> list[str]:
         "and was judged without its statistics, so nothing here need be what it does with them; "
         f"{remedy}"
     ]
+
+
+def _overridden(existing: Existing) -> list[str]:
+    """Doubt where the environment is not that of the training, as far as that is told."""
+    known = existing.provenance
+    return [
+        f"{existing.policy.policy_id} was trained with {name}={value} ({known.origin}) and was "
+        f"judged with {name}={known.environment[name]}; leave out --env-arg {name}, unless another "
+        "environment is meant"
+        for name, value in known.overridden.items()
+    ]
+
+
+def _limited_otherwise(existing: Existing) -> list[str]:
+    """Doubt where the policy's actions have other bounds than the environment's."""
+    own, space = getattr(existing.policy, "bounds", None), existing.action_space
+    if own is None or not isinstance(space, spaces.Box):
+        return []
+    taken = (space.low, space.high)
+    if np.allclose(own, taken, rtol=1e-5, atol=0.0):
+        return []
+    return [
+        f"{existing.policy.policy_id} gives actions within {_within(*own)}, and the environment "
+        f"takes {_within(*taken)}: was it trained with another limit? give the arguments of its "
+        "training's environment with --env-arg"
+    ]
+
+
+def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
+    """Bounds in a few words: `±2`, `0 to 1`, or one after another."""
+    told = [f"±{b:g}" if a == -b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
+    return ", ".join(told) if len(set(told)) > 1 else told[0]
 
 
 def _homeless(existing: Existing) -> list[str]:

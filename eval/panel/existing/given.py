@@ -59,8 +59,9 @@ def given_policy(
     target = _loaded(given) if isinstance(given, str) else given
     known, environments = provenance(env_id, None, home, environment)
     policy = _as_policy(target, _name(given, target), env_id, known.environment, environments)
+    policy = replace(policy, policy_id=row_name(policy.policy_id))
     bare = _is_sb3_model(target) and lacks_statistics(target)
-    return Existing(replace(policy, policy_id=row_name(policy.policy_id)), known, {}, None, bare)
+    return Existing(policy, known, {}, None, environments.single_action_space, bare)
 
 
 def _loaded(reference: str) -> Any:

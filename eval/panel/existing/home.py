@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from integ_gym.envs import (
@@ -29,12 +29,14 @@ class Provenance:
         control_period: time between two of its decisions, s.
         environment: constructor arguments of its training environment, without the discretization.
         origin: where this comes from, in words.
+        overridden: arguments of its training in place of which others were given.
     """
 
     home: Home | None
     control_period: float
     environment: Mapping[str, Any]
     origin: str
+    overridden: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """In one line."""
@@ -123,7 +125,8 @@ def provenance(
             )
     period = environments.setups[0].timing.control_period
     environment = {name: x for name, x in {**arguments, **given}.items() if name not in VARIED}
-    return Provenance(home, period, environment, origin), environments
+    overridden = {n: x for n, x in arguments.items() if n in given and given[n] != x}
+    return Provenance(home, period, environment, origin, overridden), environments
 
 
 def _origin(stated: Stated, told: Mapping[str, Any]) -> str:

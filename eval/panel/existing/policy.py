@@ -40,6 +40,7 @@ class Existing:
         provenance: where it comes from.
         files: what it was read from, by the name to keep it under.
         seed: of its training, where it is known.
+        action_space: of the environment that it is judged in; None: not known.
         unscaled: whether it learned from scaled observations, and is given them as they are.
     """
 
@@ -47,6 +48,7 @@ class Existing:
     provenance: Provenance
     files: Mapping[str, Path]
     seed: int | None
+    action_space: spaces.Space[Any] | None = None
     unscaled: bool = False
 
     @property
@@ -90,13 +92,14 @@ def read_existing(
     """
     read, card, files = read_policy_file(path, obs_stats)
     known, environments = provenance(env_id, card, home, given, own_code)
-    policy = fitted(read, environments.single_action_space)
-    policy.check_spaces(environments.single_observation_space, environments.single_action_space)
+    space = environments.single_action_space
+    policy = fitted(read, space)
+    policy.check_spaces(environments.single_observation_space, space)
     name, seed = (path.stem, None)
     if card is not None:
         name, seed = str(card.get("policy_id", name)), card.get("seed")
     bare = obs_stats is None and unscaled(path, card)
-    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed, bare)
+    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed, space, bare)
 
 
 def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, Any, dict[str, Path]]:
