@@ -80,10 +80,10 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         given: the options of :func:`add_arguments`.
 
     Raises:
-        EvidenceError: for ``sealed`` or a signature without a seal.
+        EvidenceError: for ``sealed`` or a signature without a seal, and a sample below 0.
     """
-    if given.sample < 1:
-        raise EvidenceError(f"--sample must be 1 or above, got {given.sample}")
+    if given.sample < 0:
+        raise EvidenceError(f"--sample must be 0 or above, got {given.sample}")
     run = store.run
     sealed, exported = read_seal(run), read_export(run)
     if sealed is None and (given.depth == "sealed" or given.public_key is not None):
