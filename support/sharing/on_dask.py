@@ -30,6 +30,7 @@ def dask_cluster(address: str | None, wanted: Resources) -> Iterator[tuple[int, 
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
             silence_logs=logging.ERROR,
         )
     try:
