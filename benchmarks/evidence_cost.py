@@ -260,9 +260,12 @@ def _recording(seconds: float) -> list[dict[str, Any]]:
 
 def _parts(seconds: float) -> dict[str, Any]:
     """Print what a commit is made of; what was found."""
-    found = commit_parts(ENVIRONMENTS[0], LANES[-1], seconds)
+    environment, lanes = ENVIRONMENTS[0], LANES[-1]
+    with tempfile.TemporaryDirectory() as directory:
+        contenders = _contenders(environment, lanes, True, directory)
+        found = commit_parts(*contenders, Path(directory), seconds)
     print(
-        f"\n{found['episodes']} episodes of {found['environment']}, played together; "
+        f"\n{found['episodes']} episodes of {environment}, played together; "
         f"{found['trace_bytes'] / 2**20:.0f} MiB of traces"
     )
     rows = (
@@ -270,7 +273,7 @@ def _parts(seconds: float) -> dict[str, Any]:
         for name, part in found["parts"].items()
     )
     results.print_table(("work, in one thread", "ms", "part of a commit"), rows)
-    return found
+    return {"environment": environment, "lanes": lanes, **found}
 
 
 def _print_store(found: dict[str, Any]) -> None:

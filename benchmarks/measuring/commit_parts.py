@@ -6,27 +6,21 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import pyarrow.feather
 import pyarrow.parquet
 
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema import is_trace
 from integ_gym.evidence.schema.content_hash import content_hashes
 from integ_gym.evidence.store.parquet_file import write
-
-from .rates import vector
 
 FEWEST = 5
 
 
 class Part(NamedTuple):
-    """Some work on the same episodes, in one thread unless it says otherwise."""
+    """Some work on the same episodes, in one thread."""
 
     name: str
     does: Callable[[], Any]
@@ -34,35 +28,37 @@ class Part(NamedTuple):
     """Whether a commit does it; the others show what it could not go below."""
 
 
-def commit_parts(environment: str, lanes: int, seconds: float) -> dict[str, Any]:
+def commit_parts(
+    plain: Callable[[], Any],
+    recorded: Callable[[], Any],
+    recorder: Any,
+    directory: Path,
+    seconds: float,
+) -> dict[str, Any]:
     """Median times of the parts, which take turns.
 
     Args:
-        environment: its id.
-        lanes: environments advanced together.
+        plain: plays episodes in lanes.
+        recorded: the same with a recorder.
+        recorder: of those, with a trace of each.
+        directory: where files are written.
         seconds: time in all.
 
     Returns:
         Number of episodes, bytes of their trace columns, and by part ``seconds`` and ``serves``.
     """
-    with TemporaryDirectory() as directory:
-        recorder = _recorder(environment, lanes, directory)
-        plain = vector(gym.make_vec(environment, num_envs=lanes), lanes)
-        recorded = vector(recorder, lanes)
-        recorded()
-        table = recorder.take()
-        traces = _traces(table)
-        parts = list(_parts(plain, recorded, recorder, table, traces, Path(directory)))
-        found: dict[str, list[float]] = {part.name: [] for part in parts}
-        end = time.perf_counter() + seconds
-        while len(found[parts[0].name]) < FEWEST or time.perf_counter() < end:
-            for part in parts:
-                start = time.perf_counter()
-                part.does()
-                found[part.name].append(time.perf_counter() - start)
+    recorded()
+    table = recorder.take()
+    traces = _traces(table)
+    parts = list(_parts(plain, recorded, recorder, table, traces, directory))
+    found: dict[str, list[float]] = {part.name: [] for part in parts}
+    end = time.perf_counter() + seconds
+    while len(found[parts[0].name]) < FEWEST or time.perf_counter() < end:
+        for part in parts:
+            start = time.perf_counter()
+            part.does()
+            found[part.name].append(time.perf_counter() - start)
     return {
-        "environment": environment,
-        "lanes": lanes,
         "episodes": table.num_rows,
         "trace_bytes": traces.nbytes,
         "parts": {
@@ -70,12 +66,6 @@ def commit_parts(environment: str, lanes: int, seconds: float) -> dict[str, Any]
             for part in parts
         },
     }
-
-
-def _recorder(environment: str, lanes: int, directory: str) -> Any:
-    context = EpisodeContext("benchmark", "cell", phase="training", trace_every=1)
-    env = gym.make_vec(environment, num_envs=lanes)
-    return RecordVectorEvidence(env, directory, context, commit_on_close=False)
 
 
 def _traces(table: Any) -> Any:
