@@ -95,7 +95,7 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
     checking = Checking(_seconds(store, given), not given.no_progress)
     with contextlib.closing(checking):
-        found, told = _found(store, given, checking)
+        found, told = _found(store, given, sealed, exported, checking)
     for line in found or [*_checked(store, given, sealed, exported), *told]:
         print(line)
     if found:
@@ -104,10 +104,14 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
 
 
 def _found(
-    store: EvidenceStore, given: argparse.Namespace, checking: Checking
+    store: EvidenceStore,
+    given: argparse.Namespace,
+    sealed: Mapping[str, Any] | None,
+    exported: Mapping[str, Any] | None,
+    checking: Checking,
 ) -> tuple[list[str], list[str]]:
     """What is wrong with a run, and sentences that say what was played again."""
-    run, exported = store.run, read_export(store.run)
+    run = store.run
     report = checking.begin("hashes", HASH_SECONDS)
     found = [str(problem) for problem in store.verify(report)]
     report = checking.begin("outcomes from traces", TRACE_SECONDS)
@@ -119,7 +123,7 @@ def _found(
     if given.depth != "whole":
         checking.begin("seal")
         found += map(str, broken_seals(run))
-        if read_seal(run) is None and (run / _PAGE).exists():
+        if sealed is None and (run / _PAGE).exists():
             found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
     if given.public_key is not None:
         found += map(str, broken_signature(run, given.public_key))
@@ -134,7 +138,7 @@ def _seconds(store: EvidenceStore, given: argparse.Namespace) -> float:
     count = 0
     with contextlib.suppress(EvidenceError):  # what cannot be read is a finding
         count = store.count()
-    again = count if given.all else min(count, max(0, given.sample))
+    again = count if given.all else min(count, given.sample)
     replays = again * REPLAY_SECONDS if given.depth == "replayed" else 0.0
     return count * (HASH_SECONDS + TRACE_SECONDS) + replays
 
