@@ -159,10 +159,13 @@ def _feed_forward(policy: Any, name: str, obs_stats: Path | None) -> MlpPolicy:
 
 def _of_file(path: Path, obs_stats: Path | None) -> Any:
     """A policy with the statistics that are given, or that its side-car holds."""
-    policy, card = read_trained(path) if has_sidecar(path) else (read_weights(path), None)
-    if obs_stats is not None:
-        return read_weights(path, card, obs_stats)
-    _check_scale(path, card)
+    if not has_sidecar(path):
+        policy, card = read_weights(path, obs_stats=obs_stats), None
+    else:
+        trained, card = read_trained(path)
+        policy = trained if obs_stats is None else read_weights(path, card, obs_stats)
+    if obs_stats is None:
+        _check_scale(path, card)
     return policy
 
 
