@@ -93,7 +93,7 @@ class Setup:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without a simulator, which is made anew of the rest."""
-        kept = self.engine if self.settings.engine == "native" else type(self.engine)
+        kept = self.engine if self.settings.engine == NATIVE else type(self.engine)
         return {**vars(self), "engine": kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

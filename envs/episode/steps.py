@@ -134,7 +134,7 @@ class LanesStep:
         self._setup = setup
         self._plain = plain_array_step(setup)
         self._trace = compiled_array_step if compiled else traced_array_step
-        self._traced = compiled_array_step(setup) if compiled else None
+        self._traced = self._trace(setup) if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
         self._steps_to_trace = 0 if compiled else WARM_UP
