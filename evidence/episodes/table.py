@@ -103,7 +103,7 @@ def _of_rows(field: Field, values: Array) -> Any:
     pa, kind = pyarrow(), arrow_type(field.kind)
     if field.choices:
         return pa.array(np.array(field.choices, dtype=object)[values], kind)
-    values = _unsigned(values)
+    values = _unsigned(values.copy())
     if values.ndim > 1:
         ends = np.arange(len(values) + 1, dtype=np.int32) * values.shape[1]
         return pa.ListArray.from_arrays(pa.array(ends), pa.array(values.ravel()), type=kind)
@@ -144,12 +144,12 @@ class _Trace:
             known, unknown = np.nan_to_num(numbers), np.isnan(numbers)
         if field.at == "step":
             unknown[self._last] = True
-        known = _unsigned(known, kind.value_type.to_pandas_dtype())
-        values = pa.array(known, mask=unknown if unknown.any() else None)
+        known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
+        values = pa.array(_unsigned(known), mask=unknown if unknown.any() else None)
         return pa.ListArray.from_arrays(self._ends, values, type=kind, mask=self._missing)
 
     def _numbers(self, field: Field) -> Array | None:
-        """The rows' numbers, each with its control instant or the step that follows."""
+        """The rows' numbers, each with its control instant or the step that follows; a copy."""
         if field.source not in self._layout:
             return None
         parts = [rows[self._layout.place(field.source)] for rows in self._rows]
@@ -157,18 +157,17 @@ class _Trace:
             return None
         if field.at == "step":
             return np.concatenate([*parts, [0.0]])[1:]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return np.concatenate(parts)
 
 
-def _unsigned(numbers: Array, kind: npt.DTypeLike | None = None) -> Array:
-    """Numbers, of another kind where one is given, in which no zero is negative.
+def _unsigned(numbers: Array) -> Array:
+    """The same array, in which no zero is negative any more.
 
     Which sign it has hangs on how a step is compiled, and a content hash is not to.
     """
-    if numbers.dtype.kind == "b":
-        return numbers
-    unsigned: Array = np.add(numbers, 0, dtype=kind, casting="unsafe")
-    return unsigned
+    if numbers.dtype.kind != "b":
+        numbers += 0
+    return numbers
 
 
 def _unknown(numbers: Array) -> bool:
