@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from integ_gym.evidence import EvidenceStore
+from integ_gym.support import percent
 from integ_gym.train import HOW_TO_STATE
 
 from ...verdict import ALPHA, FAIL_MARGIN, p_text
@@ -30,6 +31,7 @@ def doubts_of(
     return (
         *_unscaled(existing),
         *(_overridden(existing) or _limited_otherwise(existing)),
+        *_not_finite(existing, spec, records),
         *_homeless(existing),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
@@ -80,6 +82,30 @@ def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
     """Bounds in a few words: `±2`, `0 to 1`, or one after another."""
     told = [f"±{b:g}" if a == -b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
     return ", ".join(told) if len(set(told)) > 1 else told[0]
+
+
+def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> list[str]:
+    """Doubt where the fallback acted in place of the policy, and not before its first command."""
+    name = existing.policy.policy_id
+    late = math.ceil(spec.environment.get("action_latency", 0.0) / spec.control_period - 1e-9)
+    quoted = name.replace("'", "''")
+    found = records.query(
+        f"SELECT sum(fallback_count - least({late}, length)) AS fallbacks, sum(length) AS length "
+        f"FROM records WHERE phase = 'evaluation' AND policy_id = '{quoted}' "
+        "AND perturbation IS NULL"
+    ).to_pylist()[0]
+    if not found["fallbacks"]:
+        return []
+    share = float(found["fallbacks"] / found["length"])
+    return [
+        f"in {_share(share)} of decisions the action of {name} was not a finite number and the "
+        "fallback acted, so this is not what the policy does alone; find out which observations "
+        "it answers so, and mend it"
+    ]
+
+
+def _share(share: float) -> str:
+    return "less than 1 %" if share < 0.005 else percent(share)
 
 
 def _homeless(existing: Existing) -> list[str]:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import duckdb
 import numpy as np
+import pyarrow as pa
 import pytest
 
+import integ_gym
 from integ_gym.eval.panel.existing.doubts import doubts_of
 from integ_gym.eval.panel.existing.given import given_policy
 from integ_gym.eval.panel.existing.planning import plan
@@ -27,12 +30,30 @@ def still(observation):
     return [0.0]
 
 
-def _doubts(tmp_path, outcome: Callable[[str, str], tuple[float, float]], home=STATED):
+def _doubts(outcome: Callable[[str, str], tuple[float, float]], home=STATED):
     """Of a policy whose success and mean return in a cell, by row and cell, are given."""
-    return _doubts_of(given_policy(still, PENDULUM, {}, home), tmp_path, outcome)
+    return _doubts_of(given_policy(still, PENDULUM, {}, home), outcome)
 
 
-def _doubts_of(existing, tmp_path, outcome):
+class _Records:
+    """Ten decisions in an episode, in so many of which the fallback acted."""
+
+    def __init__(self, fallbacks: int = 0) -> None:
+        self.fallbacks = fallbacks
+
+    def query(self, sql: str) -> pa.Table:
+        common = {"phase": "evaluation", "length": 10, "perturbation": None}
+        acted = {"still": self.fallbacks, "random": 10}
+        table = pa.Table.from_pylist(
+            [{**common, "policy_id": name, "fallback_count": n} for name, n in acted.items()]
+            + [{**common, "policy_id": "still", "fallback_count": 10, "perturbation": "mass +20 %"}]
+        )
+        connection = duckdb.connect()
+        connection.register("records", table)
+        return connection.sql(sql).to_arrow_table()
+
+
+def _doubts_of(existing, outcome, fallbacks=0):
     name = existing.policy.policy_id
     spec = plan(existing, PENDULUM, ["rk4", "explicit_euler"], [0.05], EPISODES)
     layout = PanelLayout.of(spec, given_rows(spec, name, existing.home), {}, {})
@@ -47,7 +68,7 @@ def _doubts_of(existing, tmp_path, outcome):
                 for k, x in enumerate(noise if row.name == name else noise[::-1])
             ]  # fmt: skip
     matrix = Matrix(layout.rows, records, EPISODES)
-    return doubts_of(existing, spec, layout, matrix, EvidenceStore(tmp_path))
+    return doubts_of(existing, spec, layout, matrix, _Records(fallbacks))
 
 
 def _told(own: dict[str, tuple[float, float]], chance: float = -100.0):
@@ -72,8 +93,8 @@ def _told(own: dict[str, tuple[float, float]], chance: float = -100.0):
         ),
     ],
 )
-def test_what_does_far_better_elsewhere_casts_doubt_on_its_home(own, fragment, tmp_path):
-    (said,) = _doubts(tmp_path, _told(own))
+def test_what_does_far_better_elsewhere_casts_doubt_on_its_home(own, fragment):
+    (said,) = _doubts(_told(own))
     assert fragment in said
     assert said.endswith("(adjusted p < 0.001): is --home right?")
     assert "long enough" not in said
@@ -87,21 +108,21 @@ def test_what_does_far_better_elsewhere_casts_doubt_on_its_home(own, fragment, t
         {HOME: (0.0, -40.0), OTHER: (0.0, -10.0)},  # less than twice the lead over random
     ],
 )
-def test_of_a_home_that_may_be_right_there_is_no_doubt(own, tmp_path):
-    assert _doubts(tmp_path, _told(own)) == ()
+def test_of_a_home_that_may_be_right_there_is_no_doubt(own):
+    assert _doubts(_told(own)) == ()
 
 
-def test_a_cell_that_is_milder_to_everybody_casts_none(tmp_path):
+def test_a_cell_that_is_milder_to_everybody_casts_none():
     def milder(row, cell):
         return 0.0, -10.0 if cell == OTHER else -100.0
 
-    (said,) = _doubts(tmp_path, milder)
+    (said,) = _doubts(milder)
     assert "no better than random's" in said or "not shown to be better" in said
     assert "home right" not in said
 
 
-def test_of_an_unknown_home_none_is_cast_on_it(tmp_path):
-    said = _doubts(tmp_path, _told({HOME: (0.1, -50.0), OTHER: (0.9, -10.0)}), home=None)
+def test_of_an_unknown_home_none_is_cast_on_it():
+    said = _doubts(_told({HOME: (0.1, -50.0), OTHER: (0.9, -10.0)}), home=None)
     assert [one for one in said if "right?" in one] == []
 
 
@@ -128,16 +149,16 @@ def test_other_bounds_than_the_environments_are_told_with_both_numbers(given, sa
         read_existing(path, PENDULUM, given, home=STATED),
         given_policy(replace(_limited(0.8), policy_id="mine"), PENDULUM, given, STATED),
     ):
-        doubts = _doubts_of(existing, tmp_path, _told(WELL))
+        doubts = _doubts_of(existing, _told(WELL))
         assert [one.startswith(said) for one in doubts] == ([] if said is None else [True])
         assert said is None or "--env-arg" in doubts[0]
 
 
-def test_what_has_no_bounds_is_not_told_of_any(tmp_path):
+def test_what_has_no_bounds_is_not_told_of_any():
     layers = ((np.zeros((2, 4)), np.zeros(2)),)
     assert MlpPolicy(layers, "Tanh", DiscreteActions(2)).bounds is None
     assert _limited(float(np.finfo(np.float32).max)).bounds is None
-    assert _doubts(tmp_path, _told(WELL)) == ()
+    assert _doubts(_told(WELL)) == ()
 
 
 def test_arguments_that_contradict_the_side_car_are_told_with_both_numbers(tmp_path):
@@ -146,12 +167,44 @@ def test_arguments_that_contradict_the_side_car_are_told_with_both_numbers(tmp_p
         environment={"max_torque": 0.8},
     )  # fmt: skip
     existing = read_existing(path, PENDULUM, {"max_torque": 1.5})
-    (said,) = _doubts_of(existing, tmp_path, _told(WELL))
+    (said,) = _doubts_of(existing, _told(WELL))
     assert said.startswith("mine was trained with max_torque=0.8 (the side-car beside the policy)")
     assert "was judged with max_torque=1.5; leave out --env-arg max_torque" in said
     for given in ({}, {"max_torque": 0.8}, {"duration": 9.0}):
         existing = read_existing(path, PENDULUM, given)
-        assert _doubts_of(existing, tmp_path, _told(WELL)) == ()
+        assert _doubts_of(existing, _told(WELL)) == ()
     write_sidecar(path, PENDULUM, home=STATED)
-    (said,) = _doubts_of(read_existing(path, PENDULUM, {}), tmp_path, _told(WELL))
+    (said,) = _doubts_of(read_existing(path, PENDULUM, {}), _told(WELL))
     assert "±0.8, and the environment takes ±2" in said
+
+
+def _far(observation):
+    return [np.nan if observation[0] < 0.9 else 0.5]
+
+
+def _now_and_then(observation):
+    return [np.inf if observation[2] > 3.0 else 0.5]
+
+
+@pytest.mark.parametrize("policy", [_far, _now_and_then])
+def test_actions_that_are_no_finite_numbers_are_counted(policy, tmp_path):
+    panel = integ_gym.evaluate(
+        policy, PENDULUM, tmp_path, home=STATED, integrators=["rk4"], dts=[0.05], episodes=3,
+        environment={"duration": 2.0}, workers=1, progress=False,
+    )  # fmt: skip
+    counts = "SELECT sum(fallback_count) AS n, sum(length) AS decisions FROM records"
+    rows = f"{counts} WHERE policy_id = '{panel.rows[0].name}' AND perturbation IS NULL"
+    (found,) = EvidenceStore(tmp_path / "evidence").query(rows).to_pylist()
+    share = f"in {100 * found['n'] / found['decisions']:.0f} % of decisions the action of"
+    assert panel.warnings[0].startswith(share)
+    assert "was not a finite number and the fallback acted" in panel.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("fallbacks", "latency", "said"),
+    [(0, 0.0, None), (3, 0.0, "in 30 % of"), (2, 0.1, None), (5, 0.1, "in 30 % of")],
+)
+def test_decisions_before_the_first_command_arrives_are_not_counted(fallbacks, latency, said):
+    existing = given_policy(still, PENDULUM, {"action_latency": latency}, STATED)
+    found = _doubts_of(existing, _told(WELL), fallbacks)
+    assert [one.startswith(said) for one in found] == ([] if said is None else [True])
