@@ -32,13 +32,30 @@ def given_remark(spec: PanelSpec, layout: PanelLayout, matrix: Matrix) -> str:
     """Returns of the policy, and how it does beside home or the truth, in sentences."""
     paired, row = paired_episodes(layout, matrix), layout.rows[0]
     compared = paired_remark(paired, compares_success(spec, matrix, row.name))
-    return f"{_returns(spec, row, matrix)} {compared}".strip()
+    told = (_unmet(spec, row, matrix), _returns(spec, row, matrix), compared)
+    return " ".join(part for part in told if part)
 
 
 def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:
     """Whether success tells how a policy does; where it never succeeds, returns do."""
     succeeds = any(matrix.rates(row, cell.name).any() for cell in spec.columns())
     return spec.reference is not None and succeeds
+
+
+def _unmet(spec: PanelSpec, row: Row, matrix: Matrix) -> str:
+    """That the goal is never met at home, or anywhere without a home; nothing where it is.
+
+    Where there is no truth, returns are compared, and may well have been learned for.
+    """
+    home, goal = matrix.home_rates(row.name), spec.testbed.success.goal
+    if spec.reference is None:
+        return ""
+    if home is None:
+        met = any(matrix.rates(row.name, cell.name).any() for cell in spec.columns())
+        never = f'It never meets the goal "{goal}", so nothing can be concluded of its success.'
+        return "" if met else never
+    never = f'At home it never meets the goal "{goal}", so it has not learned'
+    return "" if home.any() else f"{never}, and nothing can be concluded of its success elsewhere."
 
 
 def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:

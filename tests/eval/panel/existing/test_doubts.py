@@ -15,7 +15,7 @@ from integ_gym.eval.panel.existing.doubts import doubts_of
 from integ_gym.eval.panel.existing.given import given_policy
 from integ_gym.eval.panel.existing.planning import plan
 from integ_gym.eval.panel.existing.policy import read_existing
-from integ_gym.eval.panel.results import Matrix, PanelLayout, given_rows
+from integ_gym.eval.panel.results import Matrix, PanelLayout, given_remark, given_rows
 from integ_gym.evidence import EvidenceStore
 from integ_gym.train import BASELINES, save_policy, write_sidecar
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
@@ -53,7 +53,8 @@ class _Records:
         return connection.sql(sql).to_arrow_table()
 
 
-def _doubts_of(existing, outcome, fallbacks=0):
+def _found(existing, outcome):
+    """Specification, layout and matrix of an evaluation with these outcomes."""
     name = existing.policy.policy_id
     spec = plan(existing, PENDULUM, ["rk4", "explicit_euler"], [0.05], EPISODES)
     layout = PanelLayout.of(spec, given_rows(spec, name, existing.home), {}, {})
@@ -67,8 +68,11 @@ def _doubts_of(existing, outcome, fallbacks=0):
                  "success": k < success * EPISODES}
                 for k, x in enumerate(noise if row.name == name else noise[::-1])
             ]  # fmt: skip
-    matrix = Matrix(layout.rows, records, EPISODES)
-    return doubts_of(existing, spec, layout, matrix, _Records(fallbacks))
+    return spec, layout, Matrix(layout.rows, records, EPISODES)
+
+
+def _doubts_of(existing, outcome, fallbacks=0):
+    return doubts_of(existing, *_found(existing, outcome), _Records(fallbacks))
 
 
 def _told(own: dict[str, tuple[float, float]], chance: float = -100.0):
@@ -208,3 +212,24 @@ def test_decisions_before_the_first_command_arrives_are_not_counted(fallbacks, l
     existing = given_policy(still, PENDULUM, {"action_latency": latency}, STATED)
     found = _doubts_of(existing, _told(WELL), fallbacks)
     assert [one.startswith(said) for one in found] == ([] if said is None else [True])
+
+
+@pytest.mark.parametrize(
+    ("home", "own", "said"),
+    [
+        (STATED, {HOME: (0.0, -10.0)}, "At home it never meets"),
+        (STATED, {HOME: (0.0, -10.0), OTHER: (0.5, -5.0)}, "At home it never meets"),
+        (STATED, {HOME: (0.1, -10.0)}, None),
+        (None, {HOME: (0.0, -10.0)}, "It never meets"),
+        (None, {HOME: (0.0, -10.0), OTHER: (0.5, -5.0)}, None),
+    ],
+)
+def test_a_goal_that_is_never_met_is_told_in_words(home, own, said):
+    remark = given_remark(*_found(given_policy(still, PENDULUM, {}, home), _told(own)))
+    goal = '"|theta| < 0.2 rad (wrapped) throughout the last 2 s", so'
+    assert ("meets the goal" in remark) == (said is not None)
+    if said is not None:
+        concluded = "nothing can be concluded of its success"
+        assert remark.startswith(f"{said} the goal {goal}")
+        assert concluded in remark
+        assert ("it has not learned, and" in remark) == (home is not None)
