@@ -45,8 +45,9 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     made = CommandParser(
         prog="integ-gym evaluate",
-        description="Evaluate a policy on every integrator at several steps and on the reference. "
-        "No pickled code of a file is executed.",
+        description="Evaluate a policy on every integrator at several steps and on the truth, the "
+        "integrator `reference`, which solves the plant to rounding. No pickled code of "
+        "a file is executed.",
         epilog=EXAMPLES,
     )
     add = made.add_argument

@@ -69,8 +69,8 @@ def parser() -> argparse.ArgumentParser:
     made = CommandParser(
         prog="integ-gym panel",
         description="Train policies on several discretizations, evaluate each on all of them and "
-        "on the reference, and write panel.json, report.html, figures and one evidence record per "
-        "episode. Run it again to finish what was interrupted.",
+        "on the truth (the integrator `reference`), and write panel.json, report.html, figures "
+        "and one evidence record per episode. Run it again to finish what was interrupted.",
         epilog=EXAMPLES,
     )
     names = ", ".join(BUILT_IN)

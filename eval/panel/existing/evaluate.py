@@ -105,7 +105,7 @@ def evaluate_existing(
         )
         directory.finish_work()
     for doubt in panel.warnings:
-        on_doubt(doubt)
+        on_doubt(panel.said(doubt))
     return panel
 
 

@@ -123,16 +123,18 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     rates = {name: float(matrix.rates(row, name).mean()) for name in columns}
     low, high = min(rates, key=lambda n: rates[n]), max(rates, key=lambda n: rates[n])
     if rates[low] == rates[high]:
-        among = ", the reference among them" if layout.reference else ""
+        among = f", {_truth(layout)} among them" if layout.reference else ""
         if not rates[low]:
             return f"{row} succeeds on none of {len(rates)} discretizations{among}."
         return (
             f"{row} succeeds in {percent(rates[low])} of episodes on each of {len(rates)} "
             f"discretizations{among}."
         )
-    anchor, where = layout.reference, "the reference"
+    anchor, where = layout.reference, "its home"
     if anchor is None:
-        anchor, where = next(iter(layout.rows[0].shares), None), "its home"
+        anchor = next(iter(layout.rows[0].shares), None)
+    else:
+        where = _truth(layout)
     between = (
         f"over {len(rates)} discretizations between {percent(rates[low])} ({low}) and "
         f"{percent(rates[high])} ({high})."
@@ -140,3 +142,9 @@ def _range_answer(layout: PanelLayout, matrix: Matrix) -> str:
     if anchor is None:
         return f"{row}, whose home is unknown, succeeds {between}"
     return f"{row} succeeds in {percent(rates[anchor])} of episodes on {where}; {between}"
+
+
+def _truth(layout: PanelLayout) -> str:
+    """What decides, with the name that it has as data."""
+    assert layout.reference is not None
+    return f"the truth (integrator {layout.cells[layout.reference].discretization.integrator})"

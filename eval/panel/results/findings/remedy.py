@@ -99,6 +99,6 @@ def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
     if not singles:
         return []
     return [
-        f"On the reference they succeed in {percent(truth[mixture])} of the episodes, policies of "
+        f"On the truth they succeed in {percent(truth[mixture])} of the episodes, policies of "
         f"single discretizations in {percent(min(singles))} to {percent(max(singles))}."
     ]
