@@ -111,7 +111,7 @@ def test_a_remedy_counts_where_others_lose_and_it_does_not():
         "In 4 of the 4 discretizations that somebody solves, policies trained on another single "
         "one lose more than 0.2 of success by overfitting; those trained on both lose no more than "
         "that in 2 of these, 1 of which they were trained in; they lose more in "
-        f"{B.name}, {D.name}. On the reference they succeed in 100 % of the episodes, policies of "
+        f"{B.name}, {D.name}. On the truth they succeed in 100 % of the episodes, policies of "
         "single discretizations in 25 % to 100 %."
     )
 
