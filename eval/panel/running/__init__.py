@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .costs import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .division import divide, memory_of, note_division, noted_division, waiting_chunks
     from .evaluation import (
+        SEARCHING,
         Evaluated,
         Subject,
         Tried,
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
         evaluate_all,
         evaluate_batch,
         evaluated,
-        evaluation_seconds,
+        expected_seconds,
         knowing_home,
         not_evaluated,
         not_tried,

@@ -28,6 +28,7 @@ class Work:
         self._executor = executor
         self._progress = progress
         self._bar = bar
+        self._phase = ""
 
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
@@ -41,7 +42,8 @@ class Work:
         Raises:
             PanelError: if one fails.
         """
-        self._bar.set_postfix_str(phase, refresh=False)
+        self._bar.set_postfix_str(phase, refresh=phase != self._phase)
+        self._phase = phase
         futures = {self._executor.submit(task, *given): name for name, given in arguments.items()}
         for future in self._progress.ended(futures):
             error = future.exception()

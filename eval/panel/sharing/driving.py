@@ -28,14 +28,14 @@ from integ_gym.support import (
 from integ_gym.train import Workers, fleet_workers, preparation, training_bar, workers_of
 
 from ..running import (
+    SEARCHING,
     Desk,
     PanelError,
     RunDirectory,
     Subject,
     Work,
-    all_seconds,
     evaluated,
-    evaluation_seconds,
+    expected_seconds,
     memory_of,
     not_evaluated,
     noted_division,
@@ -112,15 +112,16 @@ def _evaluate(
     progress: bool,
     own: bool,
 ) -> None:
-    seconds = all_seconds(spec, subjects)
-    left = sum(
-        evaluation_seconds(part, not_evaluated(part, directory, subjects)) for part in spec.parts()
-    )
+    waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
+    cells = planning.trying(spec, directory)
+    if not cells and not any(own for _, own in waiting):
+        directory.storage.drop_missing()
+        return
+    seconds, left = expected_seconds(spec, directory, subjects, waiting)
     bar = panel_bar(label, seconds, progress)
     with working_on(cluster, bar, _prepare(cluster, spec)) as work:
         work.skip(seconds - left)
-        cells = planning.trying(spec, directory)
-        _do_all(directory, work, "trying what can be done", dict.fromkeys(cells))
+        _do_all(directory, work, SEARCHING, dict.fromkeys(cells))
         for part in spec.parts():
             batches = planning.batches(part, directory, subjects, cluster.workers)
             given = {unit: None if own else batch for unit, batch in batches}

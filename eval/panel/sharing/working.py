@@ -32,6 +32,7 @@ from integ_gym.train import Workers, preparation
 
 from ..results import write_artefact
 from ..running import (
+    SEARCHING,
     UNITS,
     PanelError,
     RunDirectory,
@@ -131,7 +132,7 @@ class _Worker:
         memory = memory_of(spec, fleet)
         phases: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
             "training": lambda: planning.training_and_division(spec, directory, fleet, memory),
-            "trying what can be done": lambda: (planning.trying(spec, directory), None),
+            SEARCHING: lambda: (planning.trying(spec, directory), None),
         }
         for part in spec.parts():
             told = f"evaluating from {part.latest.start}" if part.latest.start else "evaluating"

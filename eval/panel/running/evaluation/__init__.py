@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .achievability import Tried, not_tried, tried, try_and_note, unit_of_cell
+    from .achievability import (
+        SEARCHING,
+        Tried,
+        not_tried,
+        tried,
+        try_and_note,
+        unit_of_cell,
+    )
     from .subjects import Subject
     from .units import (
         Evaluated,
@@ -17,7 +24,7 @@ if TYPE_CHECKING:
         evaluate_all,
         evaluate_batch,
         evaluated,
-        evaluation_seconds,
+        expected_seconds,
         knowing_home,
         not_evaluated,
         statuses,

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
+from integ_gym.support import report_work
 from integ_gym.train import possible_baselines
 
 from ....verdict import ACHIEVED, Achieved, Attempt, Search, achieved
@@ -28,6 +29,7 @@ from ...specification import (
     file_name,
     inputs,
 )
+from ..costs import trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..units import baseline_of
 from ..work import Work
@@ -35,6 +37,9 @@ from .subjects import Subject, second_horizon, success_of
 
 PREFIX = "achieve-"
 HANDMADE = "handmade"
+
+SEARCHING = "searching for a control that solves each cell"
+"""What is done while cells are tried, in words."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +71,12 @@ class Tried:
 
 
 def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> None:
-    """Try every cell of the matrix that has not been tried, each a unit."""
+    """Try every cell of the matrix that has not been tried, each a unit that reports its time."""
     waiting = {
         unit_of_cell(part, cell): (part, directory, cell)
         for part, cell in not_tried(spec, directory)
     }
-    work.do("trying what can be done", try_and_note, waiting)
+    work.do(SEARCHING, try_and_note, waiting)
 
 
 def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec, Cell]]:
@@ -144,6 +149,7 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
         unit_of_cell(spec, cell), _key(spec, cell), start, first=spec.latest.start,
         cell=cell.name, success=found.success, recovered=found.recovered, search=search,
     )  # fmt: skip
+    report_work(trying_seconds(spec, cell))
 
 
 def _read(marker: Mapping[str, Any]) -> Tried:

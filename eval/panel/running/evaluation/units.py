@@ -18,10 +18,10 @@ import numpy as np
 from integ_gym.evidence import EvidenceStore, Layout
 
 from ...specification import Cell, PanelSpec, engine_versions, inputs
-from ..costs import cell_seconds, cell_timing
+from ..costs import cell_seconds, cell_timing, trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..work import Work, working
-from .achievability import Tried, tried, try_cells
+from .achievability import Tried, not_tried, tried, try_cells
 from .subjects import Subject, divided, evaluate
 
 PREFIX = "evaluate-"
@@ -165,6 +165,8 @@ def evaluate_all(
 ) -> None:
     """Evaluate all subjects that have not been, each batch finished by one commit.
 
+    No bar is shown where there is nothing to be done.
+
     Args:
         spec: the panel.
         directory: held by the caller.
@@ -174,9 +176,11 @@ def evaluate_all(
         progress: show a bar with the remaining time.
     """
     waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
-    seconds = all_seconds(spec, subjects)
+    if not any(own for _, own in waiting) and not not_tried(spec, directory):
+        return
+    seconds, left = expected_seconds(spec, directory, subjects, waiting)
     with working(label, seconds, workers, progress) as work:
-        work.skip(seconds - sum(evaluation_seconds(*own) for own in waiting))
+        work.skip(seconds - left)
         try_cells(spec, directory, work)
         for part, own in waiting:
             _evaluate_part(part, directory, knowing_home(part, directory, own), work, workers)
@@ -234,6 +238,26 @@ def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
 def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     """Time that the evaluation of subjects from all their starts takes one worker, s."""
     return sum(evaluation_seconds(part, subjects) for part in spec.parts())
+
+
+def expected_seconds(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    subjects: Sequence[Subject],
+    waiting: Iterable[tuple[PanelSpec, Sequence[Subject]]],
+) -> tuple[float, float]:
+    """Time that one worker takes to try the cells and to evaluate, s: all of it, and what is left.
+
+    Args:
+        spec: the panel.
+        directory: of the run.
+        subjects: all policies.
+        waiting: the panel's parts, each with those that are not evaluated from its starts.
+    """
+    cells = [trying_seconds(part, cell) for part in spec.parts() for cell in part.columns()]
+    left = sum(evaluation_seconds(*own) for own in waiting)
+    left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
+    return all_seconds(spec, subjects) + sum(cells), left
 
 
 def _listed(*given: Any) -> list[Any]:

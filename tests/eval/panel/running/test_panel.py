@@ -150,10 +150,7 @@ def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatc
     spec = panel_directory.parent / "small.toml"
     assert main(["panel", str(spec), "--out", str(panel_directory), "--verbose"]) == 0
     printed = capsys.readouterr()
-    bar = re.split(r"[\r\n]+", printed.err.strip())[-1]
-    assert re.fullmatch(
-        r"panel small: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, evaluating", bar
-    )
+    assert printed.err == "", "nothing is left to be trained or evaluated"
     *lines, page, sealed = printed.out.splitlines()
     assert page.startswith("Page: ")
     assert re.fullmatch(r"Seal: [0-9a-f]{64}", sealed)

@@ -6,9 +6,21 @@ import json
 from dataclasses import replace
 
 import pytest
+from small_panel import small_data
 
-from integ_gym.eval.panel.running import RunDirectory, RunDirectoryError, statuses, tried
+from integ_gym.eval.panel.running import (
+    SEARCHING,
+    RunDirectory,
+    RunDirectoryError,
+    evaluate_all,
+    expected_seconds,
+    statuses,
+    tried,
+)
+from integ_gym.eval.panel.running.costs import trying_seconds
+from integ_gym.eval.panel.running.evaluation import achievability
 from integ_gym.eval.panel.specification import built_in_spec
+from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.verdict.achievability import Search
 
 WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))
@@ -57,3 +69,31 @@ def test_a_marker_from_before_is_of_the_first_starts_and_a_damaged_one_is_refuse
     marker.write_text(json.dumps({**held, "first": "3"}))
     with pytest.raises(RunDirectoryError, match="is damaged: 'first' must be a whole number"):
         tried(directory)
+
+
+def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, capsys):
+    """Expected, done and left are one sum, and nothing is shown where nothing is left."""
+    told = []
+    monkeypatch.setattr(achievability, "report_work", told.append)
+    spec = parse_spec(small_data(), "test")
+    directory = RunDirectory(tmp_path / "run", spec.to_json())
+    with directory.opened():
+        whole, left = expected_seconds(spec, directory, [], [])
+        assert whole == left > 0.0
+        evaluate_all(spec, directory, [], "panel", 0, progress=True)
+        assert f", {SEARCHING}" in capsys.readouterr().err
+        assert len(told) == len(spec.columns()) > 1
+        assert sum(told) == pytest.approx(whole)
+        assert expected_seconds(spec, directory, [], []) == (whole, 0.0)
+        evaluate_all(spec, directory, [], "panel", 0, progress=True)
+        assert capsys.readouterr().err == ""
+
+
+def test_more_starts_and_longer_episodes_take_longer_to_try():
+    def seconds(**changes):
+        spec = parse_spec(small_data(**changes), "test")
+        return trying_seconds(spec, spec.columns()[0])
+
+    short = seconds()
+    assert short < seconds(environment={"start": "hanging", "duration": 9.0})
+    assert short < seconds(episodes=30)
