@@ -34,7 +34,7 @@ class Cost(Part, frozen=True, kw_only=True):
     Attributes:
         wall_seconds: time during which some unit of work was under way, s.
         workers: how many processes worked.
-        train_seconds: time of all training runs, added up, s.
+        train_seconds: time of all training runs, added up, s; 0 where policies were given.
         evaluate_seconds: time of all evaluations, added up, s.
     """
 

@@ -43,6 +43,9 @@ PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium")
 RECORDS = "records"
 """Of a marker: SHA-256 of the unit's records; null where no training episode came to its end."""
 
+ADOPTED = "adopted"
+"""Of a marker: true where another run did the unit, whose time is not this run's."""
+
 FIRST = "first"
 """Of a marker: the first episode of what was evaluated or tried."""
 
@@ -515,14 +518,14 @@ class RunDirectory:
         """Take a finished unit's records, and then its marker, from another directory."""
         if other.has_records(unit):
             replace_file(self._records(unit), other._records(unit).read_bytes())
-        write_json(self._marker(unit), _read_marker(other._marker(unit)))
+        write_json(self._marker(unit), {**_read_marker(other._marker(unit)), ADOPTED: True})
 
     def seconds(self, units: Iterable[str]) -> float:
-        """Time that was spent on finished units, added up, s."""
+        """Time that this run spent on finished units, added up, s."""
         return sum(float(marker["seconds"]) for marker in self._markers(units))
 
     def wall_seconds(self, units: Iterable[str]) -> float:
-        """Time during which some unit was worked on, over all runs, s."""
+        """Time during which this run worked on some unit, however often it was begun, s."""
         total, reached = 0.0, -math.inf
         markers = self._markers(units)
         for start, end in sorted((float(m["start"]), float(m["end"])) for m in markers):
@@ -532,7 +535,7 @@ class RunDirectory:
 
     def _markers(self, units: Iterable[str]) -> list[Mapping[str, Any]]:
         found = [self.marker(unit) for unit in units]
-        return [marker for marker in found if marker is not None]
+        return [marker for marker in found if marker is not None and not marker.get(ADOPTED)]
 
     def discard_remains(self, unit: str) -> None:
         """Remove what is left of a unit that was not finished or has lost a file."""

@@ -30,6 +30,14 @@ def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     ]
     if trusts:
         tiles.append((f"{len(wrong)}", "answers the truth contradicts"))
-    work = "to train and evaluate" if trained else "to evaluate"
-    tiles.append((seconds(panel.cost.wall_seconds), work))
+    tiles.append((seconds(panel.cost.wall_seconds), _work(panel, bool(trained))))
     return tiles
+
+
+def _work(panel: Panel, trained: bool) -> str:
+    """What the run's time was spent on."""
+    if not trained:
+        return "to evaluate"
+    if not panel.cost.train_seconds:
+        return "to evaluate policies that another run trained"
+    return "to train and evaluate"

@@ -93,11 +93,18 @@ def test_policies_of_a_finished_panel_are_used_again(alike, tmp_path, capsys):
     command = ["panel", str(spec), "--out", str(out), "--no-progress", "--policies", str(alike)]
     assert main(command) == 0
     kept = [p.relative_to(out) for p in (out / "policies").rglob("*") if p.is_file()]
-    kept += [p.relative_to(out) for p in out.glob("*/train-*")]
+    kept += [p.relative_to(out) for p in out.glob("evidence/train-*")]
     assert len(kept) >= 5
     assert all((out / name).read_bytes() == (alike / name).read_bytes() for name in kept)
+    for marker in out.glob("units/train-*"):
+        held = json.loads((alike / "units" / marker.name).read_text())
+        assert json.loads(marker.read_text()) == {**held, "adopted": True}
     assert EvidenceStore(out / "evidence").verify() == []
     assert "--policies" in _panel(out)["command"]
+    cost = _panel(out)["cost"]
+    assert cost["train_seconds"] == 0.0 < cost["evaluate_seconds"]
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "to evaluate policies that another run trained" in page
     assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == [
         e["success_by_seed"] for e in _panel(alike)["matrix"]
     ]

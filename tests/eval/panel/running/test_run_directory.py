@@ -144,6 +144,19 @@ def test_records_of_no_unit_are_named(recorded):
     assert list(recorded.faults()) == [fault]
 
 
+def test_time_that_another_run_spent_is_not_this_ones(tmp_path):
+    made, other = (RunDirectory(tmp_path / name, {"name": name}) for name in ("run", "other"))
+    with made.opened():
+        made.finish("train-a", "key", time.time() - 100.0, policy="hash")
+    with other.opened():
+        other.adopt(made, "train-a")
+        other.finish("train-b", "key", time.time() - 10.0, policy="hash")
+    units = ["train-a", "train-b"]
+    assert made.seconds(units) == pytest.approx(100.0, abs=1.0)
+    assert other.seconds(units) == pytest.approx(10.0, abs=1.0)
+    assert other.wall_seconds(units) == pytest.approx(10.0, abs=1.0)
+
+
 def test_a_training_in_which_no_episode_ended_has_no_records(tmp_path):
     """As where the time limit is longer than the training: finished, and whole."""
     made, other = (RunDirectory(tmp_path / name, {"name": name}) for name in ("run", "other"))
