@@ -103,6 +103,7 @@ if TYPE_CHECKING:
         host,
         instruction_sets,
         limit_threads,
+        one_thread,
         report_work,
         work_bar,
     )

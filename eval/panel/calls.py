@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
@@ -32,7 +33,7 @@ from .existing import (
     read_existing,
 )
 from .model import Panel
-from .results import write_artefact
+from .results import phases, write_artefact
 from .running import RunDirectory, as_there, complete, memory_of, opened
 from .sharing import Share, complete_on, processes, work_on, write_pages
 from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
@@ -103,6 +104,8 @@ def run_panel(
         directory = stack.enter_context(_opened(given, place, cluster, workers, taken, lease))
         shared = cluster.remote or place.remote
         count = cluster.workers if shared else workers or cores()
+        write = partial(_write, directory, command=command, workers=count, progress=progress)
+        before = directory.markers("")
         for stage in stages(given):
             new = (
                 complete_on(cluster, stage, directory, progress=progress)
@@ -110,11 +113,27 @@ def run_panel(
                 else complete(stage, directory, workers=workers, progress=progress)
             )
             if new and stage is not given:
-                stage_page = partial(write_artefact, stage, directory, command, count, of=given)
-                write_pages(stage_page, directory)
-        panel = write_pages(partial(write_artefact, given, directory, command, count), directory)
+                write(stage, of=given)
+        if directory.markers("") == before:
+            print("Complete: nothing to train or evaluate.", file=sys.stderr)
+        panel = write(given)
         directory.finish_work()
         return panel
+
+
+def _write(
+    directory: RunDirectory,
+    spec: PanelSpec,
+    of: PanelSpec | None = None,
+    *,
+    command: str,
+    workers: int,
+    progress: bool,
+) -> Panel:
+    """Write a panel's page, or that of a stage of it, while a bar tells what is done."""
+    with phases(f"panel {spec.name}", progress) as begin:
+        page = partial(write_artefact, spec, directory, command, workers, of=of, begin=begin)
+        return write_pages(page, directory)
 
 
 def _opened(

@@ -189,6 +189,15 @@ def limit_threads() -> None:
     threadpool_limits(limits=1)
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for the numerical libraries of this process while the block lasts."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
+
+
 def peak_memory() -> int | None:
     """Most memory that this process has held, bytes; None where the system does not tell.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,9 +22,13 @@ from ..checking import check_records
 from ..model import Panel
 from ..model import Policy as PanelPolicy
 from ..results import (
+    CHECKING,
+    JUDGING,
+    Begin,
     cost_of,
     given_remark,
     given_rows,
+    phases,
     reduced,
     write_outputs,
 )
@@ -95,14 +100,17 @@ def evaluate_existing(
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
         directory.storage.keep("policies")
+        before = directory.markers("")
         if elsewhere is None:
             evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
         else:
             evaluate_on(elsewhere, spec, directory, subjects, "evaluate", progress)
-        panel = write_pages(
-            partial(_write, existing, spec, directory, subjects, command, max(1, processes)),
-            directory,
-        )
+        if directory.markers("") == before:
+            print("Complete: nothing to evaluate.", file=sys.stderr)
+        with phases("evaluate", progress) as begin:
+            count = max(1, processes)
+            write = partial(_write, existing, spec, directory, subjects, command, count, begin)
+            panel = write_pages(write, directory)
         directory.finish_work()
     for doubt in panel.warnings:
         on_doubt(panel.said(doubt))
@@ -116,9 +124,12 @@ def _write(
     subjects: Sequence[Subject],
     command: str,
     processes: int,
+    begin: Begin,
 ) -> Panel:
     """Reduce the records, and write the directory's page."""
+    begin(CHECKING)
     check_records(directory)
+    begin(JUDGING)
     layout, matrix = reduced(
         spec, directory, given_rows(spec, existing.policy.policy_id, existing.home)
     )
@@ -128,6 +139,7 @@ def _write(
         layout,
         matrix,
         [_told(existing, subject.policy) for subject in subjects],
+        begin=begin,
         command=command,
         cost=cost_of(directory, (), processes),
         spec={**spec.to_json(), "home": existing.told},

@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .comparing import ROUNDING
+    from .ending import CHECKING, JUDGING, Begin, phases
     from .findings import paired_episodes
     from .given import compares_success, given_remark, given_rows, home_cell
     from .layout import PanelLayout

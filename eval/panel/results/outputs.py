@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.evidence import EvidenceStore, seal
-from integ_gym.support import told_path
+from integ_gym.support import one_thread, told_path
 from integ_gym.train import policy_file
 
 from ...report.figures import write_figures
@@ -17,6 +17,7 @@ from ..running import RunDirectory, evaluated, training_config, tried, units_of
 from ..specification import PanelSpec
 from .artefact import build_artefact
 from .comparing import as_sealed
+from .ending import CHECKING, DRAWING, JUDGING, WRITING, Begin, untold
 from .findings import agreements, applied_in, training_costs
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
@@ -28,6 +29,7 @@ def write_artefact(
     command: str,
     workers: int,
     of: PanelSpec | None = None,
+    begin: Begin = untold,
 ) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``.
 
@@ -37,8 +39,11 @@ def write_artefact(
         command: how to run it again, for the page.
         workers: processes that it ran in.
         of: the panel whose stage it is; nothing is decided then.
+        begin: told what is done now.
     """
+    begin(CHECKING)
     check_records(directory)
+    begin(JUDGING)
     layout, matrix = reduced(spec, directory, rows_of(spec))
     return write_outputs(
         spec,
@@ -46,6 +51,7 @@ def write_artefact(
         layout,
         matrix,
         policies_of(spec, directory),
+        begin=begin,
         command=command,
         cost=cost_of(directory, [unit.training for unit in units_of(spec)], workers),
         **trained(spec, directory, layout, matrix),
@@ -137,6 +143,7 @@ def write_outputs(
     matrix: Matrix,
     policies: Sequence[Policy],
     /,
+    begin: Begin = untold,
     **told: Any,
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.
@@ -149,6 +156,7 @@ def write_outputs(
         layout: rows and cells.
         matrix: outcomes.
         policies: of all rows.
+        begin: told what is done now.
         told: what else :func:`build_artefact` is told, or in place of what the two first tell.
     """
     own = {
@@ -163,7 +171,9 @@ def write_outputs(
     panel = as_sealed(directory, made)
     if panel is made:
         write_panel(panel, directory.path)
+    begin(DRAWING)
     write_figures(panel, directory.path / "figures")
+    begin(WRITING)
     if not told.get("undecided"):
         seal(directory.path)
     write_report(panel, directory.path)
@@ -178,14 +188,18 @@ def artefact_of(
     /,
     **told: Any,
 ) -> Panel:
-    """What ``panel.json`` holds; see :func:`build_artefact`."""
-    return build_artefact(
-        layout,
-        matrix,
-        {policy.id: policy for policy in policies},
-        {policy: there.files for policy, there in evaluated(directory).items()},
-        **told,
-    )
+    """What ``panel.json`` holds; see :func:`build_artefact`.
+
+    Its products are of small matrices: more threads than one take longer, and round otherwise.
+    """
+    with one_thread():
+        return build_artefact(
+            layout,
+            matrix,
+            {policy.id: policy for policy in policies},
+            {policy: there.files for policy, there in evaluated(directory).items()},
+            **told,
+        )
 
 
 def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> Cost:

@@ -30,7 +30,7 @@ from integ_gym.support import (
 )
 from integ_gym.train import Workers, preparation
 
-from ..results import write_artefact
+from ..results import phases, write_artefact
 from ..running import (
     SEARCHING,
     UNITS,
@@ -153,7 +153,9 @@ class _Worker:
         spec, directory = self._spec, self._directory
         if not claim.decided:
             directory.storage.fetch()
-            write_artefact(spec, directory, self._share.command, self._fleet.count)
+            command, count = self._share.command, self._fleet.count
+            with phases(f"panel {spec.name}", self._share.progress) as begin:
+                write_artefact(spec, directory, command, count, begin=begin)
         if commit_pages(directory, claim):
             directory.finish_work()
 

@@ -9,8 +9,9 @@ import sys
 import time
 
 import pytest
+from threadpoolctl import threadpool_info
 
-from integ_gym.support import Progress, report_work, work_bar
+from integ_gym.support import Progress, one_thread, report_work, work_bar
 
 SCRIPT = """
 import signal
@@ -79,3 +80,14 @@ def _alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def test_numerical_libraries_have_one_thread_for_a_while():
+    before = _threads()
+    with one_thread():
+        assert set(_threads()) <= {1}
+    assert _threads() == before
+
+
+def _threads():
+    return [library["num_threads"] for library in threadpool_info()]

@@ -124,9 +124,20 @@ def _monitored():
 def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_path, capsys):
     out = tmp_path / "out"
     command = ["evaluate", str(pendulum_policy), "--env", "IntegPendulum-v0", "--out", str(out)]
-    selected = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "8", "--no-progress"]
-    assert main([*command, *selected, "--home", "stock"]) == 0
-    assert "trained with VecNormalize? pass --obs-stats vecnormalize.pkl" in capsys.readouterr().err
+    selected = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "8", "--home", "stock"]
+    assert main([*command, *selected]) == 0
+    told = capsys.readouterr().err
+    assert "trained with VecNormalize? pass --obs-stats vecnormalize.pkl" in told
+    steps = [
+        "searching for a control that solves each cell", "evaluating", "checking records",
+        "judging", "drawing figures", "writing the page",
+    ]  # fmt: skip
+    places = [told.index(step) for step in steps]
+    assert places == sorted(places)
+    assert main([*command, *selected, "--no-progress"]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("Complete: nothing to evaluate.\n")
+    assert "judging" not in told
     panel = _panel(out)
     assert panel["warnings"]
     assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {

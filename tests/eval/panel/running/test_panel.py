@@ -145,12 +145,31 @@ def test_running_again_redoes_nothing(panel_directory):
     assert _panel(panel_directory)["cost"] == cost
 
 
+@pytest.mark.parametrize("lost", ["report.html", "panel.json"])
+def test_what_a_complete_run_lacks_is_written_and_each_step_told(
+    panel_directory, tmp_path, lost, capsys
+):
+    out, spec = tmp_path / "out", panel_directory.parent / "small.toml"
+    shutil.copytree(panel_directory, out)
+    (out / lost).unlink()
+    assert main(["panel", str(spec), "--out", str(out)]) == 0
+    told, *bars = re.split(r"[\r\n]+", capsys.readouterr().err.strip())
+    assert told == "Complete: nothing to train or evaluate."
+    steps = ["checking records", "judging", "drawing figures", "writing the page"]
+    assert [bar.rpartition(", ")[2].strip() for bar in bars[1:5]] == steps
+    last = (
+        r"panel small, page: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, writing the page"
+    )
+    assert re.fullmatch(last, bars[-1])
+    assert (out / lost).exists()
+
+
 def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     spec = panel_directory.parent / "small.toml"
     assert main(["panel", str(spec), "--out", str(panel_directory), "--verbose"]) == 0
     printed = capsys.readouterr()
-    assert printed.err == "", "nothing is left to be trained or evaluated"
+    assert printed.err.startswith("Complete: nothing to train or evaluate.\n")
     *lines, page, sealed = printed.out.splitlines()
     assert page.startswith("Page: ")
     assert re.fullmatch(r"Seal: [0-9a-f]{64}", sealed)

@@ -1,0 +1,42 @@
+"""What is done at the end of a run, in a bar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import accumulate
+
+from ..running import panel_bar
+
+CHECKING, JUDGING = "checking records", "judging"
+DRAWING, WRITING = "drawing figures", "writing the page"
+
+_SECONDS = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
+"""What is done, in words and in order, and time that it takes of the quick panel, s."""
+
+_BEFORE = dict(zip(_SECONDS, accumulate(_SECONDS.values(), initial=0.0), strict=False))
+
+Begin = Callable[[str], None]
+"""Told what is done now."""
+
+
+def untold(phase: str) -> None:
+    """Nobody is told."""
+
+
+@contextmanager
+def phases(label: str, shown: bool) -> Iterator[Begin]:
+    """What is to be told what is done now, for a bar over all of it.
+
+    Args:
+        label: of the run.
+        shown: whether the bar is.
+    """
+    with panel_bar(f"{label}, page", sum(_SECONDS.values()), shown) as bar:
+
+        def begin(phase: str) -> None:
+            bar.update(_BEFORE[phase] - bar.n)
+            bar.set_postfix_str(phase)
+
+        yield begin
+        bar.update(bar.total - bar.n)
