@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .context import EpisodeContext
     from .decisions import choices, told_setup
     from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-    from .labels import EpisodeFacts, Home, Replays, failure_label
+    from .labels import EpisodeFacts, Home, Replays, failure_label, lacks_home
     from .layout import Layout
     from .record import (
         EvidenceRecord,

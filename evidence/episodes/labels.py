@@ -16,6 +16,8 @@ SATURATED = 0.5
 LEARNED = 0.5
 """Share of its starts at home from which a policy counts as one that has learned."""
 
+_AT_HOME = "on its training discretization"
+
 
 @dataclass(frozen=True)
 class Replays:
@@ -102,6 +104,15 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     return label, f"{reason}."
 
 
+def lacks_home(label: str, reason: str) -> bool:
+    """Whether a label was not to be found because no replay at a single home, or none, was run."""
+    return label == "unattributed" and reason.startswith(_not_run(_AT_HOME))
+
+
+def _not_run(replayed: str) -> str:
+    return f"the replay {replayed} was not run"
+
+
 def _explained(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
     if facts.solver_status == "diverged":
         broken = f"the simulation diverged at {facts.time:.4g} s on {facts.discretization}"
@@ -123,7 +134,7 @@ def _explained(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
         return label, f"{reason}; it {course}"
     for rule in _rules(facts, replays):
         if rule.replay is None:
-            return "unattributed", f"the replay {rule.replayed} was not run; it {course}"
+            return "unattributed", f"{_not_run(rule.replayed)}; it {course}"
         if rule.replay:
             succeeds = f"the same policy succeeds from the same start {rule.otherwise}"
             return rule.label, f"{succeeds}, but {rule.here} {course}"
@@ -162,7 +173,7 @@ class _Rule(NamedTuple):
 def _rules(facts: EpisodeFacts, replays: Replays) -> Iterator[_Rule]:
     """The rules for which there is something to replay without."""
     if not isinstance(replays.home, str):
-        home = "on its training discretization"
+        home = _AT_HOME
         if facts.homes > 1:
             home = "on a training discretization of it"
         here = f"on {facts.discretization}"

@@ -24,6 +24,7 @@ from ..episodes import (
     EvidenceRecord,
     Replays,
     failure_label,
+    lacks_home,
     told_setup,
     told_training,
 )
@@ -268,10 +269,10 @@ def replays_of(fields: Any) -> Replays:
 def is_home_known(fields: Any) -> bool:
     """Whether a record's training discretization tells all.
 
-    Of a policy without one its label alone says so: what a replay at an unknown home would have to
-    explain is unattributed.
+    Of a policy without one only the label says so, where a replay at an unknown home would have to
+    explain the failure.
     """
-    return bool(fields["failure_label"] != "unattributed")
+    return not lacks_home(fields["failure_label"], fields["failure_reason"])
 
 
 def _finite(value: Any) -> float | None:

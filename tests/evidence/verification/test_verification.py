@@ -74,6 +74,28 @@ def test_what_was_recorded_comes_out_again_to_the_last_bit(env_id, settings, tmp
     assert (done.findings, done.records, done.exact, done.skipped) == ([], 4, 4, {})
 
 
+@pytest.mark.parametrize(
+    ("known", "latency", "missed"),
+    [
+        (True, 0.1, "without latency"),
+        (False, 0.1, "on its training"),
+        (False, 0.0, "on its training"),
+    ],
+)
+def test_replays_that_were_not_run_are_told_apart(known, latency, missed, tmp_path, play):
+    """Of a policy that was not trained, and of one of which nobody says where it was."""
+    context = EpisodeContext("run", "cell", policy_id="one", home_known=known)
+    env = gym.make("IntegPendulum-v0", duration=1.0, action_latency=latency)
+    env = RecordEvidence(env, tmp_path, context)
+    play(env, range(3))
+    env.close()
+    store = EvidenceStore(tmp_path)
+    reasons = [record["failure_reason"] for record in store.records()]
+    assert all(reason.startswith(f"the replay {missed}") for reason in reasons)
+    assert _found(store) == []
+    assert _replayed(store, exact=True).exact == 3
+
+
 FORGED = {
     "success": lambda values: [not x for x in values],
     "return": lambda values: [x + 1.0 for x in values],
