@@ -76,7 +76,7 @@ def _tables(cells: range, settings: dict[str, Any], policy: Any) -> Iterator[Any
 def verification_times(run: Path, count: int) -> Iterator[dict[str, Any]]:
     """Seconds of each depth for `PER` records, on the clock and of the processor."""
     for depth, options in DEPTHS.items():
-        verify = ["evidence", "verify", str(run), *options]
+        verify = ["evidence", "verify", str(run), "--no-progress", *options]
         wall, processor = _seconds(lambda verify=verify: _run(verify))
         scale = PER / count
         yield {"depth": depth, "wall_s": scale * wall, "processor_s": scale * processor}

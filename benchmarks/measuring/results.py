@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
 from collections.abc import Iterable, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.processes.workers import cores
+from integ_gym.support import cores, package_version, print_aligned
 
 
 def machine() -> dict[str, Any]:
@@ -27,24 +27,10 @@ def machine() -> dict[str, Any]:
     }
 
 
-def versions(packages: Iterable[str]) -> dict[str, str | None]:
-    """Installed versions; None where a package is not installed."""
-    found: dict[str, str | None] = {}
-    for name in packages:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
-
-
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Columns under their names, the first flush left."""
-    cells = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
-    for first, *others in cells:
-        rest = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
-        print("  ".join((first.ljust(widths[0]), *rest)))
+    right = [False, *(True for _ in header[1:])]
+    print_aligned(header, [list(row) for row in rows], sys.stdout, right)
 
 
 def interval(numbers: Sequence[float | None] | None) -> str:
@@ -70,5 +56,6 @@ def p_value(value: float | None) -> str:
 def write(path: Path | None, content: dict[str, Any], packages: Iterable[str]) -> None:
     """Write ``content`` with the machine and versions as JSON; nothing without a path."""
     if path is not None:
-        about = {"machine": machine(), "versions": versions(packages)}
+        versions = {name: package_version(name) for name in packages}
+        about = {"machine": machine(), "versions": versions}
         path.write_text(json.dumps({**content, **about}, indent=1) + "\n", encoding="utf-8")
