@@ -114,7 +114,7 @@ def run_panel(
             )
             if new and stage is not given:
                 write(stage, of=given)
-        if directory.markers("") == before:
+        if progress and directory.markers("") == before:
             print("Complete: nothing to train or evaluate.", file=sys.stderr)
         panel = write(given)
         directory.finish_work()

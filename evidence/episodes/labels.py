@@ -105,7 +105,7 @@ def failure_label(facts: EpisodeFacts, replays: Replays) -> tuple[str, str]:
 
 
 def lacks_home(label: str, reason: str) -> bool:
-    """Whether a label was not to be found because no replay at a single home, or none, was run."""
+    """Whether a label was not to be found for want of a replay at the policy's only home."""
     return label == "unattributed" and reason.startswith(_not_run(_AT_HOME))
 
 

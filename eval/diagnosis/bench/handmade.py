@@ -87,12 +87,12 @@ def success_lines(
             continue
         shares = [success(diagnosis, env_id, integrator, *case) or 0.0 for case in cases]
         expectation = Expectation(
-            f"{words}: as on the reference",
+            f"{words}: as on the truth",
             f"±{TOLERANCE:g}",
             all(abs(a - b) <= TOLERANCE + _ROUNDING for a, b in zip(rates, shares, strict=True)),
         )
         if not any((*rates, *shares)):
-            expectation = undeclared("nothing: nobody succeeds, the reference included")
+            expectation = undeclared("nothing: nobody succeeds, on the truth neither")
         diagnosis.add(
             integrator, f"{quantity}, {described(env_id)}", shares, "", expectation, steps=steps
         )

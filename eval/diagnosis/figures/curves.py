@@ -27,8 +27,8 @@ def draw_convergence(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     """Error against step."""
     return _curves(
         curves, schemes, "steps", "Convergence",
-        "largest error in one driven period at a fixed control period, against the reference; the "
-        "reference's own error is against SciPy's DOP853",
+        "largest error in one driven period at a fixed control period, against the truth; the "
+        "truth's own error is against SciPy's DOP853",
         "step, s", entries(schemes), _orders,
     )  # fmt: skip
 

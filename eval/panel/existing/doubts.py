@@ -87,10 +87,11 @@ def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
 def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> list[str]:
     """Doubt where the fallback acted in place of the policy, and not before its first command."""
     name = existing.policy.policy_id
-    late = math.ceil(spec.environment.get("action_latency", 0.0) / spec.control_period - 1e-9)
+    periods, rest = spec.nominal.timing.delay
+    late = periods + bool(rest)
     quoted = name.replace("'", "''")
     found = records.query(
-        f"SELECT sum(fallback_count - least({late}, length)) AS fallbacks, sum(length) AS length "
+        f"SELECT sum(greatest(fallback_count - {late}, 0)) AS fallbacks, sum(length) AS length "
         f"FROM records WHERE phase = 'evaluation' AND policy_id = '{quoted}' "
         "AND perturbation IS NULL"
     ).to_pylist()[0]
@@ -98,8 +99,8 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
         return []
     share = float(found["fallbacks"] / found["length"])
     return [
-        f"in {_share(share)} of decisions the action of {name} was not a finite number and the "
-        "fallback acted, so this is not what the policy does alone; find out which observations "
+        f"in {_share(share)} of control periods the fallback acted, for an action of {name} was no "
+        "finite number, so this is not what the policy does alone; find out which observations "
         "it answers so, and mend it"
     ]
 

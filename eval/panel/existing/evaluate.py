@@ -105,7 +105,7 @@ def evaluate_existing(
             evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
         else:
             evaluate_on(elsewhere, spec, directory, subjects, "evaluate", progress)
-        if directory.markers("") == before:
+        if progress and directory.markers("") == before:
             print("Complete: nothing to evaluate.", file=sys.stderr)
         with phases("evaluate", progress) as begin:
             count = max(1, processes)

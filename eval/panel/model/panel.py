@@ -199,7 +199,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             text = text.replace(truth.name, "the truth")
             at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
             text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
-        return text.replace("the reference", "the truth")
+        return text
 
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""

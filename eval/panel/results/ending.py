@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import accumulate
+from typing import Final, Literal
 
 from ..running import panel_bar
 
-CHECKING, JUDGING = "checking records", "judging"
-DRAWING, WRITING = "drawing figures", "writing the page"
+Phase = Literal["checking records", "judging", "drawing figures", "writing the page"]
 
-_SECONDS = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
+CHECKING: Final = "checking records"
+JUDGING: Final = "judging"
+DRAWING: Final = "drawing figures"
+WRITING: Final = "writing the page"
+
+_SECONDS: dict[Phase, float] = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
 """What is done, in words and in order, and time that it takes of the quick panel, s."""
 
 _BEFORE = dict(zip(_SECONDS, accumulate(_SECONDS.values(), initial=0.0), strict=False))
 
-Begin = Callable[[str], None]
+Begin = Callable[[Phase], None]
 """Told what is done now."""
 
 
-def untold(phase: str) -> None:
+def untold(phase: Phase) -> None:
     """Nobody is told."""
 
 
@@ -34,7 +39,7 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
     """
     with panel_bar(f"{label}, page", sum(_SECONDS.values()), shown) as bar:
 
-        def begin(phase: str) -> None:
+        def begin(phase: Phase) -> None:
             bar.update(_BEFORE[phase] - bar.n)
             bar.set_postfix_str(phase)
 

@@ -43,19 +43,16 @@ def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:
 
 
 def _unmet(spec: PanelSpec, row: Row, matrix: Matrix) -> str:
-    """That the goal is never met at home, or anywhere without a home; nothing where it is.
+    """That the goal is never met, or not at home; nothing where it is.
 
     Where there is no truth, returns are compared, and may well have been learned for.
     """
-    home, goal = matrix.home_rates(row.name), spec.testbed.success.goal
     if spec.reference is None:
         return ""
-    if home is None:
-        met = any(matrix.rates(row.name, cell.name).any() for cell in spec.columns())
-        never = f'It never meets the goal "{goal}", so nothing can be concluded of its success.'
-        return "" if met else never
-    never = f'At home it never meets the goal "{goal}", so it has not learned'
-    return "" if home.any() else f"{never}, and nothing can be concluded of its success elsewhere."
+    home, goal = matrix.home_rates(row.name), f'the goal "{spec.testbed.success.goal}"'
+    if not any(matrix.rates(row.name, cell.name).any() for cell in spec.columns()):
+        return f"It never meets {goal}, so nothing can be concluded of its success."
+    return f"At home it never meets {goal}." if home is not None and not home.any() else ""
 
 
 def _returns(spec: PanelSpec, row: Row, matrix: Matrix) -> str:

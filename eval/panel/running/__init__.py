@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .costs import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .division import divide, memory_of, note_division, noted_division, waiting_chunks
     from .evaluation import (
-        SEARCHING,
+        TRYING,
         Evaluated,
         Subject,
         Tried,

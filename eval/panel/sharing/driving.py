@@ -28,7 +28,7 @@ from integ_gym.support import (
 from integ_gym.train import Workers, fleet_workers, preparation, training_bar, workers_of
 
 from ..running import (
-    SEARCHING,
+    TRYING,
     Desk,
     PanelError,
     RunDirectory,
@@ -114,14 +114,14 @@ def _evaluate(
 ) -> None:
     waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
     cells = planning.trying(spec, directory)
-    if not cells and not any(own for _, own in waiting):
+    if not cells and not any(left for _, left in waiting):
         directory.storage.drop_missing()
         return
     seconds, left = expected_seconds(spec, directory, subjects, waiting)
     bar = panel_bar(label, seconds, progress)
     with working_on(cluster, bar, _prepare(cluster, spec)) as work:
         work.skip(seconds - left)
-        _do_all(directory, work, SEARCHING, dict.fromkeys(cells))
+        _do_all(directory, work, TRYING, dict.fromkeys(cells))
         for part in spec.parts():
             batches = planning.batches(part, directory, subjects, cluster.workers)
             given = {unit: None if own else batch for unit, batch in batches}

@@ -32,7 +32,7 @@ from integ_gym.train import Workers, preparation
 
 from ..results import phases, write_artefact
 from ..running import (
-    SEARCHING,
+    TRYING,
     UNITS,
     PanelError,
     RunDirectory,
@@ -130,16 +130,16 @@ class _Worker:
         self._desk.open()
         spec, directory, fleet = self._spec, self._directory, self._fleet
         memory = memory_of(spec, fleet)
-        phases: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
+        plans: dict[str, Callable[[], tuple[Sequence[SharedUnit], dict[str, Any] | None]]] = {
             "training": lambda: planning.training_and_division(spec, directory, fleet, memory),
-            SEARCHING: lambda: (planning.trying(spec, directory), None),
+            TRYING: lambda: (planning.trying(spec, directory), None),
         }
         for part in spec.parts():
             told = f"evaluating from {part.latest.start}" if part.latest.start else "evaluating"
-            phases[told] = partial(self._evaluating, part)
-        for number, (phase, plan) in enumerate(phases.items()):
+            plans[told] = partial(self._evaluating, part)
+        for number, (phase, plan) in enumerate(plans.items()):
             self._phase(str(number), phase, plan)
-        last = str(len(phases))
+        last = str(len(plans))
         self._desk.plan(last, [{"name": PAGES}])
         self._desk.planned(last)
         for claim in self._taken(last, [PAGES]):
@@ -175,7 +175,8 @@ class _Worker:
         if planned is None:
             raise Gone(name)
         held_by_name = {unit.name: unit for unit in map(SharedUnit.of, planned[UNITS])}
-        with work_bar(f"{told}, here", len(held_by_name), self._share.progress) as bar:
+        shown = self._share.progress and bool(held_by_name)
+        with work_bar(f"{told}, here", len(held_by_name), shown) as bar:
             for claim in self._taken(name, [*held_by_name]):
                 if self._do(claim, held_by_name[claim.unit]):
                     self.done += 1

@@ -15,9 +15,8 @@ TASK_SECONDS = 1e-4
 FOREIGN_STEP_SECONDS = 1e-5
 """Time of one step of an engine that advances lanes one by one, s."""
 
-
-TRYING_SECONDS = 1e-3
-"""Time of one decision of all that is tried side by side in a cell, s."""
+SEARCH_SECONDS = 1e-3
+"""Time of one decision in the search over controls, whose lanes are side by side, s."""
 
 TRAINING_SECONDS = 1e-5
 """Time of one decision of a training run, at least, s."""
@@ -67,11 +66,9 @@ def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
 
 def trying_seconds(spec: PanelSpec, cell: Cell) -> float:
     """Time of finding out whether a cell can be solved, from the starts that came last, s."""
-    if spec.testbed.horizon is None:
-        return 0.0
     starts = len(spec.start_sets) * len(spec.latest) / spec.episodes
-    decisions = cell_timing(spec, cell).horizon
-    return decisions * TRYING_SECONDS + starts * cell_seconds(spec, cell)
+    searched = 0 if spec.testbed.horizon is None else cell_timing(spec, cell).horizon
+    return searched * SEARCH_SECONDS + starts * cell_seconds(spec, cell)
 
 
 def _engine_seconds(discretization: Discretization, substeps: int) -> float:

@@ -9,7 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .achievability import (
-        SEARCHING,
+        TRYING,
         Tried,
         not_tried,
         tried,

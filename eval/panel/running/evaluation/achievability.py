@@ -38,7 +38,7 @@ from .subjects import Subject, second_horizon, success_of
 PREFIX = "achieve-"
 HANDMADE = "handmade"
 
-SEARCHING = "searching for a control that solves each cell"
+TRYING = "trying to solve cells"
 """What is done while cells are tried, in words."""
 
 
@@ -76,7 +76,7 @@ def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> None:
         unit_of_cell(part, cell): (part, directory, cell)
         for part, cell in not_tried(spec, directory)
     }
-    work.do(SEARCHING, try_and_note, waiting)
+    work.do(TRYING, try_and_note, waiting)
 
 
 def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec, Cell]]:

@@ -236,8 +236,9 @@ def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
 
 
 def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
-    """Time that the evaluation of subjects from all their starts takes one worker, s."""
-    return sum(evaluation_seconds(part, subjects) for part in spec.parts())
+    """Time that one worker takes to try all cells, and to evaluate from all starts, s."""
+    cells = [trying_seconds(part, cell) for part in spec.parts() for cell in part.columns()]
+    return sum(cells) + sum(evaluation_seconds(part, subjects) for part in spec.parts())
 
 
 def expected_seconds(
@@ -254,10 +255,9 @@ def expected_seconds(
         subjects: all policies.
         waiting: the panel's parts, each with those that are not evaluated from its starts.
     """
-    cells = [trying_seconds(part, cell) for part in spec.parts() for cell in part.columns()]
     left = sum(evaluation_seconds(*own) for own in waiting)
     left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
-    return all_seconds(spec, subjects) + sum(cells), left
+    return all_seconds(spec, subjects), left
 
 
 def _listed(*given: Any) -> list[Any]:

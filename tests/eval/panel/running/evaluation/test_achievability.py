@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
 from small_panel import small_data
 
 from integ_gym.eval.panel.running import (
-    SEARCHING,
+    TRYING,
     RunDirectory,
     RunDirectoryError,
     evaluate_all,
@@ -74,14 +75,17 @@ def test_a_marker_from_before_is_of_the_first_starts_and_a_damaged_one_is_refuse
 def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, capsys):
     """Expected, done and left are one sum, and nothing is shown where nothing is left."""
     told = []
+    monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(achievability, "report_work", told.append)
     spec = parse_spec(small_data(), "test")
     directory = RunDirectory(tmp_path / "run", spec.to_json())
     with directory.opened():
         whole, left = expected_seconds(spec, directory, [], [])
         assert whole == left > 0.0
-        evaluate_all(spec, directory, [], "panel", 0, progress=True)
-        assert f", {SEARCHING}" in capsys.readouterr().err
+        evaluate_all(spec, directory, [], "panel quick", 0, progress=True)
+        shown = re.split(r"[\r\n]+", capsys.readouterr().err)
+        assert any(line.rstrip().endswith(f" left, {TRYING}") for line in shown)
+        assert max(map(len, shown)) <= 80
         assert len(told) == len(spec.columns()) > 1
         assert sum(told) == pytest.approx(whole)
         assert expected_seconds(spec, directory, [], []) == (whole, 0.0)
