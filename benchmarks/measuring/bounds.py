@@ -117,7 +117,8 @@ def engine(name: str, steps: int, wanted: float, bound: float) -> Bound:
         ]
         return max(ratios, default=None)
 
-    return Bound("engines", f"{name}, {steps} steps / bare loop", measured, wanted, bound, most=True)
+    what = f"{name}, {steps} steps / bare loop"
+    return Bound("engines", what, measured, wanted, bound, most=True)
 
 
 def reference(content: Content) -> float | None:

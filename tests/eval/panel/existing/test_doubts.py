@@ -203,9 +203,8 @@ def test_actions_that_are_no_finite_numbers_are_counted(policy, tmp_path):
     share = (
         f"in {100 * found['n'] / found['decisions']:.0f} % of control periods the fallback acted"
     )
-    assert panel.warnings[0].startswith(
-        f"{share}, for an action of {policy.__name__} was no finite"
-    )
+    name = panel.rows[0].name
+    assert panel.warnings[0].startswith(f"{share}, for an action of {name} was no finite number")
 
 
 @pytest.mark.parametrize(
