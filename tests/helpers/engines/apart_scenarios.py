@@ -1,8 +1,8 @@
 """What is asked of processes in environments of their own, where they are and where replayed.
 
 ``python tests/helpers/engines/apart_scenarios.py`` runs the real ones, writes the recordings anew
-and prints what was found; names of scenarios limit it to those. Asks for ``tests/helpers/envs`` on the
-``PYTHONPATH``.
+and prints what was found; names of scenarios limit it to those. It imports from
+``tests/helpers/envs``, which is to be on the ``PYTHONPATH``.
 """
 
 from __future__ import annotations
