@@ -21,6 +21,7 @@ from integ_gym.support import (
     cluster_of,
     cores,
     require,
+    say,
     stored,
 )
 from integ_gym.train import Stated
@@ -207,6 +208,11 @@ def work_on_panel(
         return work_on(as_there(specified(spec), place), place, share)
 
 
+def tell_doubt(doubt: str) -> None:
+    """Say a sentence that casts doubt on a result on stderr."""
+    say(f"warning: {doubt}", sys.stderr)
+
+
 def evaluate(
     policy: Any,
     env_id: str,
@@ -222,7 +228,7 @@ def evaluate(
     workers: int | None = None,
     progress: bool = True,
     on_home: Callable[[str], None] = lambda line: None,
-    on_doubt: Callable[[str], None] = lambda doubt: None,
+    on_doubt: Callable[[str], None] = tell_doubt,
     command: str = "integ_gym.evaluate",
     executor: str = "local",
     address: str | None = None,
@@ -249,7 +255,7 @@ def evaluate(
         workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar on stderr.
         on_home: told what is taken as home and why, before anything is run.
-        on_doubt: told each sentence that casts doubt on the result.
+        on_doubt: told each sentence that casts doubt on the result; by default stderr is.
         command: how to run this again, for the page.
         executor: what runs the processes; see :func:`run_panel`.
         address: of a running cluster.

@@ -81,8 +81,8 @@ def parser() -> argparse.ArgumentParser:
     add_named_values(made, "--env-arg", "environment argument")
     add(
         "--success-return", type=float, metavar="R",
-        help="of a MuJoCo task: an episode succeeds if its return reaches R (default: if it is "
-        "not terminated within the time limit)",
+        help="of a task of Gymnasium's: an episode succeeds if its return reaches R (default: if "
+        "it is not terminated within the time limit)",
     )  # fmt: skip
     add(
         "--home", metavar="HOME",
@@ -115,8 +115,8 @@ def main(argv: Sequence[str]) -> int:
         raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
     if given.success_return is not None and is_integ_environment(given.env):
         raise ValueError(
-            f"--success-return is for MuJoCo tasks: what success is in {given.env} is fixed, in SI "
-            "units; leave it out"
+            f"--success-return is for Gymnasium's tasks: what success is in {given.env} is fixed, "
+            "in SI units; leave it out"
         )
     arguments = by_name(given.env_arg, "--env-arg", {"success_return": "--success-return"})
     if given.success_return is not None:
@@ -135,7 +135,6 @@ def main(argv: Sequence[str]) -> int:
         workers=workers_of(given),
         progress=not given.no_progress,
         on_home=lambda line: say(line, sys.stdout),
-        on_doubt=lambda doubt: say(f"warning: {doubt}", sys.stderr),
         command=told_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,
         address=given.address,

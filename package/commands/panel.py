@@ -164,7 +164,7 @@ def main(argv: Sequence[str]) -> int:
             sys.stderr,
         )
     if arguments.plan:
-        print_plan(spec, workers_of(arguments))
+        print_plan(spec, workers_of(arguments), trains=arguments.policies is None)
         return 0
     if arguments.out is None:
         raise ValueError("a panel needs a directory: --out DIR")

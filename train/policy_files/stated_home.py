@@ -11,6 +11,9 @@ from integ_gym.support import named_value, unknown_name
 STOCK = "stock"
 """What is stated of a policy that was trained on Gymnasium's own environment."""
 
+UNKNOWN = "unknown"
+"""What is stated of a policy of which nobody says more; the same as nothing."""
+
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
     "IntegCartPole-v0": {},
@@ -19,7 +22,7 @@ STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 
 Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
 """A home as people state it: ``"integrator=…,dt=…,control_period=…"``, the same as a mapping or a
-`Discretization`, or ``"stock"``; a control period alone leaves the rest unknown."""
+`Discretization`, ``"stock"`` or ``"unknown"``; a control period alone leaves the rest unknown."""
 
 HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
 
@@ -30,7 +33,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
     Raises:
         ValueError: for what is no home, in one sentence.
     """
-    if stated is None:
+    if stated is None or stated == UNKNOWN:
         return {}
     if stated == STOCK:
         if ":" in env_id or (is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS):

@@ -19,6 +19,9 @@ from ..specification import UNNAMED, DiscretizationMixture, Home, texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 
+_OF_THE_EPISODE = ("duration", "start")
+"""Arguments that a policy does not meet in a decision; an evaluation may choose them."""
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -27,8 +30,10 @@ class Provenance:
     Attributes:
         home: discretization or mixture that it was trained on; None: unknown.
         control_period: time between two of its decisions, s.
-        environment: constructor arguments of its training environment, without the discretization.
+        environment: constructor arguments of the environment that it is judged in, without the
+            discretization.
         origin: where this comes from, in words.
+        trained_with: what is told of these arguments in its training.
         overridden: arguments of its training in place of which others were given.
     """
 
@@ -36,6 +41,7 @@ class Provenance:
     control_period: float
     environment: Mapping[str, Any]
     origin: str
+    trained_with: Mapping[str, Any] = field(default_factory=dict)
     overridden: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -44,7 +50,8 @@ class Provenance:
         if self.home is None:
             return f"home: unknown ({self.origin}); judged at {period}"
         members = " and ".join(member.name for member in self.home.shares)
-        return f"home: {members}, {period} ({self.origin})"
+        rest = "".join(f", {name}={value}" for name, value in self.trained_with.items())
+        return f"home: {members}, {period}{rest} ({self.origin})"
 
 
 def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -124,9 +131,19 @@ def provenance(
                 "or correct the other"
             )
     period = environments.setups[0].timing.control_period
-    environment = {name: x for name, x in {**arguments, **given}.items() if name not in VARIED}
-    overridden = {n: x for n, x in arguments.items() if n in given and given[n] != x}
-    return Provenance(home, period, environment, origin, overridden), environments
+    trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
+    known_of_it = trained_with
+    if card is not None or stated == STOCK:
+        known_of_it = {**_defaults(env_id, arguments), **trained_with}
+    overridden = {n: x for n, x in known_of_it.items() if n in given and given[n] != x}
+    environment = {**trained_with, **given}
+    return Provenance(home, period, environment, origin, trained_with, overridden), environments
+
+
+def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """What else the policy met in its training, where that is told as a whole."""
+    setup = _closed(env_id, _stepped(arguments)).setups[0]
+    return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
 def _origin(stated: Stated, told: Mapping[str, Any]) -> str:

@@ -171,6 +171,11 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """Trained rows, then given policies, then baselines."""
         return tuple(sorted(self.rows, key=lambda row: ROW_ORDER.index(row.kind)))
 
+    def __repr__(self) -> str:
+        """In one line; all of it is in ``panel.json``, and the fields above hold it."""
+        about = f"{len(self.rows)} rows, {len(self.cells)} cells"
+        return f"<Panel {self.name!r}: {about}; {self.answer}>"
+
     @cached_property
     def given_alone(self) -> bool:
         """Whether policies were given and none was trained: what is replicated is the start."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 from integ_gym.eval import PanelSpec, doubt, fixed_cost, policy_costs, total_cost
 from integ_gym.support import cores, plural, print_aligned, say
@@ -11,15 +12,18 @@ COUNTS = (10, 1_000, 100_000)
 """Policies whose cost is told beside the panel's own."""
 
 
-def print_plan(spec: PanelSpec, workers: int | None) -> None:
+def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> None:
     """Print what a panel costs in core time and storage, and the same panel with more policies.
 
     Args:
         spec: the panel.
         workers: processes that share the work; by default one per core of this machine.
+        trains: whether it does; False where another run's policies are judged.
     """
     count = workers or cores()
     each, fixed = policy_costs(spec), fixed_cost(spec)
+    if not trains:
+        each = [replace(cost, train_seconds=0.0) for cost in each]
     mean = total_cost(each).times(1.0 / len(each)) if each else total_cost([])
     rows = []
     for policies in sorted({len(each), *(COUNTS if each else ())}):

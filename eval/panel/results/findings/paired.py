@@ -83,12 +83,22 @@ def _return(there: Array, here: Array) -> tuple[Estimate, float] | None:
 
 
 def paired_remark(found: tuple[PairedEpisodes, ...], success: bool = True) -> str:
-    """What the paired episodes show, in two sentences; nothing without any.
+    """What the paired episodes show, in a sentence; nothing without any.
 
     Args:
         found: of one row.
-        success: whether success is compared, or the return.
+        success: whether success is compared beside the return.
     """
+    shown = [_shown(found, kind) for kind in ((True, False) if success else (False,))]
+    told = "; ".join(filter(None, shown))
+    if not told:
+        return ""
+    where = "at home" if found[0].against == "home" else "on the truth"
+    return f"This policy, these {found[0].episodes} starts, against what it does {where}: {told}."
+
+
+def _shown(found: tuple[PairedEpisodes, ...], success: bool) -> str:
+    """On how many cells success, or the return, is shown to differ; nothing where not known."""
     known = [
         (one.cell, difference, p)
         for one in found
@@ -101,18 +111,16 @@ def paired_remark(found: tuple[PairedEpisodes, ...], success: bool = True) -> st
     ]
     if not known:
         return ""
-    where = "at home" if found[0].against == "home" else "on the truth"
     what = "success" if success else "the mean return"
     shown = [(cell, difference, p) for cell, difference, p in known if p < ALPHA]
     lower = sum(difference.estimate > 0.0 for _, difference, _ in shown)
-    head = f"This policy, these {found[0].episodes} starts, against what it does {where}:"
     if not shown:
-        return f"{head} {what} is not shown to differ on any of {len(known)} cells."
+        return f"{what} is not shown to differ on any of {len(known)} cells"
     cell, difference, p = max(shown, key=lambda one: abs(one[1].estimate))
     change = "lower" if difference.estimate > 0.0 else "higher"
     return (
-        f"{head} {what} is lower on {lower} and higher on {len(shown) - lower} of {len(known)} "
-        f"cells, and the most {change} on {cell}: by {_size(difference)}, adjusted {p_text(p)}."
+        f"{what} is lower on {lower} and higher on {len(shown) - lower} of {len(known)} "
+        f"cells, and the most {change} on {cell}: by {_size(difference)}, adjusted {p_text(p)}"
     )
 
 

@@ -64,11 +64,17 @@ def test_what_is_no_home_is_refused(stated, fragment):
 def test_what_is_taken_as_home_and_why_is_said():
     known, _ = provenance(PENDULUM, None, PUMPED, {"max_torque": 1.0})
     assert str(known) == "home: explicit_euler dt=0.05, control period 0.1 s (stated)"
-    assert known.environment == {"max_torque": 1.0}
+    assert (known.environment, known.overridden) == ({"max_torque": 1.0}, {})
+    stock, _ = provenance(PENDULUM, None, "stock", {"action_latency": 0.1, "duration": 5.0})
+    assert str(stock).startswith(
+        "home: symplectic_euler dt=0.05, control period 0.05 s, max_speed=8.0 (stated: "
+    )
+    assert stock.overridden == {"action_latency": 0.0}
     unknown, _ = provenance(PENDULUM, None, None, {})
     assert unknown.home is None
     assert str(unknown).startswith("home: unknown (no side-car says it, and none was stated;")
     assert str(unknown).endswith("judged at control period 0.05 s")
+    assert provenance(PENDULUM, None, "unknown", {})[0] == unknown
     period, _ = provenance(PENDULUM, None, "control_period=0.1", {})
     assert (period.home, period.control_period) == (None, 0.1)
 
@@ -95,6 +101,18 @@ def test_a_stated_home_stands_in_every_record_and_is_judged_at_its_own_period(tm
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.05"
     assert {one["against"] for one in panel["paired"]} == {"home"}
     assert {one["scope"] for one in panel["paired"]} == {"this policy, these starts"}
+
+
+def test_from_python_doubts_are_told_on_stderr_and_a_panel_is_one_line(tmp_path, capsys):
+    panel = integ_gym.evaluate(
+        lazy, PENDULUM, tmp_path, integrators=["rk4"], dts=[0.05], episodes=2,
+        environment={"duration": 1.0}, workers=1, progress=False,
+    )  # fmt: skip
+    told = capsys.readouterr().err
+    assert len(panel.warnings) == told.count("warning: ") > 0
+    assert told.startswith("warning: the home of lazy is unknown")
+    assert repr(panel).startswith("<Panel 'evaluate lazy': 4 rows, ")
+    assert len(repr(panel)) < 2000
 
 
 def test_of_an_unknown_home_nothing_is_claimed(tmp_path):

@@ -191,7 +191,7 @@ WRONG = {
     "unknown integrator": ("HalfCheetah-v5", ["--integrator", "euler"], "Did you mean 'Euler'"),
     "varied": ("HalfCheetah-v5", ["--env-arg", "dt=0.01"], "is what the evaluation varies"),
     "unknown argument": ("HalfCheetah-v5", ["--env-arg", "mass=2"], "Gymnasium cannot make"),
-    "ours": ("IntegPendulum-v0", ["--success-return", "1"], "--success-return is for MuJoCo"),
+    "ours": ("IntegPendulum-v0", ["--success-return", "1"], "--success-return is for Gymnasium's"),
 }
 
 

@@ -41,3 +41,13 @@ def test_the_command_tells_it_and_runs_nothing(tmp_path, capsys):
     for count in ("4 (this panel)", "10 ", "1,000", "100,000"):
         assert any(line.startswith(count) for line in told.splitlines()), count
     assert "on 8 workers" in told
+    assert main([*words, "--policies", str(tmp_path)]) == 0
+    trained, judged = (_hours(text) for text in (told, capsys.readouterr().out))
+    assert trained[0] > judged[0] == 0.0
+    assert trained[1] == judged[1] == judged[2]
+
+
+def _hours(told: str) -> list[float]:
+    """Core hours of training, of evaluation and together, of the panel itself."""
+    (line,) = (line for line in told.splitlines() if "(this panel)" in line)
+    return [float(cell) for cell in line.partition("(this panel)")[2].split()[:3]]
