@@ -107,17 +107,19 @@ def run_panel(
         count = cluster.workers if shared else workers or cores()
         write = partial(_write, directory, command=command, workers=count, progress=progress)
         before = directory.markers("")
-        for stage in stages(given):
+        every = stages(given)
+        for number, stage in enumerate(every, 1):
+            label = f"panel {given.name}" + (f" {number}/{len(every)}" if len(every) > 1 else "")
             new = (
-                complete_on(cluster, stage, directory, progress=progress)
+                complete_on(cluster, stage, directory, label, progress=progress)
                 if shared
-                else complete(stage, directory, workers=workers, progress=progress)
+                else complete(stage, directory, label, workers=workers, progress=progress)
             )
             if new and stage is not given:
-                write(stage, of=given)
+                write(stage, label, of=given)
         if progress and directory.markers("") == before:
             print("Complete: nothing to train or evaluate.", file=sys.stderr)
-        panel = write(given)
+        panel = write(given, label)
         directory.finish_work()
         return panel
 
@@ -125,6 +127,7 @@ def run_panel(
 def _write(
     directory: RunDirectory,
     spec: PanelSpec,
+    label: str,
     of: PanelSpec | None = None,
     *,
     command: str,
@@ -132,7 +135,7 @@ def _write(
     progress: bool,
 ) -> Panel:
     """Write a panel's page, or that of a stage of it, while a bar tells what is done."""
-    with phases(f"panel {spec.name}", progress) as begin:
+    with phases(label, progress) as begin:
         page = partial(write_artefact, spec, directory, command, workers, of=of, begin=begin)
         return write_pages(page, directory)
 

@@ -45,8 +45,13 @@ class Progress:
         self._done = self._context.Value("d", 0.0)
         self._stopped = self._context.Event()
 
+    def begin_at(self, amount: float) -> None:
+        """Begin with work that was done before, which says nothing of how long the rest takes."""
+        _add(self._done, amount)
+        self._bar.initial = self._bar.n = self._bar.last_print_n = min(self._bar.total, amount)
+
     def add(self, amount: float, show: bool = True) -> None:
-        """Count work that was done before, or elsewhere.
+        """Count work that was done elsewhere.
 
         Args:
             amount: of it.

@@ -101,13 +101,19 @@ def opened(
 
 
 def complete(
-    spec: PanelSpec, directory: RunDirectory, *, workers: int | None = None, progress: bool = True
+    spec: PanelSpec,
+    directory: RunDirectory,
+    label: str,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
 ) -> bool:
     """Train and evaluate everything that is not finished yet; whether there was anything.
 
     Args:
         spec: the panel, or a stage of it.
         directory: held by the caller.
+        label: of the bar.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time.
 
@@ -117,7 +123,6 @@ def complete(
     before = evaluated(directory)
     train_units(spec, directory, workers, progress)
     subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
-    label = f"panel {spec.name}"
     evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
     return evaluated(directory) != before
 

@@ -32,7 +32,7 @@ class Work:
 
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
-        self._progress.add(seconds)
+        self._progress.begin_at(seconds)
 
     def do(
         self, phase: str, task: Callable[..., Any], arguments: Mapping[str, tuple[Any, ...]]

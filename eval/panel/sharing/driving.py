@@ -59,7 +59,12 @@ Given = Mapping[SharedUnit, Sequence[Subject] | None]
 
 
 def complete_on(
-    cluster: Cluster, spec: PanelSpec, directory: RunDirectory, *, progress: bool = True
+    cluster: Cluster,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    label: str,
+    *,
+    progress: bool = True,
 ) -> bool:
     """Train and evaluate everything that is not finished yet; whether there was anything.
 
@@ -67,6 +72,7 @@ def complete_on(
         cluster: the engine.
         spec: the panel, or a stage of it.
         directory: held by the caller, and seen by all workers under the same path.
+        label: of the bar.
         progress: show bars.
 
     Raises:
@@ -75,7 +81,7 @@ def complete_on(
     before = evaluated(directory)
     _train_on(cluster, spec, directory, progress)
     subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
-    _evaluate(cluster, spec, directory, subjects, f"panel {spec.name}", progress, own=True)
+    _evaluate(cluster, spec, directory, subjects, label, progress, own=True)
     return evaluated(directory) != before
 
 

@@ -52,6 +52,16 @@ def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
     assert bar.n == 6.0
 
 
+def test_work_that_was_done_before_says_nothing_of_how_long_the_rest_takes():
+    bar = work_bar("work", 10.0, shown=True)
+    progress = Progress(bar)
+    progress.begin_at(4.0)
+    assert (bar.n, bar.format_dict["initial"], bar.format_dict["rate"]) == (4.0, 4.0, None)
+    progress.add(2.0)
+    assert bar.n == 6.0
+    bar.close()
+
+
 def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):
     """As a supervisor interrupts, which unlike a terminal does not interrupt the workers.
 
