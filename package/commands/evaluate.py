@@ -87,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--home", metavar="HOME",
         help="what it was trained on: integrator=…,dt=…,control_period=…, or stock for Gymnasium's "
-        "own environment (default: what the side-car says, else unknown)",
+        "own environment, or unknown (default: what the side-car says, else unknown)",
     )  # fmt: skip
     add(
         "--obs-stats", type=Path, metavar="FILE",

@@ -132,10 +132,10 @@ def provenance(
             )
     period = environments.setups[0].timing.control_period
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
-    known_of_it = trained_with
-    if card is not None or stated == STOCK:
-        known_of_it = {**_defaults(env_id, arguments), **trained_with}
-    overridden = {n: x for n, x in known_of_it.items() if n in given and given[n] != x}
+    told_of = trained_with
+    if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:
+        told_of = _defaults(env_id, arguments) | trained_with
+    overridden = {n: x for n, x in told_of.items() if n in given and given[n] != x}
     environment = {**trained_with, **given}
     return Provenance(home, period, environment, origin, trained_with, overridden), environments
 
