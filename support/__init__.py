@@ -103,7 +103,6 @@ if TYPE_CHECKING:
         host,
         instruction_sets,
         limit_threads,
-        one_thread,
         report_work,
         work_bar,
     )

@@ -15,7 +15,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -187,20 +187,12 @@ def _reported_by(report: Callable[[float], None]) -> Iterator[None]:
         _report = before
 
 
-def limit_threads() -> None:
-    """One thread for the numerical libraries of this process."""
+def limit_threads() -> AbstractContextManager[Any]:
+    """One thread for this process's numerical libraries; in a ``with`` block, while it lasts."""
     from threadpoolctl import threadpool_limits
 
-    threadpool_limits(limits=1)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread for the numerical libraries of this process while the block lasts."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        yield
+    limits: AbstractContextManager[Any] = threadpool_limits(limits=1)
+    return limits
 
 
 def peak_memory() -> int | None:

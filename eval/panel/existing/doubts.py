@@ -89,15 +89,15 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
     name = existing.policy.policy_id
     periods, rest = spec.nominal.timing.delay
     late = periods + bool(rest)
-    quoted = name.replace("'", "''")
-    found = records.query(
-        f"SELECT sum(greatest(fallback_count - {late}, 0)) AS fallbacks, sum(length) AS length "
-        f"FROM records WHERE phase = 'evaluation' AND policy_id = '{quoted}' "
-        "AND perturbation IS NULL"
-    ).to_pylist()[0]
-    if not found["fallbacks"]:
+    counted = records.query(
+        f"SELECT policy_id, sum(greatest(fallback_count - {late}, 0)) AS fallbacks, "
+        "sum(length) AS length FROM records "
+        "WHERE phase = 'evaluation' AND perturbation IS NULL GROUP BY policy_id"
+    ).to_pylist()
+    shares = {row["policy_id"]: float(row["fallbacks"] / row["length"]) for row in counted}
+    share = shares.get(name)
+    if not share:
         return []
-    share = float(found["fallbacks"] / found["length"])
     return [
         f"in {_share(share)} of control periods the fallback acted, for an action of {name} was no "
         "finite number, so this is not what the policy does alone; find out which observations "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.evidence import EvidenceStore, seal
-from integ_gym.support import one_thread, told_path
+from integ_gym.support import limit_threads, told_path
 from integ_gym.train import policy_file
 
 from ...report.figures import write_figures
@@ -192,7 +192,7 @@ def artefact_of(
 
     Its products are of small matrices: more threads than one take longer, and round otherwise.
     """
-    with one_thread():
+    with limit_threads():
         return build_artefact(
             layout,
             matrix,

@@ -11,7 +11,7 @@ import time
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support import Progress, one_thread, report_work, work_bar
+from integ_gym.support import Progress, limit_threads, report_work, work_bar
 
 SCRIPT = """
 import signal
@@ -96,7 +96,7 @@ def test_numerical_libraries_have_one_thread_for_a_while():
     with threadpool_limits(limits=2):
         before = _threads()
         assert set(before) == {2}
-        with one_thread():
+        with limit_threads():
             assert set(_threads()) == {1}
         assert _threads() == before
 

@@ -170,6 +170,11 @@ def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatc
     assert main(["panel", str(spec), "--out", str(panel_directory), "--verbose"]) == 0
     printed = capsys.readouterr()
     assert printed.err.startswith("Complete: nothing to train or evaluate.\n")
+    bar = re.split(r"[\r\n]+", printed.err.strip())[-1]
+    assert re.fullmatch(
+        r"panel small, page: 100%\|█+\| elapsed \d\d:\d\d, about \d\d:\d\d left, writing the page",
+        bar,
+    )
     *lines, page, sealed = printed.out.splitlines()
     assert page.startswith("Page: ")
     assert re.fullmatch(r"Seal: [0-9a-f]{64}", sealed)

@@ -96,7 +96,9 @@ def test_policies_of_a_finished_panel_are_used_again(alike, tmp_path, capsys):
     kept += [p.relative_to(out) for p in out.glob("evidence/train-*")]
     assert len(kept) >= 4
     assert all((out / name).read_bytes() == (alike / name).read_bytes() for name in kept)
-    for marker in out.glob("units/train-*"):
+    markers = [*out.glob("units/train-*")]
+    assert markers
+    for marker in markers:
         held = json.loads((alike / "units" / marker.name).read_text())
         assert json.loads(marker.read_text()) == {**held, "adopted": True}
     assert EvidenceStore(out / "evidence").verify() == []
