@@ -9,7 +9,7 @@ INSTALL := .ci/install $(BIN)/python
 # Python of environments that packages with pins of their own are set up in.
 ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
-# Those that have summaries; the law is fitted to the first, and held against the others.
+# Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
@@ -51,11 +51,9 @@ bench: $(READY)
 	$(BIN)/python benchmarks/bounds.py runs/bench
 
 atlas-figures: $(LIGHT)
-	@for name in rod_pendulum $(filter-out rod_pendulum,$(ATLASES)); do \
+	@for name in $(ATLASES); do \
 	  $(BIN)/integ-gym atlas specs/atlas/$$name.toml --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
-	  if [ $$name = rod_pendulum ]; then cp docs/atlas/$$name/figures/law.json eval/atlas/prediction/law.json; fi; \
 	done
-	@$(BIN)/python docs/site/quoted.py docs/explanation/atlas.md
 
 published: $(READY)
 	@$(INSTALL) --group census

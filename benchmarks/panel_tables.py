@@ -1,11 +1,10 @@
 """The tables of docs/reference/panel.md on the quick panel, from a finished run.
 
     python benchmarks/panel_tables.py RUN [--save docs/quick_panel.json]
-    python benchmarks/panel_tables.py docs/quick_panel.json [--predicted]
+    python benchmarks/panel_tables.py docs/quick_panel.json
 
 Prints them in Markdown, every number with its 95 % interval over seeds and starts and rounded to
-what that carries. `--predicted` prints instead what `integ-gym predict` says of the same rows,
-beside what they lost (docs/explanation/atlas.md). `--save` keeps what they are made of, with
+what that carries. `--save` keeps what they are made of, with
 versions, instruction sets and one hash of all weights.
 """
 
@@ -17,13 +16,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measuring.results import interval, minus, p_value
+from measuring.results import interval, p_value
 
-from integ_gym import Discretization, predict
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.panel.specification.reading import built_in_spec
 
 CELLS = {
     "explicit_euler dt=0.05": "explicit Euler 0.05",
@@ -108,34 +105,6 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
         yield f"| {_named(row['row'])} | {' | '.join(cells)} |"
 
 
-def predicted(summary: dict[str, Any]) -> Iterator[str]:
-    """What was to be expected of every row of one discretization, and what it lost on the truth.
-
-    Rows that never succeeded at home have nothing to lose, and are left out.
-    Losses are shares of the success at home; no interval where the law was not fitted.
-    """
-    spec = built_in_spec()
-    found = {row["row"]: row for row in summary["rows"]}
-    yield "| trained on | predicted loss (90 % interval) | loss | within |"
-    yield "|---|---|---|---|"
-    for home in spec.train:
-        if not isinstance(home, Discretization) or home.name not in found:
-            continue
-        if not (at_home := found[home.name]["home"][0]):
-            continue
-        arguments = {**spec.environment, **home.arguments()}
-        expected = predict(spec.env_id, **arguments)
-        on_truth = found[home.name]["cells"][spec.reference.name]["success"][0]
-        lost = 1.0 - on_truth / at_home
-        low, high = expected.interval
-        if expected.within:
-            within = "yes" if low <= lost <= high else "no"
-            told = interval([expected.loss, low, high])
-        else:
-            within, told = "not known", minus(f"{expected.loss:z.2f}")
-        yield f"| {_named(home.name)} | {told} | {minus(f'{lost:z.2f}')} | {within} |"
-
-
 def _success(cell: dict[str, Any]) -> str:
     """Success with its interval, and behind a stroke that within two horizons."""
     return f"{interval(cell['success'])} / {cell['recovered'][0]:.2f}"
@@ -154,13 +123,12 @@ def main() -> None:
     )
     parser.add_argument("run", type=Path, help="directory of a finished quick panel, or a summary")
     parser.add_argument("--save", type=Path, metavar="FILE")
-    parser.add_argument("--predicted", action="store_true", help="what was to be expected")
     given = parser.parse_args()
     if given.run.is_dir():
         summary = summary_of(read_panel(given.run / FILE_NAME))
     else:
         summary = json.loads(given.run.read_text(encoding="utf-8"))
-    print("\n".join((predicted if given.predicted else tables)(summary)))
+    print("\n".join(tables(summary)))
     if given.save:
         given.save.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         numerics,
         rediscretize,
     )
-    from integ_gym.eval import evaluate, predict, read_panel, run_panel, side_by_side
+    from integ_gym.eval import evaluate, read_panel, run_panel, side_by_side
     from integ_gym.evidence import (
         EpisodeContext,
         EvidenceStore,
@@ -89,7 +89,6 @@ __all__ = [
     "numerics",
     "parameter",
     "positive",
-    "predict",
     "read_panel",
     "rediscretize",
     "run_panel",

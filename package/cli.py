@@ -18,7 +18,6 @@ COMMANDS = {
     "panel": "train and evaluate a whole panel (the main job)",
     "train": "train one policy with PPO",
     "evaluate": "evaluate an existing policy",
-    "predict": "say what to expect of a policy before it is trained",
     "atlas": "run one panel at several limits of the control",
     "diagnose": "check integrators against theory",
     "engines": "tell what every engine really does",

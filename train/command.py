@@ -44,7 +44,6 @@ def training_command(
     argv: Sequence[str] | None = None,
     prog: str = "integ-gym train",
     algorithm: str = "ppo",
-    on_config: Callable[[TrainingConfig], None] = lambda config: None,
 ) -> int:
     """The command `integ-gym train`: 0 on success, 2 after one line about bad input.
 
@@ -52,16 +51,15 @@ def training_command(
         argv: words after the command; by default those that the process was given.
         prog: name of the command.
         algorithm: what learns where no flag says it.
-        on_config: told what is trained, before that begins.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     chosen, _ = _algorithm_parser(algorithm).parse_known_args(words)
     given = vars(training_parser(prog, chosen.algorithm).parse_args(words))
     kept = "no policy was written"
-    return report_errors(prog, lambda: _train(given, on_config), mark="error: ", interrupted=kept)
+    return report_errors(prog, lambda: _train(given), mark="error: ", interrupted=kept)
 
 
-def _train(given: dict[str, Any], on_config: Callable[[TrainingConfig], None]) -> int:
+def _train(given: dict[str, Any]) -> int:
     fleet, algorithm = given.pop("trainer") == "fleet", ALGORITHMS[given.pop("algorithm")]
     out, tensorboard = given.pop("out"), given.pop("tensorboard")
     options = {name: given.pop(name) for name in ("progress", "force")}
@@ -69,7 +67,6 @@ def _train(given: dict[str, Any], on_config: Callable[[TrainingConfig], None]) -
     environments = make_training_envs(config)  # what is wrong with them is told before a bar
     environments.close()
     config.check_actions(environments.single_action_space)
-    on_config(config)
     folder = out or _default_folder(config)
     if fleet:
         if not isinstance(config, PPOConfig):

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .independent import IndependentMotion, independent_motion
     from .linear import critical_step, linear_map, stability_limit
     from .matching import Case, cases_of, largest_error, mapped, match
-    from .numerical_force import Disturbance, disturbance
     from .order import ROUNDING, Convergence, convergence, slope
     from .phase_space import reversibility_errors, symplecticity_defect, volume_defect
     from .probe import fastest_mode, fastest_rate, linear_rates, probe_state

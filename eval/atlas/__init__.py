@@ -1,4 +1,4 @@
-"""The atlas: one panel over many limits of the control, and what decides its outcomes.
+"""The atlas: one panel over many limits of the control, and a map of its outcomes.
 
 Knows panels as they are specified and run; reads summaries, never their evidence.
 """
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .prediction import Prediction, doubt, predict
-    from .publishing import Published, publish
+    from .publishing import publish
     from .running import again, missing, run_blocks
     from .specification import Atlas, Block, read_atlas
     from .summaries import Agreement, read_summary

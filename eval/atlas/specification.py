@@ -8,10 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from integ_gym.support import unknown_name
-
 from ..panel import PanelSpec, SpecError, parse_spec, read_toml
-from .numbers import CANDIDATES, control_argument, critical_limit
+from .limits import control_argument, critical_limit
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -19,10 +17,8 @@ class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     argument: str
     ratios: list[float]
-    held_out: list[float] = []
     critical: float | None = None
     seeds_per_block: int = 16
-    number: str | None = None
 
 
 @dataclass(frozen=True)
@@ -53,19 +49,15 @@ class Atlas:
         panel: what all blocks have in common.
         argument: constructor argument that limits the control.
         ratios: its values over the critical one, ascending.
-        held_out: those of them that no fit may see.
         seeds_per_block: training seeds that are run in one piece.
         stated: critical value where it is not searched for, N m or N.
-        number: that the law goes by; None: the one with the least error on the limits of the fit.
     """
 
     panel: PanelSpec
     argument: str
     ratios: tuple[float, ...]
-    held_out: tuple[float, ...] = ()
     seeds_per_block: int = 16
     stated: float | None = None
-    number: str | None = None
 
     @property
     def name(self) -> str:
@@ -122,10 +114,8 @@ def read_atlas(path: Path) -> Atlas:
         panel=panel,
         argument=axis.argument,
         ratios=tuple(axis.ratios),
-        held_out=tuple(axis.held_out),
         seeds_per_block=axis.seeds_per_block,
         stated=axis.critical,
-        number=axis.number,
     )
 
 
@@ -135,11 +125,6 @@ def _axis(table: object) -> _Axis:
     axis = msgspec.convert(table, _Axis)
     if not axis.ratios or min(axis.ratios) <= 0.0 or sorted(set(axis.ratios)) != axis.ratios:
         raise SpecError(f"`ratios` must be above 0 and ascend, got {axis.ratios}")
-    unknown = set(axis.held_out) - set(axis.ratios)
-    if unknown:
-        raise SpecError(f"`held_out` names {min(unknown):g}, which is not among `ratios`")
-    if axis.number is not None and axis.number not in CANDIDATES:
-        raise SpecError(unknown_name("number", axis.number, CANDIDATES))
     if axis.seeds_per_block < 1:
         raise SpecError(f"`seeds_per_block` must be 1 or above, got {axis.seeds_per_block}")
     return axis

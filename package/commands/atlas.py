@@ -11,7 +11,6 @@ from integ_gym.eval import (
     Agreement,
     Atlas,
     Block,
-    Published,
     again,
     missing,
     policy_costs,
@@ -33,7 +32,7 @@ examples:
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas --only 1.7-seed2000
   integ-gym atlas specs/atlas/rod_pendulum.toml --summaries docs/atlas/rod_pendulum \\
                   --publish runs/rod_pendulum
-                                  figures, tables and law, from the summaries alone
+                                  phase diagram, table and losses, from the summaries alone
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again --again 1.7-seed2000
                                   train it once more, and compare every outcome
 """
@@ -64,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",
-        help="run nothing: write phase diagram, losses, tables and law from the summaries",
+        help="run nothing: write phase diagram, table and losses from the summaries",
     )  # fmt: skip
     add_work(made)
     return made
@@ -81,7 +80,8 @@ def main(argv: Sequence[str]) -> int:
     folder = given.summaries or given.out / "summaries"
     waiting = missing(atlas, folder)
     if given.publish:
-        _print_published(publish(atlas, folder, given.publish))
+        files = publish(atlas, folder, given.publish)
+        print("Written: " + ", ".join(map(str, files)))
         return 0
     if given.plan:
         _print_plan(atlas, waiting)
@@ -110,13 +110,6 @@ def _agreed(found: Agreement) -> str:
     mean, low, high = found.difference
     by = f"mean success differs by {mean:z.3f} (95 % interval {low:z.3f} to {high:z.3f})"
     return f"{told}: other weights, but {by}, and by no more than chance on any training ground."
-
-
-def _print_published(found: Published) -> None:
-    for one in found.trials:
-        told = f"{one.error:.3f} (95 % interval {one.low:.3f} to {one.high:.3f})"
-        print(f"Mean error on {one.points} held-out losses by {one.number}: {told}")
-    print("Written: " + ", ".join(str(file) for file in found.files))
 
 
 def _named(blocks: Sequence[Block], name: str) -> Block:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Discretization
-
-from ...panel import Home, SpecError
+from ...panel import Home
 from ...verdict import LEARNED
-from ..numbers import Quantities
 from ..specification import Atlas, Block
 from .agreement import Agreement, check_agree
 from .summary import Summary
@@ -28,8 +25,6 @@ class Point:
     Attributes:
         ratio: limit of the control over the critical one of the truth.
         home: what they were trained on.
-        quantities: known before training; None for a mixture, and where the task names no goal at
-            rest.
         seeds: training seeds.
         at_home: success rate there, shape (seeds,).
         on_truth: the same on the truth.
@@ -38,27 +33,15 @@ class Point:
 
     ratio: float
     home: Home
-    quantities: Quantities | None
     seeds: tuple[int, ...]
     at_home: Rates
     on_truth: Rates
     recovered: Rates
 
     @property
-    def known(self) -> Quantities:
-        """The quantities of a single discretization."""
-        assert self.quantities is not None
-        return self.quantities
-
-    @property
     def learned(self) -> bool:
         """Whether the task was learned at home."""
         return bool(self.at_home.mean() >= LEARNED)
-
-    @property
-    def loss(self) -> float:
-        """Share of the success at home that is missing on the truth; negative: there is more."""
-        return float(1.0 - self.on_truth.mean() / self.at_home.mean())
 
 
 def points(
@@ -94,21 +77,11 @@ def _points(atlas: Atlas, blocks: Sequence[tuple[Block, Summary]]) -> Iterator[P
         yield Point(
             block.ratio,
             home,
-            _quantities(atlas.panel.env_id, block.panel.environment, home),
             seeds,
             _rates(outcomes, home.name, seeds, of, "successes"),
             _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "successes"),
             _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "recovered"),
         )
-
-
-def _quantities(env_id: str, environment: Mapping[str, Any], home: Home) -> Quantities | None:
-    if not isinstance(home, Discretization):
-        return None
-    try:
-        return Quantities(env_id, environment, home)
-    except SpecError:
-        return None
 
 
 def _rates(

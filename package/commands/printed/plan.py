@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from integ_gym.eval import PanelSpec, doubt, fixed_cost, policy_costs, total_cost
+from integ_gym.eval import PanelSpec, fixed_cost, policy_costs, total_cost
 from integ_gym.support import cores, plural, print_aligned, say
 
 COUNTS = (10, 1_000, 100_000)
@@ -53,11 +53,6 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
         sys.stdout,
         right=(False, True, True, True, True, True),
     )  # fmt: skip
-    for home in spec.train:
-        if len(home.shares) == 1 and home != spec.reference:
-            found = doubt(spec.env_id, {**spec.environment, **next(iter(home.shares)).arguments()})
-            if found is not None:
-                say(f"Doubt: {found}", sys.stdout)
 
 
 def _hours(seconds: float) -> str:

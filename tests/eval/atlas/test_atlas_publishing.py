@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
 
 import pyarrow as pa
 import pytest
 from small_atlas import written
+from small_panel import every_format
 
 from integ_gym.eval import publish, read_atlas
-from integ_gym.eval.atlas.numbers import CANDIDATES, GUESSES
-from integ_gym.eval.atlas.prediction import law
 from integ_gym.eval.atlas.running import summary_path
 from integ_gym.eval.atlas.summaries import Origin, Summary, write_summary
 
 
-def planted(folder, held_out):
-    """An atlas whose policies succeed at home, and of RK4's half on the truth."""
-    atlas = read_atlas(written(folder, held_out=f"held_out = {held_out}"))
+def planted(folder, at_home=2):
+    """An atlas of two episodes a seed: so many succeed at home, and of RK4's one on the truth."""
+    atlas = read_atlas(written(folder))
     for block in atlas.blocks():
         rows = [
             {
                 "home": home.name, "seed": seed, "cell": cell.name, "episodes": 2,
-                "successes": 2 if cell.name == home.name else 1, "recovered": 2,
+                "successes": at_home if cell.name == home.name else 1, "recovered": 2,
             }
             for home in block.panel.train
             for seed in block.panel.seeds
@@ -37,46 +35,32 @@ def planted(folder, held_out):
     return atlas
 
 
-def test_a_law_is_fitted_to_what_may_be_seen(tmp_path):
-    atlas = planted(tmp_path, [3.0])
-    found = publish(atlas, tmp_path, tmp_path / "out")
-    assert found.law.atlas == "small"
-    assert found.law.margins == (1.5, 1.5)
-    assert {curve.number for curve in found.law.curves} == {*CANDIDATES, *GUESSES}
-    assert found.law.curve.number in CANDIDATES
-    assert [one.number for one in found.trials] == [curve.number for curve in found.law.curves]
-    assert all(one.points == 2 for one in found.trials)
-    assert (tmp_path / "out" / "law.json").exists()
+def _losses(folder):
+    with (folder / "losses.csv").open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
 
 
-def test_a_law_is_made_of_the_number_that_is_stated(tmp_path):
-    stated = "critical ratio"
-    atlas = replace(planted(tmp_path, [3.0]), number=stated)
-    found = publish(atlas, tmp_path, tmp_path / "out")
-    assert found.law.curve.number == found.trials[0].number == stated
-    assert {curve.number for curve in found.law.curves} == {*CANDIDATES, *GUESSES}
-
-
-def test_where_all_is_held_out_the_package_s_law_is_held_against_it(tmp_path):
-    atlas = planted(tmp_path, [1.5, 3.0])
-    found = publish(atlas, tmp_path, tmp_path / "out")
-    assert found.law == law()
-    assert found.trials[0].number == law().curve.number
-    assert all(one.points == 4 for one in found.trials)
-
-    assert found.trials[0].error == pytest.approx(0.25, abs=0.02)
-    assert not (tmp_path / "out" / "law.json").exists()
-    tables = (tmp_path / "out" / "tables.md").read_text(encoding="utf-8")
-    by_number, by_limit = tables.split("| error at | 1.5 | 3 |")
-    assert by_number.count("| force of the numerics |") == 1
-    assert by_limit.count("| force of the numerics |") == 1
-    assert "| *losses* | 2 | 2 |" in by_limit
-    with (tmp_path / "out" / "losses.csv").open(encoding="utf-8", newline="") as lines:
-        losses = list(csv.DictReader(lines))
+def test_the_map_is_written_with_every_loss_and_its_interval(tmp_path):
+    out = tmp_path / "out"
+    with every_format():
+        files = publish(planted(tmp_path), tmp_path, out)
+    assert sorted(file.name for file in files) == [
+        "losses.csv", "phases.pdf", "phases.png", "phases.svg", "tables.md",
+    ]  # fmt: skip
+    assert sorted(file.name for file in out.iterdir()) == sorted(file.name for file in files)
+    table = (out / "tables.md").read_text(encoding="utf-8").splitlines()
+    assert table[0] == "| trained on | 1.5 | 3 |"
+    assert table[2].startswith("| rk4 dt=0.05 | 0.50 (")
+    losses = _losses(out)
     assert len(losses) == 4
     for row in losses:
-        kept = float(row["success on the truth"]) / float(row["success at home"])
-        assert float(row["loss"]) == pytest.approx(1.0 - kept, abs=1e-3)
-        assert 0.0 < float(row["off by chance"]) < 1.0
+        kept = float(row["success on the truth"])
+        assert float(row["loss"]) == pytest.approx(float(row["success at home"]) - kept, abs=1e-3)
+        assert float(row["loss low"]) < float(row["loss"]) < float(row["loss high"]) + 1e-9
         assert float(row["within twice the time"]) == 1.0
-        assert row["held out"] == "True"
+        assert int(row["seeds"]) == 2
+
+
+def test_what_was_not_learned_has_no_loss(tmp_path):
+    publish(planted(tmp_path, at_home=0), tmp_path, tmp_path / "out")
+    assert {row["trained on"] for row in _losses(tmp_path / "out")} == set()

@@ -9,8 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from house import ROOT
 
-PAGE = ROOT / "docs" / "explanation" / "atlas.md"
 EXPERIMENTS = ("control_periods", "curriculum", "fresh_points", "q_learning_periods")
+EXPLANATION = ROOT / "docs" / "explanation"
+PAGES = dict.fromkeys(EXPERIMENTS, EXPLANATION / "experiments.md")
+PAGES["fresh_points"] = EXPLANATION / "atlas.md"
 
 
 @pytest.fixture(params=EXPERIMENTS)
@@ -27,7 +29,7 @@ def test_the_page_tells_what_was_found(experiment):
     script, trained = experiment
     done = trained.read(ROOT / "docs" / "atlas" / f"{script.__name__}.json")
     assert set(done) == {unit.name for unit in script.EXPERIMENT.units()}
-    page = PAGE.read_text(encoding="utf-8")
+    page = PAGES[script.__name__].read_text(encoding="utf-8")
     for table in script.tables(done).strip().split("\n\n"):
         assert table in page
 

@@ -17,7 +17,6 @@ perturbations = []
 [atlas]
 argument = "max_torque"
 ratios = [1.5, 3.0]
-held_out = [3.0]
 seeds_per_block = 1
 
 [environment]

@@ -32,12 +32,6 @@ def test_the_tables_are_those_of_the_saved_run(tables):
     assert "\n".join(tables.tables(SUMMARY)) in text
 
 
-@pytest.mark.slow
-def test_what_was_predicted_is_told_beside_it(tables):
-    text = (ROOT / "docs" / "explanation" / "atlas.md").read_text(encoding="utf-8")
-    assert "\n".join(tables.predicted(SUMMARY)) in text
-
-
 def test_the_saved_run_is_of_the_panel_that_is_built_in():
     spec = built_in_spec()
     assert {row["row"]: row["seeds"] for row in SUMMARY["rows"]} == {

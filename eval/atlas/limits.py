@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from integ_gym.envs import Discretization, environment_setup, numerics
 
-from ...panel import SpecError
+from ..panel import SpecError
 
 WIDEST = 1e4
 """Largest limit of the control that is tried, as a multiple of the smallest."""
