@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from integ_gym.support import CommandParser, end_quietly, report_errors
+from integ_gym.support import CommandParser, end_quietly, missing, report_errors
 
 LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 """What an interruption leaves, of commands where that is not what was finished."""
@@ -28,6 +28,22 @@ COMMANDS = {
     "evidence": "show, query, verify, seal, export and merge records",
 }
 """Command, which the module of its name in ``commands`` runs, to what it is for."""
+
+NEEDS = {
+    "panel": "panel",
+    "train": "train",
+    "evaluate": "report",
+    "predict": "panel",
+    "atlas": "panel",
+    "diagnose": "report",
+    "engines": "evidence",
+    "census": "report",
+    "report": "report",
+    "watch": "render",
+    "play": "render",
+    "evidence": "evidence",
+}
+"""Command to the smallest extra that it runs with."""
 
 EXAMPLES = """\
 examples:
@@ -83,9 +99,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     try:
         command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f'{error.name} is not installed; run: pip install "integ-gym[all]"', name=error.name
-        ) from error
+        raise missing(str(error.name), NEEDS[name]) from error
     return int(command.main(arguments))
 
 

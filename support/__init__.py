@@ -94,6 +94,7 @@ if TYPE_CHECKING:
         unknown_name,
     )
     from .processes import (
+        ESTIMATE_LOOK,
         FileLock,
         Progress,
         SpawnError,

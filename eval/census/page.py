@@ -89,12 +89,17 @@ def _tiles(document: Json) -> list[tuple[str, str]]:
     engines = {(x["source"], x["name"]) for x in lines if not x["published"]}
     maps = {line["found"]["map"] for line in lines if line["found"]["identified"]}
     return [
-        (f"{len(published)}", "published environments"),
-        (f"{len(engines)}", "integrators of engines"),
-        (f"{len(maps)}", "different one-step maps found"),
+        _tile(len(published), "published environment"),
+        _tile(len(engines), "integrator of engines", "integrators of engines"),
+        _tile(len(maps), "one-step map found", "different one-step maps found"),
         (f"{sum(bool(x['differences']) for x in lines)}", "not as said"),
         (f"{len(document['missing'])}", "not installed here"),
     ]
+
+
+def _tile(count: int, noun: str, more: str | None = None) -> tuple[str, str]:
+    number, _, what = plural(count, noun, more).partition(" ")
+    return number, what
 
 
 def _plant(document: Json, name: str, title: str) -> Json:

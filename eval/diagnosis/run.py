@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from integ_gym.envs import INTEGRATORS
 from integ_gym.evidence import EvidenceStore, plain
-from integ_gym.support import Progress, cannot_write, make_folder, replace_file
+from integ_gym.support import Progress, cannot_write, make_folder, replace_file, work_bar
 
 from ..panel.running import package_versions
 from . import sections
@@ -159,24 +157,25 @@ def diagnose(
         for subject in plants
         for section in SECTIONS
     ]
-    try:
-        with tqdm(total=len(jobs), unit=" sections", desc="diagnose", disable=not progress) as bar:
+    with work_bar("diagnose", len(jobs), progress, unit=" sections") as bar:
+        try:
             parts = _all(jobs, workers, bar.update)
-        for earlier in ("evidence", "figures"):
-            shutil.rmtree(directory / earlier, ignore_errors=True)
-        unfinished.rename(directory / "evidence")
-    except OSError as error:
-        raise cannot_write(directory, error) from error
-    except DiagnosisError as error:
-        raise DiagnosisError(str(error)) from error
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-    result = _result(parts, plants, names, command)
-    result["records"] = EvidenceStore(directory / "evidence").count()
-    text = json.dumps(result, indent=1, allow_nan=False)
-    replace_file(directory / RESULT, text.encode())
-    write_diagnosis_figures(result, directory / "figures")
-    write_page(result, directory)
+            for earlier in ("evidence", "figures"):
+                shutil.rmtree(directory / earlier, ignore_errors=True)
+            unfinished.rename(directory / "evidence")
+        except OSError as error:
+            raise cannot_write(directory, error) from error
+        except DiagnosisError as error:
+            raise DiagnosisError(str(error)) from error
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        bar.set_postfix_str("writing figures and page")
+        result = _result(parts, plants, names, command)
+        result["records"] = EvidenceStore(directory / "evidence").count()
+        text = json.dumps(result, indent=1, allow_nan=False)
+        replace_file(directory / RESULT, text.encode())
+        write_diagnosis_figures(result, directory / "figures")
+        write_page(result, directory)
     return result
 
 

@@ -112,7 +112,7 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
     if not failed:
         return
-    say("These do not; a NO speaks of an integrator at this step on this plant:", file)
+    say("These do not hold for an integrator at this step on this plant:", file)
     for title, topic in topics(failed):
         print(file=file)
         say(title, file)

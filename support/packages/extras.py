@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable
+from functools import cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from .apart import APART
@@ -73,7 +75,17 @@ def install_command(*extras: str) -> str:
     """What installs extras, or one environment of its own."""
     if len(extras) == 1 and extras[0] in APART:
         return APART[extras[0]].command
-    return f'pip install "integ-gym[{",".join(extras)}]"'
+    wanted = ",".join(extras)
+    return (
+        f'pip install -e ".[{wanted}]"' if _in_checkout() else f'pip install "integ-gym[{wanted}]"'
+    )
+
+
+@cache
+def _in_checkout() -> bool:
+    """Whether this package is used from a checkout, into which extras are installed by its path."""
+    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
+    return project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
 
 
 def absent(modules: Iterable[str]) -> list[str]:

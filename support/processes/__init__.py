@@ -12,6 +12,14 @@ if TYPE_CHECKING:
     from .machine import host, instruction_sets
     from .spawning import SpawnError, check_spawning
     from .threads import ahead
-    from .workers import Progress, cores, limit_threads, report_work, reporting, work_bar
+    from .workers import (
+        ESTIMATE_LOOK,
+        Progress,
+        cores,
+        limit_threads,
+        report_work,
+        reporting,
+        work_bar,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

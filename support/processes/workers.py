@@ -48,7 +48,7 @@ class Progress:
     def begin_at(self, amount: float) -> None:
         """Begin with work that was done before, which says nothing of how long the rest takes."""
         _add(self._done, amount)
-        self._bar.initial = self._bar.n = self._bar.last_print_n = min(self._bar.total, amount)
+        self._bar.initial = self._bar.n = self._bar.last_print_n = amount
 
     def add(self, amount: float, show: bool = True) -> None:
         """Count work that was done elsewhere.
@@ -73,7 +73,7 @@ class Progress:
         if self._starting and self._done.value:
             self._starting = ""
             self._bar.set_postfix_str("", refresh=False)
-        self._bar.update(min(self._bar.total, self._done.value) - self._bar.n)
+        self._bar.update(self._done.value - self._bar.n)
 
     def pool(
         self, workers: int, prepare: Callable[[int], None] | None = None
@@ -141,8 +141,22 @@ class _AtOnce(Executor):
         return future
 
 
+LEFT = ", about {remaining} left"
+ESTIMATE_LOOK = "{l_bar}{bar}| elapsed {elapsed}" + LEFT + "{postfix}"
+"""How a bar looks whose total is an estimate in seconds."""
+
+COUNT_LOOK = "{l_bar}{bar}| {n_fmt}/{total_fmt}{unit}, elapsed {elapsed}" + LEFT + "{postfix}"
+"""How a bar looks that counts."""
+
+MOST_BEFORE_END = 0.99
+"""Share of a bar that is full while work goes on, however far the estimate was off."""
+
+
 def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
     """A bar on standard error for work that takes long.
+
+    It is full once its ``with`` block ends without an error, or `fill` is called, and says "nearly
+    done" when the work takes longer than expected.
 
     Args:
         label: of the bar.
@@ -152,14 +166,43 @@ def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
     """
     from tqdm import tqdm
 
-    return tqdm(
+    class WorkBar(tqdm):  # type: ignore[misc]
+        filled = False
+
+        def fill(self) -> None:
+            """Show that the work is done."""
+            self.filled = True
+            if not self.disable:
+                self.set_postfix_str("", refresh=False)
+                self.update(self.total - self.n)
+                self.refresh()
+
+        def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+            if kind is None:
+                self.fill()
+            super().__exit__(kind, error, trace)
+
+        @property
+        def format_dict(self) -> dict[str, Any]:
+            shown = dict(super().format_dict)
+            total = shown["total"] or 0.0
+            most = MOST_BEFORE_END * total
+            if isinstance(total, int):
+                most = int(most)
+            if self.filled:
+                shown["bar_format"] = self.bar_format.replace(LEFT, "")
+            elif most and shown["n"] > most:
+                shown |= {"n": most, "bar_format": self.bar_format.replace(LEFT, ", nearly done")}
+            return shown
+
+    return WorkBar(
         total=total,
         desc=label,
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
         miniters=0,  # the clock moves also while no work is reported
         smoothing=0.05,
-        **look,
+        **{"bar_format": COUNT_LOOK, **look},
     )
 
 
@@ -187,10 +230,17 @@ def _reported_by(report: Callable[[float], None]) -> Iterator[None]:
         _report = before
 
 
+_SET_BY_THREADPOOLCTL = "KMP_DUPLICATE_LIB_OK"
+"""Environment variable that importing threadpoolctl sets for the whole process."""
+
+
 def limit_threads() -> AbstractContextManager[Any]:
     """One thread for this process's numerical libraries; in a ``with`` block, while it lasts."""
+    absent = _SET_BY_THREADPOOLCTL not in os.environ
     from threadpoolctl import threadpool_limits
 
+    if absent:
+        os.environ.pop(_SET_BY_THREADPOOLCTL, None)
     limits: AbstractContextManager[Any] = threadpool_limits(limits=1)
     return limits
 

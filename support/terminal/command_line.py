@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import shlex
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..files import told_path
+from ..parameters import suggestion
 from .text_table import NARROWEST, fitted
 
 
@@ -57,6 +59,23 @@ class CommandParser(argparse.ArgumentParser):
             description = textwrap.fill(description, width)
         super().__init__(description=description, **arguments)
         self.register("type", Path, path_here)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As `argparse`'s; an option that is unknown is named with the one that is meant."""
+        given, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._near(unknown)}")
+        return given
+
+    def _near(self, unknown: Sequence[str]) -> str:
+        name = next((word.partition("=")[0] for word in unknown if word.startswith("--")), "")
+        near = difflib.get_close_matches(name, self._option_string_actions, n=1)
+        return f"; did you mean {near[0]}?" if near else ""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            meant = suggestion(str(value), map(str, action.choices))
+            raise argparse.ArgumentError(action, f"there is no {value!r}. {meant}")
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2 and one sentence on standard error."""

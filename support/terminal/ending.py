@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
@@ -19,7 +20,13 @@ INTERRUPTED = 130
 
 
 def end_quietly(run: Callable[[], int]) -> int:
-    """Run a command; one whose reader has seen enough, such as `head`, ends without a word."""
+    """Run a command; one whose reader has seen enough, such as `head`, ends without a word.
+
+    Where a standard stream is closed, as under some schedulers, what is written to it goes nowhere.
+    """
+    nowhere = Path(os.devnull)
+    sys.stdout = sys.stdout or nowhere.open("w", encoding="utf-8")
+    sys.stderr = sys.stderr or nowhere.open("w", encoding="utf-8")
     try:
         try:
             code = run()

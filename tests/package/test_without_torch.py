@@ -74,4 +74,4 @@ def test_a_panel_and_all_that_is_done_with_it_needs_no_torch(tmp_path: Path):
     refused += ["--trainer", "sb3", "--out", "other"]
     done = subprocess.run(refused, cwd=tmp_path, env=own, capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr.endswith('is not installed; run: pip install "integ-gym[train]"\n')
+    assert done.stderr.endswith('is not installed; run: pip install -e ".[train]"\n')

@@ -44,4 +44,3 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
             bar.set_postfix_str(phase)
 
         yield begin
-        bar.update(bar.total - bar.n)

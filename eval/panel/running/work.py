@@ -8,7 +8,7 @@ from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from typing import Any
 
-from integ_gym.support import Cluster, Progress, work_bar
+from integ_gym.support import ESTIMATE_LOOK, Cluster, Progress, work_bar
 
 
 class PanelError(RuntimeError):
@@ -104,5 +104,4 @@ def working_on(
 
 def panel_bar(label: str, seconds: float, shown: bool) -> Any:
     """A bar over expected work, s."""
-    look = "{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}"  # ", phase"
-    return work_bar(label, seconds, shown, bar_format=look)
+    return work_bar(label, seconds, shown, bar_format=ESTIMATE_LOOK)

@@ -6,12 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from integ_gym.support import absent, work_bar
+from integ_gym.support import ESTIMATE_LOOK, absent, work_bar
 
 HASH_SECONDS, TRACE_SECONDS, REPLAY_SECONDS = 1e-4, 2e-4, 1e-2
 """Time of one record, s: of its hash, of its outcome from its trace, of playing it again."""
-
-_LOOK = "{l_bar}{bar}| elapsed {elapsed}, about {remaining} left{postfix}"
 
 
 class Checking:
@@ -23,8 +21,9 @@ class Checking:
     """
 
     def __init__(self, seconds: float, shown: bool) -> None:
-        there = shown and not absent(["tqdm"])
-        self._bar: Any = work_bar("verify", seconds, True, bar_format=_LOOK) if there else None
+        self._bar: Any = None
+        if shown and not absent(["tqdm"]):
+            self._bar = work_bar("verify", seconds, True, bar_format=ESTIMATE_LOOK)
 
     def begin(self, phase: str, each: float = 0.0) -> Callable[[int], None]:
         """Say what is checked now; what counts the records of it.
@@ -40,11 +39,9 @@ class Checking:
     def close(self) -> None:
         """Leave the bar as a full one: what was expected of it is a guess."""
         if self._bar is not None:
-            self._bar.set_postfix_str("", refresh=False)
-            self._bar.update(self._bar.total - self._bar.n)
+            self._bar.fill()
             self._bar.close()
 
     def _add(self, each: float, count: int) -> None:
         if self._bar is not None:
-            left = self._bar.total - self._bar.n
-            self._bar.update(min(count * each, left))
+            self._bar.update(count * each)

@@ -193,7 +193,7 @@ def test_a_function_that_gives_another_result_each_time_is_refused():
 def test_without_numba_one_line_says_what_installs_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     setup = environment_setup("IntegPendulum-v0", {"mass": 1.25})
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[numba\]"'):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[numba\]"'):
         compiled_array_step(setup)
 
 

@@ -46,7 +46,7 @@ def test_environment_variables_stay_as_they_were(noisy):
 
 
 def test_standard_error_is_whole_again_after_a_failed_import(capfd):
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[mujoco\]"'):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[mujoco\]"'):
         load_undisturbed("no_such_simulator", "mujoco", banner="banner")
     os.write(2, b"banner\n")
     assert capfd.readouterr().err == "banner\n"

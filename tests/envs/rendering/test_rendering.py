@@ -368,7 +368,7 @@ def test_missing_pygame_names_the_remedy(mode: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ModuleNotFoundError) as caught:
         Renderer(setup, mode, 20)
-    assert str(caught.value).endswith('pip install "integ-gym[render]"')
+    assert str(caught.value).endswith('pip install -e ".[render]"')
     assert "\n" not in str(caught.value)
 
 

@@ -337,7 +337,7 @@ def test_missing_extra_is_named(two_environments, monkeypatch, capsys, package):
 
     monkeypatch.setattr(importlib, "import_module", without)
     error = _refused(capsys, "query", two_environments, "SELECT 1")
-    assert 'pip install "integ-gym[evidence]"' in error
+    assert 'pip install -e ".[evidence]"' in error
 
 
 @pytest.mark.parametrize("argv", [[], ["shw"], ["query", "run"], ["export", "x", "--to", "x"]])

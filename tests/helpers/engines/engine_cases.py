@@ -100,7 +100,7 @@ def needs(engine: str) -> None:
     """Skip where the engine is not installed, visibly."""
     missing = missing_modules(engine)
     if missing:
-        pytest.skip(f'{", ".join(missing)} not installed: pip install "integ-gym[{engine}]"')
+        pytest.skip(f'{", ".join(missing)} not installed: pip install -e ".[{engine}]"')
 
 
 def setup_of(engine: str, integrator: str, env_id: str, **arguments: Any) -> Setup:

@@ -107,7 +107,7 @@ def test_what_is_missing_is_named_with_its_remedy(capsys, monkeypatch):
     monkeypatch.setattr(ENGINES.load("mujoco"), "modules", ("no_such_module",))
     assert main(["engines", "--engine", "native", "mujoco"]) == 0
     out = capsys.readouterr().out
-    assert 'no_such_module); run: pip install "integ-gym[mujoco]"' in out
+    assert 'no_such_module); run: pip install -e ".[mujoco]"' in out
 
 
 def test_an_unknown_engine_is_refused(capsys):

@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support import Progress, limit_threads, report_work, work_bar
+from integ_gym.support import ESTIMATE_LOOK, Progress, limit_threads, report_work, work_bar
 
 SCRIPT = """
 import signal
@@ -60,6 +61,27 @@ def test_work_that_was_done_before_says_nothing_of_how_long_the_rest_takes():
     progress.add(2.0)
     assert bar.n == 6.0
     bar.close()
+
+
+def test_a_bar_is_full_only_when_its_work_is_done(capsys):
+    """An estimate that was too low, or counted work before its files are written."""
+    with work_bar("work", 10.0, shown=True, bar_format=ESTIMATE_LOOK) as bar:
+        bar.update(10.0)
+        bar.refresh()
+        early = capsys.readouterr().err
+        assert " 99%" in early
+        assert "nearly done" in early.rpartition("\r")[2]
+    assert "100%" not in early
+    last = capsys.readouterr().err.strip().rpartition("\r")[2]
+    assert "100%" in last
+    assert "left" not in last
+
+
+def test_a_bar_of_failed_work_is_not_full(capsys):
+    with suppress(ValueError), work_bar("work", 10.0, shown=True) as bar:
+        bar.update(20.0)
+        raise ValueError
+    assert "100%" not in capsys.readouterr().err
 
 
 def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):

@@ -113,7 +113,7 @@ def test_too_many_columns_become_tables_that_repeat_the_keys(narrow):
 
 def test_a_command_to_copy_stays_on_its_line(narrow):
     file = io.StringIO()
-    command = 'pip install "integ-gym[mujoco_warp]"'
+    command = 'pip install -e ".[mujoco_warp]"'
     say(f"mujoco_warp: not installed (warp, mujoco, more); run: {unbroken(command)}", file)
     lines = file.getvalue().splitlines()
     assert lines[-1] == f"  {command}"

@@ -164,4 +164,4 @@ def test_missing_scipy_names_the_command(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.delitem(sys.modules, "scipy.linalg", raising=False)
     with pytest.raises(ModuleNotFoundError) as caught:
         make_baseline("handmade", setup_of(PENDULUM))
-    assert str(caught.value) == 'scipy is not installed; run: pip install "integ-gym[report]"'
+    assert str(caught.value) == 'scipy is not installed; run: pip install -e ".[report]"'

@@ -77,4 +77,4 @@ def test_without_torch_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError) as caught:
         read_sb3_zip(pendulum_zip)
-    assert str(caught.value) == 'torch is not installed; run: pip install "integ-gym[train]"'
+    assert str(caught.value) == 'torch is not installed; run: pip install -e ".[train]"'

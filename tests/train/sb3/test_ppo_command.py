@@ -117,7 +117,7 @@ def test_a_missing_extra_names_the_command(
     monkeypatch.setitem(sys.modules, missing, None)
     assert main([*FLAGS, "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
-        f'integ-gym train: error: {missing} is not installed; run: pip install "integ-gym[train]"\n'
+        f'integ-gym train: error: {missing} is not installed; run: pip install -e ".[train]"\n'
     )
 
 

@@ -60,9 +60,9 @@ def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
     with pytest.raises(ModuleNotFoundError) as caught:
         check_spec(spec)
     message = str(caught.value)
-    assert 'jax is not installed; run: pip install "integ-gym[fleet]"; or train with' in message
+    assert 'jax is not installed; run: pip install -e ".[fleet]"; or train with' in message
     assert '--trainer sb3, or `trainer = "sb3"` in the specification' in message
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "integ-gym\[train\]"$'):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[train\]"$'):
         check_spec(replace(spec, trainer="sb3"))
 
 

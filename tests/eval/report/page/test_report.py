@@ -307,7 +307,7 @@ def test_a_missing_extra_names_its_remedy(
     write: Any = report.write_report if module == "jinja2" else figures.write_figures
     with pytest.raises(ModuleNotFoundError) as caught:
         write(panel_of("given"), tmp_path)
-    assert str(caught.value) == (f'{module} is not installed; run: pip install "integ-gym[report]"')
+    assert str(caught.value) == (f'{module} is not installed; run: pip install -e ".[report]"')
 
 
 def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def test_a_panel_about_engines_without_one_is_refused_in_one_line(monkeypatch, t
     assert main(["panel", "engines", "--out", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err.strip()
     assert "\n" not in message
-    assert 'run: pip install "integ-gym[mujoco]"' in message
+    assert 'run: pip install -e ".[mujoco]"' in message
     assert not (tmp_path / "out").exists()
 
 
@@ -73,7 +73,7 @@ def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch)
     monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
     data = tomllib.loads(engines_panel.TOML)
     data["evaluate"][1]["map"] = "implicit_midpoint"
-    with pytest.raises(SpecError, match=r'pip install "integ-gym\[casadi\]"'):
+    with pytest.raises(SpecError, match=r'pip install -e "\.\[casadi\]"'):
         parse_spec(data, "test")
 
 
@@ -96,7 +96,7 @@ def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
     assert main(["panel", str(spec), "--out", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err.strip()
     assert "\n" not in message
-    assert f'pip install "integ-gym[{engine}]"' in message
+    assert f'pip install -e ".[{engine}]"' in message
     assert not (tmp_path / "out").exists()
 
 
