@@ -10,7 +10,7 @@ from integ_gym.support import lazy_door
 if TYPE_CHECKING:
     from .film import LEAST_START, Film
     from .of_policy import side_by_side
-    from .of_record import watch
+    from .of_record import candidates, watch
     from .window import show_film
     from .writing import check_writable
 else:

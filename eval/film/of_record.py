@@ -71,6 +71,36 @@ def watch(
     return Film(episodes, homes, _note(record, homes, episodes))
 
 
+_CANDIDATES = """
+SELECT record_id, cell, failure_label, count(*) OVER (PARTITION BY cell, failure_label) AS alike
+FROM records
+WHERE phase = 'evaluation' AND NOT success AND perturbation IS NULL AND policy_hash IS NOT NULL
+QUALIFY row_number() OVER (
+  PARTITION BY cell, failure_label ORDER BY energy IS NULL, episode_index, policy_id) = 1
+ORDER BY failure_label != 'discretization_error', alike DESC, cell
+LIMIT {limit}
+"""
+
+
+def candidates(run: str | os.PathLike[str], limit: int = 10) -> list[dict[str, Any]]:
+    """Failed episodes that are worth a film, those that succeed at home first.
+
+    Of each cell and failure label one, with a trace where there is one.
+
+    Args:
+        run: directory of the run.
+        limit: how many at most.
+
+    Returns:
+        For each `record_id`, `cell`, `failure_label`, and `alike`: how many episodes of that cell
+        have that label.
+
+    Raises:
+        EvidenceError: for a run that is not there.
+    """
+    return open_run(Path(run)).query(_CANDIDATES.format(limit=limit)).to_pylist()
+
+
 def _possible(
     cells: list[Discretization],
     twins: Mapping[Discretization, EvidenceRecord | bool],

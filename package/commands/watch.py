@@ -7,12 +7,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval import Film, check_writable, show_film, side_by_side, watch
-from integ_gym.support import CommandParser, say, whole_number
+from integ_gym.eval import Film, candidates, check_writable, show_film, side_by_side, watch
+from integ_gym.support import CommandParser, print_aligned, say, whole_number
 from integ_gym.train import policy_file
 
 EXAMPLES = """\
 examples:
+  integ-gym watch runs/panel      lists records that are worth a film
   integ-gym watch runs/panel 3f9a --out film.gif
                                   where the policy was trained, where it was recorded, the truth
   integ-gym watch runs/panel 3f9a --on explicit_euler "rk4 dt=0.0125" truth --out film.mp4
@@ -23,7 +24,7 @@ examples:
 
 A discretization is written as in a panel: INTEGRATOR, if need be with an engine before it and
 dt=S after it; what it does not say is the record's, or the policy's home's.
-`integ-gym evidence query RUN "SELECT record_id, cell, failure_label FROM records"` lists records.
+`integ-gym watch RUN` lists records that are worth a film.
 """
 
 
@@ -40,7 +41,8 @@ def parser() -> argparse.ArgumentParser:
     add("run", type=Path, metavar="RUN", help="directory of a run, or of a trained policy")
     add(
         "record", nargs="?", metavar="RECORD",
-        help="id of a record, or how it begins; none for a trained policy",
+        help="id of a record, or how it begins; none for a trained policy, or to list records that "
+        "are worth a film",
     )  # fmt: skip
     add(
         "--on", nargs="+", action="extend", default=[], metavar="NAME",
@@ -59,6 +61,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
+    if given.record is None and (given.run / "evidence").is_dir():
+        return _list(given)
     if given.out is not None:
         check_writable(given.out)
     film = _film(given)
@@ -70,6 +74,22 @@ def main(argv: Sequence[str]) -> int:
         show_film(film)
         return 0
     print(f"Film: {film.write(given.out).resolve()}")
+    return 0
+
+
+def _list(given: argparse.Namespace) -> int:
+    """Print records that are worth a film: 0, or 2 where one was asked for."""
+    rows = candidates(given.run)
+    if not rows:
+        say(f"No evaluated episode of {given.run} failed.", sys.stdout)
+        return 0
+    say(
+        "Failed episodes, one of each cell and label; those that succeed at home first:", sys.stdout
+    )
+    names = ("record", "cell", "label", "alike")
+    table = [(r["record_id"][:8], r["cell"], r["failure_label"], str(r["alike"])) for r in rows]
+    print_aligned(names, table, sys.stdout)
+    print(f"\nFilm: integ-gym watch {given.run} {table[0][0]} --out film.gif")
     return 0
 
 

@@ -152,10 +152,23 @@ def test_control_periods_that_differ_are_told_in_every_pane(panel_directory):
     assert "a decision every" not in film._note
 
 
+def test_a_run_without_a_record_lists_a_few_that_are_worth_a_film(panel_directory, capsys):
+    assert main(["watch", str(panel_directory)]) == 0
+    printed = capsys.readouterr().out
+    listed = re.findall(r"^([0-9a-f]{8})  (.+?)  ", printed, re.MULTILINE)
+    assert 0 < len(listed) <= 10
+    for prefix, cell in listed:
+        record = open_run(panel_directory).find(prefix)
+        assert (record["cell"], record["success"]) == (cell, False)
+    labels = re.findall(r"(\w+_error|not_learned|unattributed|unachievable|too_slow) ", printed)
+    caused = [label == "discretization_error" for label in labels]
+    assert caused == sorted(caused, reverse=True)
+
+
 TRACED = f"{TRAINED} AND energy IS NOT NULL"
 BARE_TRAINING = "phase = 'training' AND energy IS NULL"
 REFUSALS = [
-    ("no such record", "zz", [], "no record 'zz'.*list them with `integ-gym evidence query"),
+    ("no such record", "zz", [], "no record 'zz'.*list some with `integ-gym watch RUN`"),
     ("too short an id", "", [], r"records of .* begin with ''.*give more digits"),
     ("untraced training", BARE_TRAINING, [], "give one that has a trace, without --on, or a"),
     (
