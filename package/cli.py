@@ -33,7 +33,6 @@ NEEDS = {
     "panel": "panel",
     "train": "train",
     "evaluate": "report",
-    "predict": "panel",
     "atlas": "panel",
     "diagnose": "report",
     "engines": "evidence",

@@ -177,8 +177,8 @@ class EvidenceStore:
         found = exact or found
         if not found:
             raise EvidenceError(
-                f"no record {record_id!r} in {self.directory}; list some with `integ-gym watch RUN`, or "
-                "with `integ-gym evidence query RUN "
+                f"no record {record_id!r} in {self.directory}; list some with "
+                "`integ-gym watch RUN`, or with `integ-gym evidence query RUN "
                 '"SELECT record_id, cell, failure_label FROM records LIMIT 20"`'
             )
         if len(found) > 1:

@@ -62,7 +62,12 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     if given.record is None and (given.run / "evidence").is_dir():
-        return _list(given)
+        if given.on or given.out or given.seed is not None:
+            raise ValueError(
+                f"{given.run} is no trained policy; give the id of one of its records after it, "
+                f"such as `integ-gym watch {given.run}` lists"
+            )
+        return _list(given.run)
     if given.out is not None:
         check_writable(given.out)
     film = _film(given)
@@ -77,19 +82,16 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _list(given: argparse.Namespace) -> int:
-    """Print records that are worth a film: 0, or 2 where one was asked for."""
-    rows = candidates(given.run)
+def _list(run: Path) -> int:
+    """Print records that are worth a film."""
+    rows = candidates(run)
     if not rows:
-        say(f"No evaluated episode of {given.run} failed.", sys.stdout)
+        say(f"No evaluated episode of {run} failed.", sys.stdout)
         return 0
-    say(
-        "Failed episodes, one of each cell and label; those that succeed at home first:", sys.stdout
-    )
-    names = ("record", "cell", "label", "alike")
+    say("Failed episodes, one of each cell and label; first what succeeds at home:", sys.stdout)
     table = [(r["record_id"][:8], r["cell"], r["failure_label"], str(r["alike"])) for r in rows]
-    print_aligned(names, table, sys.stdout)
-    print(f"\nFilm: integ-gym watch {given.run} {table[0][0]} --out film.gif")
+    print_aligned(("record", "cell", "label", "alike"), table, sys.stdout)
+    print(f"\nFilm: integ-gym watch {run} {table[0][0]} --out film.gif")
     return 0
 
 

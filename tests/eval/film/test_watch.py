@@ -225,7 +225,7 @@ def test_what_has_no_pictures_is_refused_with_what_shows_it(diagnosis, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["RUN"], "is no trained policy; give the id of one of its records"),
+        (["RUN", "--seed", "3"], "is no trained policy; give the id of one of its records"),
         (["absent"], "there is no absent"),
         (["absent", "a"], "no directory absent; give a run's directory"),
         (["EMPTY", "a"], "holds no evidence"),
