@@ -67,18 +67,27 @@ class CalledPolicy:
             int64 of shape (n,) for a `Discrete` action space.
 
         Raises:
-            ValueError: if what comes back are no such actions.
+            ValueError: if it fails, or what comes back are no such actions.
         """
+        try:
+            given = self._ask(observations)
+        except Exception as error:
+            raise ValueError(
+                f"policy {self.policy_id!r} raised {type(error).__name__}: {error}; give a "
+                f"function from one observation, an array of shape {observations.shape[1:]}, to "
+                "one action"
+            ) from error
+        return self._as_actions(given, len(observations))
+
+    def _ask(self, observations: NDArray[Any]) -> NDArray[Any]:
         way = self._way()
         if way == "call":
-            given = np.stack([_array(self.target(one)) for one in observations])
-        elif way == "act":
-            given = _array(self.target.act(observations))
-        elif way == "predict":
-            given = _array(_first(self.target.predict(observations)))
-        else:
-            given = _array(_first(self.target.predict(observations, deterministic=True)))
-        return self._as_actions(given, len(observations))
+            return np.stack([_array(self.target(one)) for one in observations])
+        if way == "act":
+            return _array(self.target.act(observations))
+        if way == "predict":
+            return _array(_first(self.target.predict(observations)))
+        return _array(_first(self.target.predict(observations, deterministic=True)))
 
     def _as_actions(self, given: NDArray[Any], count: int) -> ActionArray:
         discrete = isinstance(self.action_space, spaces.Discrete)

@@ -111,7 +111,7 @@ def _as_policy(
         return CalledPolicy(target, action_space, target.policy_id, target.content_hash)
     called = CalledPolicy(target, action_space, name)
     observations = _observations(env_id, arguments)
-    return replace(called, content_hash=_hashed(called, observations))
+    return replace(called, content_hash=behaviour_hash(called, observations))
 
 
 def _checked(policy: Any, observation_space: Any, action_space: Any) -> Any:
@@ -126,18 +126,6 @@ def _checked(policy: Any, observation_space: Any, action_space: Any) -> Any:
 def _is_sb3_model(target: Any) -> bool:
     kinds = {base.__module__.partition(".")[0] for base in type(target).__mro__}
     return "stable_baselines3" in kinds and hasattr(target, "policy_kwargs")
-
-
-def _hashed(policy: CalledPolicy, observations: NDArray[Any]) -> str:
-    try:
-        return behaviour_hash(policy, observations)
-    except (TypeError, ValueError):
-        raise
-    except Exception as error:  # whatever the user's code does
-        raise ValueError(
-            f"policy {policy.policy_id!r} raised {type(error).__name__}: {error}; give a function "
-            f"from one observation, an array of shape {observations.shape[1:]}, to one action"
-        ) from error
 
 
 def _observations(env_id: str, arguments: Mapping[str, Any]) -> NDArray[Any]:

@@ -383,6 +383,11 @@ class RunDirectory:
             return
         if before == now[: len(before)]:
             return
+        if not now:
+            raise RunDirectoryError(
+                f"{self.storage} holds a panel with policies of its own; give another directory "
+                "with --out"
+            )
         if now == before[: len(now)]:
             raise RunDirectoryError(
                 f"{self.storage} holds this panel with {len(before)} seeds, not {len(now)}; give "

@@ -237,3 +237,14 @@ def test_fewer_or_other_seeds_are_refused(spec, tmp_path, panel_directory, capsy
     assert main(["panel", str(spec), "--out", str(copy)]) == 2
     assert sentence in capsys.readouterr().err
     assert (copy / "run.json").read_bytes() == before
+
+
+def test_an_evaluation_into_a_panel_is_refused_with_what_evaluate_takes(
+    tmp_path, panel_directory, capsys
+):
+    policy = next((panel_directory / "policies").glob("*/policy.safetensors"))
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(panel_directory)]
+    assert main([*command, "--integrator", "rk4", "--dt", "0.05"]) == 2
+    error = capsys.readouterr().err
+    assert "give another directory with --out" in error
+    assert "--seeds" not in error

@@ -1,0 +1,179 @@
+"""Use each extra alone, in an empty environment: the commands and imports that it is named for.
+
+    .venv/bin/python .ci/extras.py                 those that the README names first
+    .venv/bin/python .ci/extras.py --all           every extra, engines included: several GB
+    .venv/bin/python .ci/extras.py train numba     these
+
+Each environment gets the checkout with one extra and the pins, and a folder with nothing in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+STEP = """
+import gymnasium as gym, integ_gym
+env = gym.make("IntegPendulum-v0", {arguments})
+env.reset(seed=0)
+print(env.step([0.5])[0])
+"""
+
+RECORD = """
+import gymnasium as gym, integ_gym
+env = gym.make("IntegPendulum-v0", integrator="rk4", dt=0.05, duration=1.0)
+env = integ_gym.RecordEvidence(env, "run/evidence", run_id="run")
+env.reset(seed=0)
+while not env.step([0.5])[3]:
+    pass
+env.close()
+"""
+
+
+SPEC = """
+name = "small"
+env_id = "IntegPendulum-v0"
+control_period = 0.05
+seeds = [0]
+episodes = 2
+baselines = ["random", "handmade"]
+environment = { max_torque = 1.0, duration = 1.0 }
+training = { total_steps = 1024, n_steps = 64 }
+train = [{ integrator = "rk4", dt = 0.05 }]
+evaluate = [{ integrator = "rk4", dt = 0.05 }]
+"""
+
+
+SB3 = "integ-gym train --integrator rk4 --dt 0.05 --total-steps 512 --n-steps 64 --out policy"
+FLEET = "integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --total-steps 1024 --out policy"
+
+
+def _python(code: str) -> list[str]:
+    return ["python", "-c", code]
+
+
+def _step(**arguments: object) -> list[str]:
+    return _python(STEP.format(arguments=", ".join(f"{k}={v!r}" for k, v in arguments.items())))
+
+
+FUNCTION = "def still(observation):\n    return [0.0]\n"
+EVALUATE = (
+    "integ-gym evaluate --policy mine:still --env IntegPendulum-v0 --integrator rk4 --dt 0.05 "
+    "--episodes 2 --out judged"
+)
+VERIFY = "integ-gym evidence verify judged"
+
+USES: dict[str, list[str | list[str]]] = {
+    "": [_step(integrator="rk4", dt=0.05), "integ-gym --help"],
+    "evidence": [
+        _python(RECORD),
+        "integ-gym evidence query run 'SELECT record_id, success FROM records LIMIT 3'",
+        "integ-gym evidence show run",
+        "integ-gym evidence verify run",
+    ],
+    "train": [SB3, "integ-gym evidence query policy 'SELECT count(*) FROM records'"],
+    "fleet": [FLEET, "integ-gym evidence query policy 'SELECT count(*) FROM records'"],
+    "report": [
+        EVALUATE,
+        VERIFY,
+        "integ-gym report judged",
+        "integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.1 --out diagnosed",
+        "integ-gym engines --engine native",
+        "integ-gym census --published gymnasium --out census",
+    ],
+    "panel": ["integ-gym panel small.toml --out run", "integ-gym evidence verify run"],
+    "render": [_step(integrator="rk4", dt=0.05, render_mode="rgb_array")],
+    "numba": [
+        _python(
+            "import gymnasium as gym, integ_gym\n"
+            "envs = gym.make_vec('IntegPendulum-v0', 8, compiled=True)\n"
+            "envs.reset(seed=0)\n"
+            "print(envs.step(envs.action_space.sample())[0].shape)"
+        )
+    ],
+    "exchange": [
+        _python(RECORD),
+        "integ-gym evidence export run --to minari --out datasets",
+        "integ-gym evidence export run --to mcap --out logs",
+    ],
+    **{
+        engine: [_step(engine=engine)]
+        for engine in (
+            "mujoco",
+            "mjx",
+            "mujoco_warp",
+            "newton",
+            "casadi",
+            "dart",
+            "drake",
+            "pinocchio",
+            "pybullet",
+            "sapien",
+        )
+    },
+}
+"""Extra to what a user of it does."""
+
+FIRST = ("", "evidence", "train", "fleet", "report", "panel")
+"""Those that the README's first commands need."""
+
+
+def main() -> int:
+    """Use each; 1 if one does not suffice."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("extras", nargs="*", metavar="EXTRA", help="default: the README's first")
+    parser.add_argument("--all", action="store_true", help="every extra in the table")
+    given = parser.parse_args()
+    known = _extras()
+    if unknown := set(given.extras) - known - {""}:
+        parser.error(f"no extra {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
+    chosen = given.extras or (USES if given.all else FIRST)
+    failed = [extra for extra in chosen if not _use(extra)]
+    for extra in failed:
+        print(f"does not suffice: {extra or 'no extra'}")
+    return 1 if failed else 0
+
+
+def _extras() -> set[str]:
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    return set(tomllib.loads(text)["project"]["optional-dependencies"])
+
+
+def _use(extra: str) -> bool:
+    """Whether everything in an environment with this extra alone ends with 0."""
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        bin_ = Path(folder, "venv", "bin")
+        subprocess.run([sys.executable, "-m", "venv", bin_.parent], check=True)
+        target = f"{ROOT}[{extra}]" if extra else str(ROOT)
+        subprocess.run(
+            [ROOT / ".ci" / "install", bin_ / "python", "--editable", target], check=True
+        )
+        Path(folder, "small.toml").write_text(SPEC, encoding="utf-8")
+        Path(folder, "mine.py").write_text(FUNCTION, encoding="utf-8")
+        print(f"{extra or 'no extra'}: installed in {time.monotonic() - begun:.0f} s", flush=True)
+        path = f"{bin_}{os.pathsep}{os.environ['PATH']}"
+        own = {**os.environ, "PATH": path, "SDL_VIDEODRIVER": "dummy"}
+        for use in USES.get(extra, []):
+            words = use if isinstance(use, list) else ["sh", "-c", use]
+            done = subprocess.run(words, cwd=folder, env=own, capture_output=True, text=True)
+            shown = use if isinstance(use, str) else "python -c …"
+            print(f"  {'ok    ' if done.returncode == 0 else 'FAILED'} {shown}", flush=True)
+            if done.returncode:
+                print(done.stdout[-1000:], done.stderr[-2000:])
+                return False
+    return True
+
+
+if __name__ == "__main__":
+    sys.exit(main())
