@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
+    from .answer import Finding, NextStep, answer_lines, finding_of, next_step
     from .calls import evaluate, run_panel, specified, work_on_panel
     from .checking import against_plan, check_finished
     from .existing import acting_in, policy_of

@@ -19,6 +19,7 @@ from integ_gym.support import (
     whole_number,
 )
 
+from .printed import print_details, print_headline, print_next
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\
@@ -134,13 +135,14 @@ def main(argv: Sequence[str]) -> int:
         own_code=given.own_code,
         workers=workers_of(given),
         progress=not given.no_progress,
-        on_home=lambda line: say(line, sys.stdout),
+        on_home=lambda line: say(line, sys.stderr),
         command=told_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,
         address=given.address,
         resources=resources_of(given),
     )
-    say(panel.question, sys.stdout)
-    say(panel.said(panel.answer), sys.stdout)
+    print_headline(panel)
+    print_details(panel)
+    print_next(panel)
     print(f"Page: {told_page(given.out)}")
     return 0

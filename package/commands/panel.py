@@ -34,7 +34,14 @@ from integ_gym.support import (
     width_of,
 )
 
-from .printed import print_plan, print_power, print_verdicts
+from .printed import (
+    print_details,
+    print_headline,
+    print_next,
+    print_plan,
+    print_power,
+    print_verdicts,
+)
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\
@@ -191,17 +198,18 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
         lease=arguments.lease,
     )
-    say(panel.question, sys.stdout)
+    print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
     if arguments.verbose or not panel.verdicts:
-        say(panel.said(panel.answer), sys.stdout)
+        print_details(panel)
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
             print(
                 beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
             )
+    print_next(panel)
     print(f"Page: {told_page(arguments.out)}")
     if is_remote(arguments.out):
         return 0

@@ -26,7 +26,6 @@ from ..results import (
     JUDGING,
     Begin,
     cost_of,
-    given_remark,
     given_rows,
     phases,
     reduced,
@@ -143,7 +142,6 @@ def _write(
         command=command,
         cost=cost_of(directory, (), processes),
         spec={**spec.to_json(), "home": existing.told},
-        remark=given_remark(spec, layout, matrix),
         warnings=doubts_of(existing, spec, layout, matrix, EvidenceStore(directory.evidence)),
     )
 

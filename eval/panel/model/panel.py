@@ -59,7 +59,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         schema_version: version of this form.
         name: name of the panel.
         question: question that the panel asks.
-        answer: answer to it, in sentences with numbers.
+        answer: answer to it, a line for each thing that is said; the first says success at home, on
+            the truth, what is lost, and whether dt is the cause.
         warnings: what a reader must know before trusting anything here.
         spec: specification of the panel.
         protocol_gaps: what of the protocol the panel leaves out, in sentences.
@@ -174,7 +175,12 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def __repr__(self) -> str:
         """In one line; all of it is in ``panel.json``, and the fields above hold it."""
         about = f"{len(self.rows)} rows, {len(self.cells)} cells"
-        return f"<Panel {self.name!r}: {about}; {self.answer}>"
+        return f"<Panel {self.name!r}: {about}; {self.headline}>"
+
+    @property
+    def headline(self) -> str:
+        """The first line of the answer."""
+        return self.answer.partition("\n")[0]
 
     @cached_property
     def given_alone(self) -> bool:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .comparing import ROUNDING
     from .ending import CHECKING, JUDGING, Begin, phases
     from .findings import paired_episodes
-    from .given import compares_success, given_remark, given_rows, home_cell
+    from .given import compares_success, given_rows, home_cell
     from .layout import PanelLayout
     from .matrix import Matrix
     from .outputs import cost_of, reduced, write_artefact, write_outputs

@@ -24,6 +24,7 @@ from ...verdict import (
     postponed,
     seeds_wanted,
 )
+from ..answer import answer_lines
 from ..model import Cell as PanelCell
 from ..model import (
     EngineAgreement,
@@ -37,7 +38,7 @@ from ..model import (
 )
 from ..model import Row as PanelRow
 from ..specification import Cell
-from .findings import answer_of, paired_episodes, rankings, remedies
+from .findings import paired_episodes, rankings, remedies
 from .layout import PanelLayout
 from .matrix import Matrix, Row
 
@@ -54,7 +55,6 @@ def build_artefact(
     directory: str,
     training_steps: int | None = None,
     engine_agreement: tuple[EngineAgreement, ...] = (),
-    remark: str = "",
     undecided: str = "",
     **told: Any,
 ) -> Panel:
@@ -68,7 +68,6 @@ def build_artefact(
         directory: see :class:`Panel`.
         training_steps: decisions that each policy was trained for; None where none was.
         engine_agreement: see :class:`Panel`.
-        remark: a sentence that is added to the answer.
         undecided: why there are no verdicts yet, in a sentence; nothing where there are.
         told: attributes of :class:`Panel` that the outcome does not tell.
     """
@@ -118,10 +117,8 @@ def build_artefact(
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
     )
-    answer = answer_of(layout, matrix, judgements, panel)
-    return msgspec.structs.replace(
-        panel, answer=" ".join(part for part in (undecided, answer, remark) if part)
-    )
+    lines = (*([undecided] if undecided else []), *answer_lines(panel))
+    return msgspec.structs.replace(panel, answer="\n".join(lines))
 
 
 def _weights(policies: Mapping[str, Policy]) -> str:

@@ -14,7 +14,7 @@ from ..model import Panel
 from ..running import RunDirectory, evaluated
 from ..specification import PanelSpec, planned_home
 from .comparing import Difference, differences
-from .given import given_remark, given_rows
+from .given import given_rows
 from .outputs import artefact_of, policies_of, reduced, rows_of, stage, trained
 
 _UNDECIDED = "Not decided yet"
@@ -78,5 +78,4 @@ def _evaluated(
     layout, matrix = reduced(spec, directory, given_rows(spec, row, planned_home(plan)))
     policies = [policy for one in said.rows for policy in one.policies]
     hashed = [msgspec.structs.replace(x, hash=x.hash and held[x.id].policy_hash) for x in policies]
-    remark = given_remark(spec, layout, matrix)
-    return artefact_of(directory, layout, matrix, hashed, **told, remark=remark)
+    return artefact_of(directory, layout, matrix, hashed, **told)

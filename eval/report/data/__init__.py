@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from .findings import findings_of
     from .forest import Forest, Line, Mark, Tone
     from .gaps import VERDICT_ORDER, gap_forest, ordered_verdicts
-    from .headline import headline_of
     from .ladders import LadderPlot, LadderPlots, Series, ladder_plots, thinned
     from .matrices import (
         Matrix,

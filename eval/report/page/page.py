@@ -22,14 +22,13 @@ from integ_gym.support import (
 )
 
 from ... import verdict as rules
-from ...panel.model import Panel
+from ...panel import Panel, answer_lines, next_step
 from ..data import (
     RATE_AXIS,
     check_forest,
     costs_of,
     findings_of,
     gap_forest,
-    headline_of,
     ladder_plots,
     mixtures_of,
     ordered_verdicts,
@@ -152,7 +151,8 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         **_own_parts(panel, told),
         "panel": panel,
         "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
-        "headline": headline_of(panel),
+        "answer": answer_lines(panel),
+        "next_step": next_step(panel),
         "task": task,
         "leads": leads,
         "watch_title": _watch_title(told),

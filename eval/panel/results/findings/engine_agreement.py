@@ -110,28 +110,3 @@ def _agreement(
 
 def _mean(values: Sequence[Any]) -> float:
     return float(np.concatenate([v.ravel() for v in values]).mean())
-
-
-def agreement_answer(found: Sequence[EngineAgreement]) -> str | None:
-    """In one sentence with numbers; None without an engine's cell that has a twin."""
-    paired = [
-        (one, one.differing, one.largest)
-        for one in found
-        if one.differing is not None and one.largest is not None
-    ]
-    if not paired:
-        return None
-    same = sum(differing == 0 for _, differing, _ in paired)
-    total = sum(one.episodes for one, _, _ in paired)
-    if same == len(paired):
-        return (
-            f"Yes: on each of {len(paired)} cells of other engines all episodes, {total} in all, "
-            "end as on the native engine with the same map, step and starts."
-        )
-    worst, _, largest = max(paired, key=lambda one: (one[2], one[1]))
-    return (
-        f"On {same} of {len(paired)} cells of other engines every episode ends as on the "
-        f"native engine with the same map, step and starts; of all {total} episodes "
-        f"{sum(differing for _, differing, _ in paired)} end otherwise, and no row's success "
-        f"differs by more than {largest:.2f} ({worst.cell})."
-    )

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ....statistics import holm, paired_return, paired_success
-from ....verdict import ALPHA, p_text
 from ...model import Estimate, PairedEpisodes
 from ..layout import PanelLayout
 from ..matrix import Matrix, Row
@@ -80,53 +79,3 @@ def _return(there: Array, here: Array) -> tuple[Estimate, float] | None:
     interval, p = paired_return(there, here)
     estimate = Estimate(float(np.mean(there - here)))
     return (estimate if interval is None else Estimate.of(interval)), p
-
-
-def paired_remark(found: tuple[PairedEpisodes, ...], success: bool = True) -> str:
-    """What the paired episodes show, in a sentence; nothing without any.
-
-    Args:
-        found: of one row.
-        success: whether success is compared beside the return.
-    """
-    shown = [_shown(found, kind) for kind in ((True, False) if success else (False,))]
-    told = "; ".join(filter(None, shown))
-    if not told:
-        return ""
-    where = "at home" if found[0].against == "home" else "on the truth"
-    return f"This policy, these {found[0].episodes} starts, against what it does {where}: {told}."
-
-
-def _shown(found: tuple[PairedEpisodes, ...], success: bool) -> str:
-    """On how many cells success, or the return, is shown to differ; nothing where not known."""
-    known = [
-        (one.cell, difference, p)
-        for one in found
-        for difference, p in [
-            (one.success, one.p_success_adjusted)
-            if success
-            else (one.returns, one.p_return_adjusted)
-        ]
-        if difference is not None and p is not None
-    ]
-    if not known:
-        return ""
-    what = "success" if success else "the mean return"
-    shown = [(cell, difference, p) for cell, difference, p in known if p < ALPHA]
-    lower = sum(difference.estimate > 0.0 for _, difference, _ in shown)
-    if not shown:
-        return f"{what} is not shown to differ on any of {len(known)} cells"
-    cell, difference, p = max(shown, key=lambda one: abs(one[1].estimate))
-    change = "lower" if difference.estimate > 0.0 else "higher"
-    return (
-        f"{what} is lower on {lower} and higher on {len(shown) - lower} of {len(known)} "
-        f"cells, and the most {change} on {cell}: by {_size(difference)}, adjusted {p_text(p)}"
-    )
-
-
-def _size(difference: Estimate) -> str:
-    """Size of a difference with its interval."""
-    ends = sorted(abs(end) for end in difference.ends)
-    crossing = difference.ends[0] < 0.0 < difference.ends[1]
-    interval = "" if crossing or not difference.bounded else f" ({ends[0]:.2f} to {ends[1]:.2f})"
-    return f"{abs(difference.estimate):.2f}{interval}"

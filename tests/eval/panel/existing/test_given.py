@@ -131,7 +131,9 @@ def test_a_function_of_a_module_is_judged_by_the_command(tmp_path, monkeypatch, 
     chosen = ["--integrator=rk4", "--dt=0.05", "--episodes=2", "--env-arg", "duration=1.0"]
     command = ["evaluate", "--policy", "my_policies:still", "--env", PENDULUM, "--out", out]
     assert main([*command, *chosen, "--workers", "1", "--no-progress"]) == 0
-    assert capsys.readouterr().out.startswith("home: unknown (")
+    printed = capsys.readouterr()
+    assert printed.err.startswith("home: unknown (")
+    assert "home unknown, so what is lost is unknown" in " ".join(printed.out.split())
     panel = integ_gym.read_panel(Path(out) / "panel.json")
     assert panel.row("still").policies[0].file is None
 

@@ -116,7 +116,9 @@ def test_a_stated_home_stands_in_the_records(own_ppo, tmp_path, capsys):
         assert json.loads(record["training_discretization"]) == stated
         assert record.arguments()["max_speed"] is None
     told = "home: explicit_euler dt=0.05, control period 0.05 s (stated)"
-    assert capsys.readouterr().out.startswith(told)
+    printed = capsys.readouterr()
+    assert printed.err.startswith(told)
+    assert printed.out.startswith(("Success at home ", "Mean return at home "))
     assert _panel(tmp_path / "out")["rows"][0]["home"] == "explicit_euler dt=0.05"
 
 
@@ -128,7 +130,8 @@ def test_a_home_that_nobody_states_is_unknown_everywhere(own_ppo, tmp_path, caps
     assert "unattributed" in labels
     assert not labels & {"discretization_error", "control_error", "planning_error"}
     printed = capsys.readouterr()
-    assert printed.out.startswith("home: unknown (no side-car says it, and none was stated; ")
+    assert printed.err.startswith("home: unknown (no side-car says it, and none was stated; ")
+    assert "home unknown, so what is lost is unknown" in " ".join(printed.out.split())
     assert "warning: the home of own is unknown" in printed.err
     assert _panel(tmp_path / "out")["rows"][0]["home"] is None
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

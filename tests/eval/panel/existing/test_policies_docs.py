@@ -128,8 +128,9 @@ def test_a_documented_command_runs(words, folder, capsys):
     assert main(["evaluate", *words, *SMALL]) == 0
     out = folder / words[words.index("--out") + 1]
     panel = read_panel(out / "panel.json")
-    printed = capsys.readouterr().out
-    assert printed.startswith("home: ")
-    assert printed.startswith("home: unknown") == (panel.rows[0].home is None)
+    printed = capsys.readouterr()
+    assert printed.err.startswith("home: ")
+    assert printed.err.startswith("home: unknown") == (panel.rows[0].home is None)
+    assert panel.said(panel.headline).split()[:3] == printed.out.split()[:3]
     assert {entry.episodes for entry in panel.matrix} == {2}
     assert (out / "report.html").exists()

@@ -17,7 +17,6 @@ from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.running.evaluation.achievability import Tried
 from integ_gym.eval.panel.specification.cells.cell import Cell
-from integ_gym.eval.report.data.headline import headline_of
 from integ_gym.eval.verdict.achievability import Search
 
 Rates = npt.NDArray[np.float64]
@@ -81,7 +80,8 @@ def verdicts(panel: Panel) -> dict[tuple[str, str], str]:
 def test_all_transfer() -> None:
     panel = planted(lambda row, cell: PERFECT)
     assert set(verdicts(panel).values()) == {"transfers"}
-    assert panel.answer == "Yes: all 3 declared transfers hold within ±0.1 success."
+    assert panel.headline.startswith("Success at home 1.00, on the truth 1.00, lost 0.00 (95 %")
+    assert panel.headline.endswith("practically equal (within ±0.1), dt is not the cause.")
 
 
 def test_what_holds_and_comes_late_is_told() -> None:
@@ -91,13 +91,12 @@ def test_what_holds_and_comes_late_is_told() -> None:
         lambda row, cell: PERFECT,
     )
     assert set(verdicts(panel).values()) == {"transfers"}
-    assert panel.answer.startswith(
-        "Yes: all 3 declared transfers hold within ±0.1 success. What is"
+    assert panel.headline.startswith("Success at home 1.00, on the truth 0.60, lost 0.40")
+    assert panel.headline.endswith(
+        f"trained on {HERE.name}: the time limit is the cause, overfitting to dt is not."
     )
-    assert f"{HERE.name} on {TRUTH.name}: success is 1.00 at home and 0.60 there" in panel.answer
-    told = headline_of(panel)
-    assert f"The deadline costs {HERE.name} 0.40 on {TRUTH.name}: success 0.60 there, 1.00" in told
-    assert "0.40" not in headline_of(planted(lambda row, cell: PERFECT))
+    assert "0.40 comes back in twice the time" in panel.answer
+    assert "3 hold (" in panel.answer
 
 
 def test_overfitting_fails() -> None:
@@ -109,8 +108,11 @@ def test_overfitting_fails() -> None:
     (judged,) = (one for one in panel.verdicts if one.verdict == "fails")
     assert judged.overfitting.estimate == pytest.approx(0.8)
     assert judged.total.estimate == pytest.approx(0.8)
-    assert panel.answer.startswith("No: of 3 declared transfers 1 fail and 2 hold")
-    assert f"overfitting to {HERE.name}" in panel.answer
+    assert panel.headline.startswith(
+        f"Success at home 1.00, on {THERE.name} 0.20, lost 0.80 (95 % interval"
+    )
+    assert panel.headline.endswith(f"trained on {HERE.name}: dt is the cause.")
+    assert f"Of 3 declared transfers, 1 fails ({HERE.name} on {THERE.name}), 2 hold" in panel.answer
 
 
 def test_a_cell_that_nobody_can_solve_is_no_failure_of_the_policies() -> None:
@@ -121,8 +123,8 @@ def test_a_cell_that_nobody_can_solve_is_no_failure_of_the_policies() -> None:
     assert panel.cell(THERE.name).achievability == "unachievable"
     assert verdicts(panel)[FAMILY[2]] == "not_learned"
     assert verdicts(panel)[FAMILY[1]] == "transfers"
-    assert f"{THERE.name} cannot be solved" in panel.answer
-    assert "No:" not in panel.answer
+    assert f"no control that was found solves {THERE.name}" in panel.answer
+    assert "dt is not the cause" in panel.headline
 
 
 def test_a_cell_that_takes_two_horizons_is_too_slow() -> None:
@@ -131,7 +133,7 @@ def test_a_cell_that_takes_two_horizons_is_too_slow() -> None:
 
     panel = planted(success, lambda row, cell: PERFECT, tried={THERE.name: SLOW})
     assert verdicts(panel)[FAMILY[0]] == "too_slow"
-    assert f"{THERE.name} can be solved in twice the time alone" in panel.answer
+    assert f"only twice the time solves {THERE.name}" in panel.answer
 
 
 def test_a_deadline_is_no_overfitting() -> None:
@@ -154,28 +156,25 @@ def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None
     panel = planted(at, tried={THERE.name: LOST}, family=())
     told = [(entry.row, entry.cell) for entry in panel.exploratory]
     assert told == [(TRUTH.name, HERE.name), (HERE.name, TRUTH.name)]
-    assert panel.answer.startswith("Exploratory, since no family of transfers was declared: of 2")
-    assert "1 loses more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
-    assert f"to {TRUTH.name}: success is 1.00 at home and 0.30 on {HERE.name}" in panel.answer
-    assert f"{THERE.name} cannot be solved" in panel.answer
-    assert headline_of(panel) == (
-        f"Policies trained on {TRUTH.name} reach success 1.00 at home and 0.30 on {HERE.name}; "
-        "0.70 is lost by overfitting to the simulator (exploratory). No family was declared: 1 of "
-        f"2 transfers loses more than 0.2; no control that was found solves {THERE.name}."
+    assert panel.headline.startswith(f"Success at home 1.00, on {HERE.name} 0.30, lost 0.70")
+    assert panel.headline.endswith(
+        f"trained on {TRUTH.name}: dt looks like the cause (exploratory: no family was declared)."
     )
+    assert "1 loses more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
+    assert f"no control that was found solves {THERE.name}" in panel.answer
 
 
 def test_without_a_family_small_losses_are_told_as_such() -> None:
-    told = headline_of(planted(lambda row, cell: PERFECT, family=()))
-    assert told.startswith("No transfer loses more than 0.00 of success by overfitting; the most")
-    assert "0 of 6 transfers lose more than 0.2." in told
+    panel = planted(lambda row, cell: PERFECT, family=())
+    assert "dt does not look like the cause" in panel.headline
+    assert "Of 6 transfers to cells that can be solved in time, 0 lose more" in panel.answer
 
 
 def test_without_a_family_nobody_learned() -> None:
     panel = planted(lambda row, cell: 0.3 * PERFECT, family=())
     assert panel.exploratory == ()
     assert panel.answer.startswith("Not answered: no policies have learned, which takes")
-    assert headline_of(panel) == panel.answer
+    assert panel.headline == panel.answer
 
 
 def test_nobody_learned() -> None:

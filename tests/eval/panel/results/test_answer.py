@@ -1,0 +1,196 @@
+"""The answer's first line says home, truth, loss and cause; the rest and what to do follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.eval.panel.answer import Finding, answer_lines, finding_of, next_step
+from integ_gym.eval.panel.model import Panel
+from integ_gym.eval.panel.model.matrix import Policy
+from integ_gym.eval.panel.model.panel import Cost
+from integ_gym.eval.panel.results.artefact import build_artefact
+from integ_gym.eval.panel.results.layout import PanelLayout
+from integ_gym.eval.panel.results.matrix import Matrix, Row
+from integ_gym.eval.panel.specification.cells.cell import Cell
+from integ_gym.eval.panel.specification.cells.perturbations import Perturbation
+
+HOME = Discretization("symplectic_euler", 0.05, 0.05)
+FINER = Discretization("symplectic_euler", 0.025, 0.05)
+RK4 = Discretization("rk4", 0.05, 0.05)
+TRUTH = Discretization("reference", 0.05, 0.05)
+HEAVY = "mass +20 %"
+
+
+def judged(
+    success: Mapping[str, float],
+    returns: Mapping[str, float] | None = None,
+    *,
+    home: Discretization | None = HOME,
+    truth: bool = True,
+    starts: int = 50,
+    command: str = "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine",
+) -> Panel:
+    """An evaluation of one policy; what is not given is as at home."""
+    discretizations = [HOME, FINER, RK4, *([TRUTH] if truth else [])]
+    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in discretizations}
+    heavy = Cell(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
+    cells[heavy.name] = heavy
+    rows = (Row("mine", "given", ("mine",), home), Row("random", "baseline", ("random",)))
+    noise = np.linspace(-1.0, 1.0, starts)
+    earned = {**dict.fromkeys(cells, -10.0), **(returns or {})}
+    rates = {**dict.fromkeys(cells, success[HOME.name]), **success}
+    records = [
+        {
+            "policy_id": row.name, "cell": cell, "episode_index": k,
+            "record_id": f"{row.name}{cell}{k}",
+            "success": row.name == "mine" and k < round(rates[cell] * starts),
+            "replay_second_horizon": None,
+            "return": (earned[cell] if row.name == "mine" else -110.0) + noise[k],
+            "time_to_success": None, "energy_residual_total": 0.0,
+            "energy_residual_abs_total": 0.0, "solver_status": "ok", "failure_label": "none",
+            "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0,
+        }
+        for row in rows
+        for cell in cells
+        for k in range(starts)
+    ]  # fmt: skip
+    layout = PanelLayout(
+        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name if truth else None
+    )
+    return build_artefact(
+        layout, Matrix(rows, records, starts), {i: Policy(id=i) for i in ("mine", "random")},
+        {"mine": (), "random": ()},
+        directory="runs/mine", name="evaluate mine", question="?", command=command, versions={},
+        spec={"env_id": "IntegPendulum-v0", "environment": {"max_torque": 0.7}},
+        cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
+    )  # fmt: skip
+
+
+def found(panel: Panel) -> Finding:
+    finding = finding_of(panel)
+    assert finding is not None
+    return finding
+
+
+def test_a_clean_result_leads_with_that() -> None:
+    """Nothing is lost on the truth: what is lost on other cells and perturbations comes later."""
+    panel = judged({HOME.name: 1.0, RK4.name: 0.2, f"{HOME.name}, {HEAVY}": 0.1})
+    first, *rest = panel.answer.splitlines()
+    assert first == (
+        "Success at home 1.00, on the truth 1.00, lost 0.00 (95 % interval −0.03 to 0.03): "
+        "practically equal (within ±0.1), dt is not the cause."
+    )
+    assert found(panel).status == "not_cause"
+    others, perturbed = (next(x for x in rest if noun in x) for noun in ("discretiz", "perturb"))
+    assert others.startswith("2 other discretizations against home: 1 lower, 1 practically equal")
+    assert f"Largest: {RK4.name} lost 0.80 (0.66 to 0.89)." in others
+    assert HEAVY not in others
+    assert perturbed.startswith("1 perturbation against home: 1 lower. Largest:")
+    assert f"{HEAVY} lost 0.90" in perturbed
+
+
+def test_a_loss_on_the_truth_is_put_down_to_dt() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4}, {TRUTH.name: -60.0})
+    assert panel.headline == (
+        "Success at home 1.00, on the truth 0.40, lost 0.60 (95 % interval 0.45 to 0.72): dt is "
+        "the cause."
+    )
+    assert any(
+        line.startswith("Mean return at home −10.00, on the truth −60.00, lost 50.00")
+        and "50 % of its lead over random" in line
+        for line in answer_lines(panel)
+    )
+
+
+def test_a_small_loss_that_is_shown_is_practically_equal() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.98}, starts=400)
+    assert found(panel).status == "not_cause"
+
+
+def test_few_starts_show_nothing_either_way() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3)
+    assert panel.headline.endswith("3 starts do not show whether dt is the cause.")
+    step = next_step(panel)
+    assert step is not None
+    assert step.command == (
+        "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine-12-starts --episodes 12"
+    )
+
+
+def test_what_is_gained_on_the_truth_is_no_loss() -> None:
+    panel = judged({HOME.name: 0.4, TRUTH.name: 0.9})
+    assert "gained 0.50 (95 % interval 0.35 to 0.63)" in panel.headline
+    assert panel.headline.endswith("nothing is lost, and dt makes it look worse at home.")
+
+
+def test_an_unknown_home_is_said_first_and_asked_for() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4}, home=None)
+    first, second, *_ = panel.answer.splitlines()
+    assert first.startswith("Success on the truth 0.40 (0.27 to 0.54); home unknown, so what is")
+    assert first.endswith("lost is unknown, and so is whether dt is the cause.")
+    assert second.startswith(f"Success is from 0.40 ({TRUTH.name}) to 1.00 (")
+    step = next_step(panel)
+    assert step is not None
+    assert step.command.endswith("runs/mine-home --home integrator=…,dt=…,control_period=…")
+
+
+def test_a_home_that_is_the_truth_needs_no_comparison() -> None:
+    panel = judged({HOME.name: 1.0}, home=TRUTH)
+    assert panel.headline == "Success at home 1.00, and home is the truth: dt is not the cause."
+
+
+def test_without_a_truth_the_finest_step_stands_in_by_its_own_name() -> None:
+    panel = judged({HOME.name: 1.0}, {FINER.name: -40.0}, truth=False)
+    assert panel.headline.startswith(
+        f"Mean return at home −10.00, at the finest step ({FINER.name}) −40.00, lost 30.00 (95 %"
+    )
+    assert panel.headline.endswith("30 % of its lead over random): dt is the cause.")
+    assert "This task has no truth" in panel.answer
+    same = judged({HOME.name: 1.0}, {FINER.name: -10.5}, truth=False)
+    assert same.headline.endswith(
+        "practically equal (within 10 % of its lead over random), dt is not the cause."
+    )
+
+
+def test_a_home_at_the_finest_step_asks_for_a_finer_one() -> None:
+    panel = judged({HOME.name: 1.0}, truth=False, home=FINER)
+    assert "home is the finest step here" in panel.headline
+    step = next_step(panel)
+    assert step is not None
+    assert step.command.endswith("--out runs/mine-finer --dt 0.0125")
+
+
+def test_a_policy_that_never_succeeds_is_compared_by_its_return() -> None:
+    panel = judged({HOME.name: 0.0}, {TRUTH.name: -60.0})
+    assert panel.headline.startswith("Mean return at home −10.00, on the truth −60.00, lost 50.00")
+    assert "It never succeeds, so returns are compared." in panel.answer
+
+
+@pytest.mark.parametrize(("there", "step"), [(0.4, "0.025"), (1.0, "0.05")])
+def test_the_next_command_checks_the_step(there: float, step: str) -> None:
+    """Half of it where success is lost; the same with other seeds where none is."""
+    following = next_step(judged({HOME.name: 1.0, TRUTH.name: there}))
+    assert following is not None
+    assert following.command == (
+        "integ-gym check --env IntegPendulum-v0 --integrator symplectic_euler "
+        f"--dt {step} --env-arg control_period=0.05 --env-arg max_torque=0.7"
+    )
+
+
+def test_from_python_the_next_call_is_named() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3, command="integ_gym.evaluate")
+    step = next_step(panel)
+    assert step is not None
+    assert step.command == "integ_gym.evaluate(…, episodes=12)"
+
+
+def test_the_file_and_the_page_say_the_same() -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4})
+    assert tuple(panel.answer.splitlines()) == answer_lines(panel)
+    assert panel.headline in repr(panel)
+    assert replace(found(panel)).cell == TRUTH.name
