@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         records_of,
         told_arguments,
         told_engine,
+        told_json,
         told_perturbation,
         told_training,
     )

@@ -82,7 +82,7 @@ def told_arguments(text: str) -> dict[str, dict[str, Any]]:
     Raises:
         EvidenceError: if the field is not of that form, in one sentence.
     """
-    told = _told("arguments", text)
+    told = told_json("arguments", text)
     try:
         return {name: checked_object(one, _ARGUMENT) for name, one in told.items()}
     except (AttributeError, ValueError):
@@ -95,7 +95,7 @@ def told_training(fields: Mapping[str, Any]) -> dict[str, Any] | list[dict[str, 
     Raises:
         EvidenceError: if the field is not of that form, in one sentence.
     """
-    told = _told("training_discretization", fields["training_discretization"] or "null")
+    told = told_json("training_discretization", fields["training_discretization"] or "null")
     members = told if isinstance(told, list) else [told or {}]
     if not all(isinstance(member, dict) for member in members):
         raise _damaged("training_discretization", "it is no discretization and no list of some")
@@ -108,7 +108,7 @@ def told_perturbation(fields: Mapping[str, Any]) -> dict[str, Any] | None:
     Raises:
         EvidenceError: if the field is not of that form, in one sentence.
     """
-    told = _told("perturbation", fields["perturbation"] or "null")
+    told = told_json("perturbation", fields["perturbation"] or "null")
     if told is None or isinstance(told, dict):
         return told
     raise _damaged("perturbation", "it is no object of arguments")
@@ -120,13 +120,18 @@ def told_engine(text: str) -> dict[str, Any]:
     Raises:
         EvidenceError: if it is not of that form, in one sentence.
     """
-    told = _told("engine_description", text)
+    told = told_json("engine_description", text)
     if isinstance(told, dict):
         return told
     raise _damaged("engine_description", "it is no object")
 
 
-def _told(name: str, text: Any) -> Any:
+def told_json(name: str, text: Any) -> Any:
+    """What a field of that name says, whose text holds JSON.
+
+    Raises:
+        EvidenceError: if it holds none, in one sentence.
+    """
     try:
         return parse_json(text.encode())
     except (AttributeError, ValueError) as error:

@@ -8,6 +8,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support import SHORT_OF_MEMORY, is_short_of_memory
+
 from ..schema import (
     SCHEMA_VERSION,
     SUMMARY_FIELDS,
@@ -132,7 +134,7 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
         selection["columns"] = [name for name in schema.names if not is_trace(name)]
     try:
         return parquet().read_table(file, partitioning=None, **selection)
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
 
 
@@ -156,7 +158,7 @@ def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
                 held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
                 if places := [place for place, name in enumerate(held) if name in ids]:
                     yield opened.read_row_group(group).take(places)
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
 
 
@@ -170,7 +172,7 @@ def sample(file: Path, count: int) -> Any:
     try:
         with parquet().ParquetFile(file) as opened:
             group = opened.read_row_group(random.randrange(opened.num_row_groups))
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
     return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
 
@@ -184,7 +186,7 @@ def record_ids(file: Path) -> list[str]:
     check_schema(file)
     try:
         ids: list[str] = _opened(file).read(columns=["record_id"]).column(0).to_pylist()
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
     return ids
 
@@ -203,7 +205,7 @@ def read_row(file: Path, row: int) -> Any:
             if row < rows:
                 return opened.read_row_group(group).slice(row, 1)
             row -= rows
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
     raise IndexError(f"{file} has no such row")
 
@@ -272,10 +274,20 @@ def _opened(file: Path) -> Any:
 def _metadata(file: Path | str, on: Any = None) -> Any:
     try:
         return parquet().read_metadata(file, filesystem=on)
-    except (OSError, ValueError) as error:
+    except _errors() as error:
         raise _unreadable(file, error) from None
 
 
+def _errors() -> tuple[type[Exception], ...]:
+    """What reading a file ends in; Arrow's kinds are not all Python's too."""
+    return (OSError, ValueError, MemoryError, pyarrow().lib.ArrowException)
+
+
 def _unreadable(file: Path | str, error: Exception) -> EvidenceError:
+    if is_short_of_memory(error):
+        return EvidenceError(
+            f"cannot read {file}: {SHORT_OF_MEMORY} ({' '.join(str(error).split())}); close other "
+            "programs, or raise the limit that this one runs under"
+        )
     reason = " ".join(str(error).split())
     return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")

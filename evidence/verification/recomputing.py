@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from math import gcd
 from typing import Any, NamedTuple
 
@@ -14,21 +14,26 @@ import numpy.typing as npt
 from integ_gym.envs import (
     ARRAY,
     ENVIRONMENTS,
+    NATIVE,
     STATUS_NAMES,
+    environment_setup,
     split_state,
 )
+from integ_gym.support import installed_versions
 
 from ..episodes import (
     EpisodeContext,
     EpisodeFacts,
     EvidenceRecord,
     Replays,
+    argument_values,
     failure_label,
     lacks_home,
+    told_json,
     told_setup,
     told_training,
 )
-from ..schema import EvidenceError, Finding, in_words
+from ..schema import SUMMARY_FIELDS, EvidenceError, Finding, in_words
 from .findings import deviation, same
 
 Array = npt.NDArray[Any]
@@ -46,11 +51,16 @@ _SUMS = {
 }
 """Field to the trace column that it is the sum of."""
 
+_LOSSES = ("dissipated_total", "contact_loss_total", "clip_loss_total")
+
+_LEDGER_TOLERANCE = {64: 1e-9, 32: 1e-3}
+"""By float width, relative to the sum of the terms' sizes: in 32 bits every step rounds each."""
+
 _MOST = {"penetration_max": "penetration", "constraint_violation_max": "constraint_violation"}
 
 _RESTORE = "restore the file from a copy"
 
-_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What values of a stranger's end in, where others were expected."""
 
 _Told = Callable[[str, Any, Any], Finding]
@@ -84,13 +94,14 @@ def recompute(record: EvidenceRecord, file: str) -> Iterator[Finding]:
         yield from list(_recomputed(record, told))
     except EvidenceError as error:
         yield Finding(file, str(record.fields["record_id"]), str(error))
-    except _UNFIT as error:
+    except UNFIT as error:
         message = f"cannot be recomputed ({error}): its values are not of this schema; {_RESTORE}"
         yield Finding(file, str(record.fields["record_id"]), message)
 
 
 def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
     course = None
+    yield from _told_otherwise(record.fields, told)
     every, index = record.fields["trace_every"], record.fields["episode_index"]
     if bool(record.trace) != (index % every == 0):
         fault = "it has a trace" if record.trace else "its trace is gone"
@@ -124,6 +135,79 @@ def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
             yield told("truncated", record.fields["truncated"], truncated)
     if record.fields["schema_version"] > 1:  # which did not keep what its labels rest on
         yield from _label(record, course, told)
+
+
+def _told_otherwise(fields: Any, told: _Told) -> Iterator[Finding]:
+    """Fields that follow from others of the same record, and are told otherwise."""
+    expected: dict[str, Any] = {}
+    context = EpisodeContext(
+        fields["run_id"],
+        fields["cell"],
+        phase=fields["phase"],
+        policy_id=fields["policy_id"],
+        policy_hash=fields["policy_hash"],
+    )
+    expected["record_id"] = context.record_id(fields["episode_index"])
+    expected["metric"] = "success"
+    if fields["phase"] == "training":
+        expected |= {"policy_hash": "", "perturbation": None, **Replays().columns()}
+    if not fields["success"]:
+        expected["time_to_success"] = None
+    if fields.get("arrival_time") is None:
+        expected |= {"arrival_energy": None, "arrival_residual": None}
+    expected |= _of_setup(fields)
+    for name, wanted in expected.items():
+        if name in fields and not same(fields[name], wanted, 1e-12):
+            yield told(name, fields[name], wanted)
+    yield from _of_ledger(fields, told)
+
+
+def _of_setup(fields: Any) -> dict[str, Any]:
+    """Fields that follow from the constructor arguments of one of our own environments.
+
+    Nothing for another engine, code of somebody's own, or a record that another version made.
+    """
+    made_by = told_json("package_versions", fields["package_versions"])
+    here = installed_versions(["integ-gym"])
+    if not isinstance(made_by, dict) or here.items() - made_by.items():
+        return {}
+    if fields["env_id"] not in ENVIRONMENTS:
+        return {}
+    given = argument_values(fields["arguments"])
+    if given.get("engine", NATIVE) != NATIVE or any(":" in str(x) for x in given.values()):
+        return {}
+    found = _columns_of(fields["env_id"], fields["arguments"])
+    narrow = fields["float_width"] != 64
+    return {k: x for k, x in found.items() if not (narrow and k == "engine_description")}
+
+
+@lru_cache(maxsize=256)
+def _columns_of(env_id: str, arguments: str) -> dict[str, Any]:
+    try:
+        setup = environment_setup(env_id, argument_values(arguments))
+    except (TypeError, ValueError) as error:
+        raise EvidenceError(f"`arguments` make no environment: {error}; {_RESTORE}") from None
+    own = (field for field in SUMMARY_FIELDS if field.origin and field.origin.of == "setup")
+    return {field.name: field.origin.value(setup, 0) for field in own if field.origin}
+
+
+def _of_ledger(fields: Any, told: _Told) -> Iterator[Finding]:
+    """Energy at the end: that at the start, work and losses in between, and numerical error."""
+    if fields["env_id"] not in ENVIRONMENTS:
+        return
+    known = [fields[name] for name in ("energy_start", "work_total", "energy_residual_total")]
+    if None in (*known, fields["energy_end"]):
+        return
+    lost = [fields[name] or 0.0 for name in _LOSSES]
+    scale = sum(map(abs, (*known, *lost)))
+    tolerance = _LEDGER_TOLERANCE.get(fields["float_width"], _LEDGER_TOLERANCE[32])
+    computed = sum(known) - sum(lost)
+    if not same(fields["energy_end"], computed, tolerance, scale):
+        yield told("energy_end", fields["energy_end"], computed)
+    absolute = fields["energy_residual_abs_total"]
+    least = abs(fields["energy_residual_total"])
+    if absolute is None or absolute < least * (1.0 - tolerance):
+        yield told("energy_residual_abs_total", absolute, least)
 
 
 def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:

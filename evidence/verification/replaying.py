@@ -26,10 +26,10 @@ from ..episodes import (
     told_training,
 )
 from ..recorders import RecordVectorEvidence
-from ..schema import EvidenceError, Finding
+from ..schema import Finding
 from .differing import differences, drawn_again
 from .findings import deviation
-from .recomputing import is_home_known, replays_of
+from .recomputing import UNFIT, is_home_known, replays_of
 
 Array = npt.NDArray[Any]
 
@@ -136,8 +136,11 @@ def replay(
     for file, record in records:
         try:
             reason = _hindrance(record, own_code, policy is not None)
-        except EvidenceError as error:
-            done.findings.append(Finding(file, str(record.fields["record_id"]), str(error)))
+            if reason is None:
+                _context(record)
+        except UNFIT as error:
+            name = str(record.fields["record_id"])
+            done.findings.append(Finding(file, name, f"cannot be played again: {_line(error)}"))
             continue
         if reason is None:
             able.append((file, record))

@@ -10,7 +10,7 @@ from ..doors import lazy_door
 if TYPE_CHECKING:
     from .colour import DIM, GREEN, RED, YELLOW, painted, shows_colours
     from .command_line import CommandParser, told_command
-    from .ending import end_quietly, report_errors
+    from .ending import SHORT_OF_MEMORY, end_quietly, is_short_of_memory, report_errors
     from .formatting import (
         NONE,
         compact,

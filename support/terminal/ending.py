@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import signal
@@ -17,6 +18,12 @@ from .command_line import sentence
 from .text_table import say
 
 INTERRUPTED = 130
+
+SHORT_OF_MEMORY = "there is not enough memory"
+_FREE = "close other programs, give it fewer --workers, or raise the limit that it runs under"
+
+_TOLD = (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError)
+"""Errors that are told in a sentence where this package raised them."""
 
 
 def end_quietly(run: Callable[[], int]) -> int:
@@ -83,8 +90,12 @@ def report_errors(
         return INTERRUPTED
     except BrokenPipeError:
         raise
-    except (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError) as error:
-        if not _is_meant_for_users(error):
+    except Exception as error:
+        if is_short_of_memory(error):
+            told = sentence(error) or type(error).__name__
+            say(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
+            return 2
+        if not (isinstance(error, _TOLD) and _is_meant_for_users(error)):
             raise
         say(f"{program}: {mark}{sentence(error)}", sys.stderr)
         return 2
@@ -108,6 +119,22 @@ def _interruptions() -> Iterator[list[int]]:
         yield noted
     finally:
         signal.signal(signal.SIGINT, held)
+
+
+def is_short_of_memory(error: BaseException) -> bool:
+    """Whether an error says that memory could not be had: Python's, NumPy's, Arrow's or a system's.
+
+    Arrow tells some as an error of its own kind alone, with what the C++ library said.
+    """
+    if isinstance(error, MemoryError):
+        return True
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    arrow = type(error).__module__.startswith("pyarrow")
+    return arrow and any(word in str(error) for word in _ALLOCATING)
+
+
+_ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out of memory")
 
 
 def _is_meant_for_users(error: Exception) -> bool:

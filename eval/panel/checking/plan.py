@@ -48,24 +48,41 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
         path: the run's directory.
         own_code: whether code that the plan names as ``"module:Name"`` may be loaded.
     """
-    directory = RunDirectory(path, {})
+    directory = _Sound(path, {})
     if not (path / MANIFEST).exists():
-        if (path / FILE_NAME).exists() or directory.markers(""):
+        if (path / FILE_NAME).exists() or any((path / "units").glob("*.json")):
             yield Finding(MANIFEST, None, "is missing, which says what was planned")
         return
-    plan = read_manifest(path / MANIFEST)["specification"]
     try:
+        plan = read_manifest(path / MANIFEST)["specification"]
         spec = planned_spec(plan)
         policies = planned_policies(plan, spec)
     except SpecError as error:
         yield Finding(MANIFEST, None, f"{error}; restore it from a copy")
         return
-    yield from of_files(directory)
-    found = evaluated(directory, lost=True)
-    yield from _of_policies(directory, found, spec, policies)
-    yield from _of_records(directory, found, spec)
+    except ValueError as error:
+        yield Finding(MANIFEST, None, str(error))
+        return
     store = EvidenceStore(directory.evidence)
-    yield from of_setups(spec, policies, store, own_code or not names_code(plan))
+    found = evaluated(directory, lost=True)
+    parts = (
+        of_files(directory),
+        _of_policies(directory, found, spec, policies),
+        _of_records(directory, found, spec),
+        of_setups(spec, policies, store, own_code or not names_code(plan)),
+    )
+    for part in parts:
+        try:
+            yield from part
+        except ValueError as error:  # what cannot be read ends its own part alone
+            yield Finding("evidence", None, str(error))
+
+
+class _Sound(RunDirectory):
+    """A run without the markers that cannot be read, which are findings of their own."""
+
+    def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
+        return self.readable_markers(prefix)[0]
 
 
 def of_files(directory: RunDirectory) -> Iterator[Finding]:

@@ -8,7 +8,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from integ_gym.envs import DISCRETIZATION, NATIVE, is_integ_environment
-from integ_gym.evidence import EvidenceStore, Finding, argument_values
+from integ_gym.evidence import (
+    EvidenceError,
+    EvidenceStore,
+    Finding,
+    argument_values,
+    told_perturbation,
+    told_training,
+)
 
 from ..running import trained_units
 from ..specification import (
@@ -34,7 +41,7 @@ WHERE phase = 'training' AND (reward IS NULL) = (episode_index % trace_every = 0
 GROUP BY ALL ORDER BY policy_id
 """
 
-_JSON = ("perturbation", "training_discretization")
+_TOLD = {"perturbation": told_perturbation, "training_discretization": told_training}
 
 
 class PlannedPolicy(NamedTuple):
@@ -94,7 +101,11 @@ def of_setups(
                 made[cell.name] = _arguments(spec, cell)
             expected |= {"arguments": made[cell.name], "float_width": 64, "first_of_seed": True}
         for name, wanted in expected.items():
-            recorded = _read(name, row[name])
+            try:
+                recorded = _read(name, row)
+            except EvidenceError as error:
+                yield Finding("evidence", None, f"{where}: {error}")
+                continue
             if not _same(recorded, wanted):
                 message = f"`{name}` is recorded as {recorded!r}, and planned as {wanted!r}"
                 yield Finding("evidence", None, f"{where}: {message}")
@@ -125,10 +136,16 @@ def _arguments(spec: PanelSpec, cell: Cell) -> dict[str, Any]:
     return told
 
 
-def _read(name: str, value: Any) -> Any:
+def _read(name: str, row: Mapping[str, Any]) -> Any:
+    """A column's value, of text that holds JSON what it says.
+
+    Raises:
+        EvidenceError: for text that is not of its form.
+    """
     if name == "arguments":
-        return argument_values(value)
-    return json.loads(value) if name in _JSON and value is not None else value
+        return argument_values(row[name])
+    read = _TOLD.get(name)
+    return row[name] if read is None else read(row)
 
 
 def _same(recorded: Any, wanted: Any) -> bool:

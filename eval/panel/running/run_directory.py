@@ -422,6 +422,16 @@ class RunDirectory:
         found = sorted(self._units.glob(f"{prefix}*.json"))
         return {path.stem: _read_marker(path) for path in found}
 
+    def readable_markers(self, prefix: str) -> tuple[dict[str, Mapping[str, Any]], dict[str, str]]:
+        """The markers that can be read, and what is wrong with the others, by name."""
+        found, damaged = {}, {}
+        for path in sorted(self._units.glob(f"{prefix}*.json")):
+            try:
+                found[path.stem] = _read_marker(path)
+            except RunDirectoryError as error:
+                damaged[path.stem] = str(error)
+        return found, damaged
+
     def finished(
         self, unit: str, key: str, *files: Path, records: bool = True
     ) -> Mapping[str, Any] | None:
@@ -479,7 +489,9 @@ class RunDirectory:
 
     def faults(self) -> Iterator[tuple[str, str]]:
         """Files of finished units that are missing or were changed: file, and what is wrong."""
-        markers = self.markers("")
+        markers, damaged = self.readable_markers("")
+        for unit, fault in damaged.items():
+            yield self._marker(unit).relative_to(self.path).as_posix(), fault
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
@@ -488,7 +500,7 @@ class RunDirectory:
             elif file.is_file() and file_hash(file) != held.get(RECORDS):
                 yield name, "is not what its unit was finished with"
         for file in sorted(self.evidence.glob("*.parquet")):
-            if file.stem not in markers:
+            if file.stem not in markers and file.stem not in damaged:
                 yield file.relative_to(self.path).as_posix(), "belongs to no finished unit"
 
     def finish(
@@ -613,6 +625,13 @@ def _read_marker(path: Path) -> dict[str, Any]:
     held = _read(path, _noted(path.stem), remedy)
     if type(held.get(FIRST, 0)) is not int:
         raise RunDirectoryError(f"{path} is damaged: {FIRST!r} must be a whole number; {remedy}")
+    if not all(isinstance(x, str) for x in held.get("policies", {}).values()):
+        raise RunDirectoryError(f"{path} is damaged: 'policies' must hold hashes; {remedy}")
+    for names in held.get("cells", {}).values():
+        if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+            raise RunDirectoryError(
+                f"{path} is damaged: 'cells' must hold lists of names; {remedy}"
+            )
     return held
 
 

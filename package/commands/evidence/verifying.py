@@ -115,14 +115,15 @@ def _found(
     report = checking.begin("hashes", HASH_SECONDS)
     found = [str(problem) for problem in store.verify(report)]
     report = checking.begin("outcomes from traces", TRACE_SECONDS)
-    with contextlib.suppress(*([ValueError] if found else [])):  # what cannot be read is named
-        found.extend(map(str, _whole(store, exported, report)))
-    sound = not found
+    _collect(found, _whole(store, exported, report))
     checking.begin("plan and verdicts")
-    found += _against_plan(run, given.own_code, sound)
+    if any((run / name).exists() for name in _PLANNED):
+        from integ_gym.eval import against_plan
+
+        _collect(found, against_plan(run, given.own_code))
     if given.depth != "whole":
         checking.begin("seal")
-        found += map(str, broken_seals(run))
+        _collect(found, broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
             found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
     if given.public_key is not None:
@@ -174,16 +175,14 @@ def _checked(
         yield f"signed: by {signature.fingerprint}, {how}"
 
 
-def _against_plan(run: Path, own_code: bool, sound: bool) -> list[str]:
-    """What contradicts the plan; what cannot be read is an error where the records are sound."""
-    if not any((run / name).exists() for name in _PLANNED):
-        return []
-    from integ_gym.eval import against_plan
-
-    found: list[str] = []
-    with contextlib.suppress(*([] if sound else [ValueError])):
-        found.extend(map(str, against_plan(run, own_code)))
-    return found
+def _collect(found: list[str], findings: Iterator[Finding]) -> None:
+    """Add what a check finds, and what ends the check, unless that was found before."""
+    try:
+        for finding in findings:
+            found.append(str(finding))
+    except ValueError as error:
+        if not any(str(error) in line for line in found):
+            found.append(str(error))
 
 
 def _whole(

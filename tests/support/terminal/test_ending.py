@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import signal
 
+import pyarrow as pa
 import pytest
 
 from integ_gym.support.terminal.ending import report_errors
@@ -48,3 +50,23 @@ def test_an_interruption_is_raised_where_it_comes(capsys):
 
 def test_without_one_the_code_is_the_commands():
     assert report_errors("a", lambda: 3) == 3
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        pa.ArrowMemoryError("malloc of size 64 failed"),
+        pa.ArrowException("Unknown error: std::bad_alloc"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_memory_that_is_short_is_said_in_a_sentence(error, capsys):
+    def run():
+        raise error
+
+    assert report_errors("a", run) == 2
+    told = capsys.readouterr().err
+    assert "a: there is not enough memory" in told
+    assert "fewer --workers" in " ".join(told.split())

@@ -30,6 +30,9 @@ try:
 except ModuleNotFoundError as error:
     raise missing(str(error.name), "report") from error
 
+_TYPES = ("F16", "F32", "F64")
+"""Types of tensors that are read; all but observation statistics become 32 bits wide."""
+
 FORMAT = "integ-gym MlpPolicy 1"
 FULL_FORMAT = "integ-gym MlpPolicy 2"
 """:data:`FORMAT` with what readers of that one do not know: squashed actions, statistics."""
@@ -76,6 +79,7 @@ def read_safetensors(path: str | os.PathLike[str]) -> MlpPolicy:
         check_regular(Path(path))
         with safe_open(path, framework="numpy") as file:
             metadata: Mapping[str, str] = file.metadata() or {}
+            _check_types(file, path)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError) as error:
         raise PolicyFileError(
@@ -93,6 +97,16 @@ def read_safetensors(path: str | os.PathLike[str]) -> MlpPolicy:
         raise PolicyFileError(
             f"{path}: does not describe a policy ({error}); train it again"
         ) from error
+
+
+def _check_types(file: Any, path: str | os.PathLike[str]) -> None:
+    for name in file.keys():  # noqa: SIM118
+        dtype = file.get_slice(name).get_dtype()
+        if dtype not in _TYPES:
+            raise PolicyFileError(
+                f"{path}: tensor {name!r} has dtype {dtype}, and a policy is read from "
+                f"{', '.join(_TYPES)}; save its weights as F32, with tensor.to(torch.float32)"
+            )
 
 
 def _policy(
