@@ -12,10 +12,10 @@ import numpy as np
 from integ_gym.evidence import EvidenceStore, Finding, broken_seals
 
 from ..model import FILE_NAME, Panel, read_panel
-from ..results import deviations
 from ..running import MANIFEST, RunDirectory, read_manifest
 from ..specification import names_code, planned_spec
 from .plan import planned
+from .remaking import deviations
 from .sample import of_sample, refuse_first
 
 _LABELS = """
@@ -63,16 +63,14 @@ def against_plan(path: Path, own_code: bool = False) -> Iterator[Finding]:
     yield from _counted(directory, panel)
     plan = read_manifest(path / MANIFEST)["specification"]
     if own_code or not names_code(plan):
-        yield from _recomputed(directory, plan, panel)
+        yield from _recomputed(directory, plan, panel, own_code)
 
 
 def _recomputed(
-    directory: RunDirectory, plan: Mapping[str, Any], panel: Panel
+    directory: RunDirectory, plan: Mapping[str, Any], panel: Panel, own_code: bool
 ) -> Iterator[Finding]:
     try:
-        for place, said, computed in deviations(directory, planned_spec(plan), plan, panel):
-            message = f"`{place}` is recorded as {said!r:.80}, and comes out as {computed!r:.80}"
-            yield Finding(FILE_NAME, None, message)
+        yield from deviations(directory, planned_spec(plan), panel, own_code)
     except (LookupError, ValueError) as error:
         message = f"cannot be made again from plan and records: {error}"
         yield Finding(FILE_NAME, None, f"{message}; run the panel's command again")

@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .evaluate import evaluate_existing
+    from .facts import given_panel, other_facts
     from .given import given_policy, is_reference
     from .planning import plan
     from .policy import hashes_of, kept_policy, read_existing, read_policy_file

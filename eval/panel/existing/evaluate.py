@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from integ_gym.evidence import EvidenceStore
 from integ_gym.support import (
     Cluster,
     Storage,
@@ -16,22 +15,19 @@ from integ_gym.support import (
     installed_versions,
     replace_file,
 )
-from integ_gym.train import Policy
 
 from ..checking import check_records
 from ..model import Panel
-from ..model import Policy as PanelPolicy
 from ..results import (
     CHECKING,
     JUDGING,
     Begin,
-    cost_of,
-    given_rows,
+    call_of,
     phases,
-    reduced,
     write_outputs,
 )
 from ..running import (
+    GIVEN,
     RunDirectory,
     Subject,
     all_seconds,
@@ -41,7 +37,7 @@ from ..running import (
 )
 from ..sharing import evaluate_on, write_pages
 from ..specification import TRAINERS, PanelSpec
-from .doubts import doubts_of
+from .facts import facts_of, given_panel
 from .policy import Existing
 
 SHORT = 10.0
@@ -108,7 +104,7 @@ def evaluate_existing(
             print("Complete: nothing to evaluate.", file=sys.stderr)
         with phases("evaluate", progress) as begin:
             count = max(1, processes)
-            write = partial(_write, existing, spec, directory, subjects, command, count, begin)
+            write = partial(_write, existing, spec, directory, command, count, begin)
             panel = write_pages(write, directory)
         directory.finish_work()
     for doubt in panel.warnings:
@@ -120,7 +116,6 @@ def _write(
     existing: Existing,
     spec: PanelSpec,
     directory: RunDirectory,
-    subjects: Sequence[Subject],
     command: str,
     processes: int,
     begin: Begin,
@@ -129,21 +124,9 @@ def _write(
     begin(CHECKING)
     check_records(directory)
     begin(JUDGING)
-    layout, matrix = reduced(
-        spec, directory, given_rows(spec, existing.policy.policy_id, existing.home)
-    )
-    return write_outputs(
-        spec,
-        directory,
-        layout,
-        matrix,
-        [_told(existing, subject.policy) for subject in subjects],
-        begin=begin,
-        command=command,
-        cost=cost_of(directory, (), processes),
-        spec={**spec.to_json(), "home": existing.told},
-        warnings=doubts_of(existing, spec, layout, matrix, EvidenceStore(directory.evidence)),
-    )
+    directory.note(**{GIVEN: facts_of(existing)})
+    called = call_of(directory, command, processes)
+    return write_outputs(directory, given_panel(spec, directory, called), called, begin)
 
 
 def _processes(workers: int | None, seconds: float) -> int:
@@ -153,13 +136,3 @@ def _processes(workers: int | None, seconds: float) -> int:
     if workers < 1:
         raise ValueError(f"`workers` must be 1 or above, got {workers}")
     return 0 if workers == 1 else workers
-
-
-def _told(existing: Existing, policy: Policy) -> PanelPolicy:
-    """What the panel says of a policy; of a baseline no more than its name."""
-    name = policy.policy_id
-    if policy is not existing.policy:
-        return PanelPolicy(id=name, seed=None, hash=None, file=None)
-    kept = next(iter(existing.files), None)
-    file = kept and f"policies/{name}/{kept}"
-    return PanelPolicy(id=name, seed=existing.seed, hash=policy.content_hash, file=file)

@@ -21,7 +21,7 @@ from .conclusions import (
 from .matrix import Cell, Entry, Row
 from .part import Part
 
-SCHEMA_VERSION: Final = 4
+SCHEMA_VERSION: Final = 5
 """Version of ``panel.json`` that is written and read here."""
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
@@ -93,7 +93,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             not declare.
     """
 
-    schema_version: Literal[4] = SCHEMA_VERSION
+    schema_version: Literal[5] = SCHEMA_VERSION
     name: str
     question: str
     answer: str

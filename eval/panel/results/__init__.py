@@ -8,13 +8,22 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .comparing import ROUNDING
+    from .comparing import ROUNDING, Difference, differences
     from .ending import CHECKING, JUDGING, Begin, phases
     from .findings import paired_episodes
     from .given import compares_success, given_rows, home_cell
     from .layout import PanelLayout
     from .matrix import Matrix
-    from .outputs import cost_of, reduced, write_artefact, write_outputs
-    from .remaking import deviations
+    from .outputs import (
+        artefact_of,
+        call_of,
+        cost_of,
+        noted_call,
+        of_plan,
+        panel_of,
+        reduced,
+        write_artefact,
+        write_outputs,
+    )
 else:
     __getattr__, __dir__ = lazy_door(__name__)

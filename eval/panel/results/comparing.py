@@ -15,14 +15,11 @@ ROUNDING: Final = 1e-6
 """By how much numbers may differ, relative to the larger of 1 and themselves: other processors and
 versions add up in another order."""
 
-FOUND: Final = (
-    *("answer", "weights", "rows", "cells", "matrix", "paired", "verdicts", "policy_comparisons"),
-    *("remedies", "training_costs", "engine_agreement", "rankings", "failures", "failures_total"),
-)
-"""Attributes of a panel that follow from its records and its plan."""
+VOLATILE: Final = ("created", "platform", "instruction_sets")
+"""Attributes of a panel that say when and on what machine it was written, and nothing else."""
 
-_SAID: Final = ("spec", "question", "warnings", "protocol_gaps", "looks", "versions")
-"""Attributes that follow from the plan, and from what was looked at before."""
+_CALLED: Final = ("command", "directory", "cost")
+"""Attributes that say how the run was called, and what it took."""
 
 _NAMES: Final = ("name", "row", "a", "b", "cell", "policy", "episode_index")
 """Keys that tell an entry of a list."""
@@ -35,8 +32,8 @@ Difference = tuple[str, Any, Any]
 
 
 def differences(said: Panel, made: Panel) -> Iterator[Difference]:
-    """What a panel says and is not what comes of its records."""
-    yield from _of_parts(said, made, FOUND)
+    """What a panel says and is not what comes of its plan and records."""
+    yield from _of_parts(said, made, VOLATILE)
 
 
 def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
@@ -44,14 +41,16 @@ def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
     if not directory.was_sealed:
         return made
     held = read_panel(directory.path / FILE_NAME)
-    other = (place for place, *_ in _of_parts(held, made, (*FOUND, *_SAID)))
+    other = (place for place, *_ in _of_parts(held, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 
 
-def _of_parts(said: Panel, made: Panel, parts: tuple[str, ...]) -> Iterator[Difference]:
+def _of_parts(said: Panel, made: Panel, but: tuple[str, ...]) -> Iterator[Difference]:
+    """What differs in all parts but some."""
     one, other = (msgspec.to_builtins(panel) for panel in (said, made))
-    for part in parts:
-        yield from _differing(part, one[part], other[part])
+    for part in one:
+        if part not in but:
+            yield from _differing(part, one[part], other[part])
 
 
 def _differing(place: str, said: Any, made: Any) -> Iterator[Difference]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import msgspec
 
 from integ_gym.evidence import EvidenceStore, seal
 from integ_gym.support import limit_threads, told_path
@@ -13,7 +15,15 @@ from ...report.figures import write_figures
 from ...report.page import write_report
 from ..checking import check_records
 from ..model import Cost, Panel, Policy, write_panel
-from ..running import RunDirectory, evaluated, training_config, tried, units_of
+from ..running import (
+    CALLED,
+    MANIFEST,
+    RunDirectory,
+    evaluated,
+    training_config,
+    tried,
+    units_of,
+)
 from ..specification import PanelSpec
 from .artefact import build_artefact
 from .comparing import as_sealed
@@ -44,16 +54,36 @@ def write_artefact(
     begin(CHECKING)
     check_records(directory)
     begin(JUDGING)
+    if of is None:
+        first = spec.parts()[0].episodes
+        directory.looked(len(spec.seeds), spec.episodes, first)
+    called = call_of(directory, command, workers)
+    made = panel_of(spec, directory, called, of)
+    return write_outputs(directory, made, called, begin, decided=of is None)
+
+
+def panel_of(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    called: Mapping[str, Any],
+    of: PanelSpec | None = None,
+) -> Panel:
+    """What ``panel.json`` holds of a panel: a function of its plan, markers and records alone.
+
+    Args:
+        spec: the panel, or a stage of it.
+        directory: in which all of that is finished.
+        called: see :func:`call_of`.
+        of: the panel whose stage it is; nothing is decided then.
+    """
     layout, matrix = reduced(spec, directory, rows_of(spec))
-    return write_outputs(
-        spec,
+    return artefact_of(
         directory,
         layout,
         matrix,
         policies_of(spec, directory),
-        begin=begin,
-        command=command,
-        cost=cost_of(directory, [unit.training for unit in units_of(spec)], workers),
+        **of_plan(of or spec, directory, called),
+        cost=cost_of(directory, layout, [unit.training for unit in units_of(spec)], called),
         **trained(spec, directory, layout, matrix),
         **_looks(spec, directory) if of is None else stage(spec, of),
     )
@@ -106,8 +136,7 @@ def trained(
 
 def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
     """Numbers of seeds at which verdicts have been seen, and a warning of every second look."""
-    first = spec.parts()[0].episodes
-    seeds, episodes = directory.looked(len(spec.seeds), spec.episodes, first)
+    seeds, episodes = directory.looks()
     added = {"Seeds": (seeds, "of them"), "Episodes": (episodes, "of each seed")}
     warnings = (
         f"{what} were added after verdicts had been seen on {seen[-2]} {whose}: every look is a "
@@ -119,11 +148,12 @@ def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
 
 
 def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
+    """What a panel says of itself of which some seeds are there."""
     sentence = (
         f"Not decided yet: {len(spec.seeds)} of {len(of.seeds)} training seeds are here; the rest "
         "is being trained and judged, and this page is written again as they arrive."
     )
-    return {"undecided": sentence, "spec": of.to_json(), "warnings": (sentence,)}
+    return {"undecided": sentence, "warnings": (sentence,)}
 
 
 def reduced(
@@ -136,45 +166,72 @@ def reduced(
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
+def call_of(directory: RunDirectory, command: str, workers: int) -> dict[str, Any]:
+    """How a run was called, as its manifest keeps it."""
+    place = told_path(str(directory.storage))
+    return {"command": command, "workers": workers, "directory": place}
+
+
+def noted_call(directory: RunDirectory) -> dict[str, Any]:
+    """How a run was called when its page was written.
+
+    Raises:
+        ValueError: where its manifest does not say so, as those of before it was kept.
+    """
+    try:
+        return msgspec.to_builtins(msgspec.convert(directory.manifest().get(CALLED), _Call))
+    except msgspec.ValidationError as error:
+        raise ValueError(f"its {MANIFEST} does not say how it was called ({error})") from None
+
+
+class _Call(msgspec.Struct):
+    """What a manifest keeps of a call."""
+
+    command: str
+    workers: int
+    directory: str
+
+
+def of_plan(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> dict[str, Any]:
+    """What a panel takes from its plan, and from how it was called."""
+    manifest = directory.manifest()
+    return {
+        "name": spec.name,
+        "question": manifest["specification"]["question"],
+        "spec": manifest["specification"],
+        "protocol_gaps": tuple(spec.gaps()),
+        "versions": manifest["versions"],
+        "command": called["command"],
+        "directory": called["directory"],
+    }
+
+
 def write_outputs(
-    spec: PanelSpec,
     directory: RunDirectory,
-    layout: PanelLayout,
-    matrix: Matrix,
-    policies: Sequence[Policy],
-    /,
+    made: Panel,
+    called: Mapping[str, Any],
     begin: Begin = untold,
-    **told: Any,
+    decided: bool = True,
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.
 
     Of a sealed run that nothing was added to, ``panel.json`` stays as it is, and so does the seal.
 
     Args:
-        spec: of the panel.
         directory: of the finished run.
-        layout: rows and cells.
-        matrix: outcomes.
-        policies: of all rows.
+        made: what was found.
+        called: see :func:`call_of`.
         begin: told what is done now.
-        told: what else :func:`build_artefact` is told, or in place of what the two first tell.
+        decided: whether all of the panel is there.
     """
-    own = {
-        "name": spec.name,
-        "question": spec.question,
-        "spec": spec.to_json(),
-        "protocol_gaps": tuple(spec.gaps()),
-        "directory": told_path(str(directory.storage)),
-        "versions": directory.versions(),
-    }
-    made = artefact_of(directory, layout, matrix, policies, **{**own, **told})
     panel = as_sealed(directory, made)
     if panel is made:
+        directory.note(**{CALLED: dict(called)})
         write_panel(panel, directory.path)
     begin(DRAWING)
     write_figures(panel, directory.path / "figures")
     begin(WRITING)
-    if not told.get("undecided"):
+    if decided:
         seal(directory.path)
     write_report(panel, directory.path)
     return panel
@@ -202,18 +259,26 @@ def artefact_of(
         )
 
 
-def cost_of(directory: RunDirectory, training: Sequence[str], workers: int) -> Cost:
+def cost_of(
+    directory: RunDirectory,
+    layout: PanelLayout,
+    training: Sequence[str],
+    called: Mapping[str, Any],
+) -> Cost:
     """What a run took, interrupted runs included.
 
     Args:
         directory: of the run.
+        layout: whose policies were evaluated.
         training: names of its training units.
-        workers: processes.
+        called: see :func:`call_of`.
     """
-    evaluation = sorted({u for there in evaluated(directory).values() for u in there.units})
+    found = evaluated(directory)
+    policies = [policy for row in layout.rows for policy in row.policies]
+    evaluation = sorted({unit for policy in policies for unit in found[policy].units})
     return Cost(
         wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),
-        workers=workers,
+        workers=called["workers"],
         train_seconds=round(directory.seconds(training), 1),
         evaluate_seconds=round(directory.seconds(evaluation), 1),
     )

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .panel import as_there, check_spec, complete, opened, subject_of
     from .reuse import bring, finished_policies
     from .run_directory import (
+        CALLED,
+        GIVEN,
         MANIFEST,
         RunDirectory,
         RunDirectoryError,

@@ -49,6 +49,10 @@ ADOPTED = "adopted"
 FIRST = "first"
 """Of a marker: the first episode of what was evaluated or tried."""
 
+CALLED, GIVEN = "called", "given"
+"""Of a manifest: how the run was called when its page was written; what is known of a policy that
+was given."""
+
 _LOOKS, _EPISODE_LOOKS = "looks", "episode_looks"
 """Of a manifest: numbers of seeds, and of episodes of each, at which verdicts were seen."""
 
@@ -300,10 +304,27 @@ class RunDirectory:
         before = manifest.get(_LOOKS, [])
         of_episodes = manifest.get(_EPISODE_LOOKS, [first] if before else [])
         looks = sorted({*before, seeds}), sorted({*of_episodes, episodes})
-        told = {**manifest, _LOOKS: looks[0], _EPISODE_LOOKS: looks[1]}
-        if told != manifest:
-            write_json(self.path / MANIFEST, told)
+        self.note(**{_LOOKS: looks[0], _EPISODE_LOOKS: looks[1]})
         return looks
+
+    def looks(self) -> tuple[list[int], list[int]]:
+        """Numbers of seeds, and of episodes of each, at which verdicts have been seen."""
+        manifest = self.manifest()
+        return manifest.get(_LOOKS, []), manifest.get(_EPISODE_LOOKS, [])
+
+    def manifest(self) -> dict[str, Any]:
+        """What ``run.json`` says.
+
+        Raises:
+            RunDirectoryError: if it is damaged.
+        """
+        return read_manifest(self.path / MANIFEST)
+
+    def note(self, **told: Any) -> None:
+        """Note something in ``run.json``, unless it is there already."""
+        manifest = self.manifest()
+        if {**manifest, **told} != manifest:
+            write_json(self.path / MANIFEST, {**manifest, **told})
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST

@@ -197,6 +197,18 @@ NUMBERS = {
     "an interval": (_interval, ".success.low` is recorded as 0.9, and comes out as"),
     "a verdict": (_verdict, ".verdict` is recorded as 'transfers', and comes out as"),
     "the answer": (_answered, "`answer` is recorded as 'Yes: all declared transfers hold.', and"),
+    "the question": (lambda panel: panel.update(question="None."), "`question` is recorded as"),
+    "the plan": (lambda panel: panel["spec"].update(episodes=50), "`spec.episodes` is recorded as"),
+    "a look": (lambda panel: panel.update(looks=[]), "`len(looks)` is recorded as 0, and comes"),
+    "a version": (lambda panel: panel["versions"].update(numpy="1.0"), "`versions.numpy` is"),
+    "the cost": (lambda panel: panel["cost"].update(train_seconds=0.1), "`cost.train_seconds` is"),
+    "processes": (lambda panel: panel["cost"].update(workers=64), "`cost.workers` is recorded as"),
+    "the command": (lambda panel: panel.update(command="rm -r ~"), "`command` is recorded as"),
+    "a gap": (
+        lambda panel: panel.update(protocol_gaps=["None."]),
+        "`len(protocol_gaps)` is recorded as",
+    ),
+    "a warning": (lambda panel: panel.update(warnings=["All is well."]), "`len(warnings)` is"),
 }
 
 

@@ -36,7 +36,7 @@ def base_panel(
     rng = np.random.default_rng(seed)
     skipped = {"perturbation", "ladder"}
     panel: dict[str, Any] = {
-        "schema_version": 4,
+        "schema_version": 5,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
         "answer": (
