@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from integ_gym.evidence import EvidenceStore
 from integ_gym.train import unscaled
@@ -55,18 +56,21 @@ class _Known:
     bounds: tuple[list[float], list[float]] | None
     statistics: object
 
+    def act(self, observation: NDArray[Any]) -> NDArray[Any]:
+        """It does not act: nothing here plays an episode."""
+        raise NotImplementedError
+
 
 def facts_of(existing: Existing) -> dict[str, Any]:
     """What a run's manifest keeps of a policy."""
-    return msgspec.to_builtins(
-        Facts(
-            existing.seed,
-            next(iter(existing.files), None),
-            existing.unscaled,
-            *_of_actions(existing.policy),
-            dict(existing.provenance.overridden),
-        )
+    facts = Facts(
+        existing.seed,
+        next(iter(existing.files), None),
+        existing.unscaled,
+        *_of_actions(existing.policy),
+        dict(existing.provenance.overridden),
     )
+    return dict(msgspec.to_builtins(facts))
 
 
 def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> Panel:

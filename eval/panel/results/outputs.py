@@ -179,9 +179,10 @@ def noted_call(directory: RunDirectory) -> dict[str, Any]:
         ValueError: where its manifest does not say so, as those of before it was kept.
     """
     try:
-        return msgspec.to_builtins(msgspec.convert(directory.manifest().get(CALLED), _Call))
+        told = msgspec.convert(directory.manifest().get(CALLED), _Call)
     except msgspec.ValidationError as error:
         raise ValueError(f"its {MANIFEST} does not say how it was called ({error})") from None
+    return dict(msgspec.to_builtins(told))
 
 
 class _Call(msgspec.Struct):
