@@ -30,7 +30,7 @@ print(env.step([0.5])[0])
 RECORD = """
 import gymnasium as gym, integ_gym
 env = gym.make("IntegPendulum-v0", integrator="rk4", dt=0.05, duration=1.0)
-env = integ_gym.RecordEvidence(env, "run/evidence", run_id="run")
+env = integ_gym.RecordEvidence(env, "run/evidence", integ_gym.EpisodeContext("run", "rk4"))
 env.reset(seed=0)
 while not env.step([0.5])[3]:
     pass
