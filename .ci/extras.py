@@ -79,8 +79,8 @@ USES: dict[str, list[str | list[str]]] = {
         "integ-gym evidence show run",
         "integ-gym evidence verify run",
     ],
-    "train": [SB3, "integ-gym evidence query policy 'SELECT count(*) FROM records'"],
-    "fleet": [FLEET, "integ-gym evidence query policy 'SELECT count(*) FROM records'"],
+    "train": [SB3, _python("from integ_gym import DiscretizationCallback, train_ppo")],
+    "fleet": [FLEET, _python("from integ_gym import functional, train_fleet")],
     "report": [
         EVALUATE,
         VERIFY,
