@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         HOW_TO_STATE,
         ONNX_ENDING,
         POLICY_ENDINGS,
+        STATE_DICT_ENDINGS,
         STOCK,
         WEIGHTS_FILE,
         OnnxPolicy,

@@ -100,7 +100,8 @@ def played(
         observation, info = env.reset(seed=seed, options={"state": tuple(start)})
     states, told, ended = [own.state], [info], False
     while not ended:
-        observation, _, terminated, truncated, info = env.step(policy.act(observation[None])[0])
+        action = policy.act(observation[None])[0].reshape(env.action_space.shape)
+        observation, _, terminated, truncated, info = env.step(action)
         states.append(own.state)
         told.append(info)
         ended = terminated or truncated

@@ -50,6 +50,14 @@ from stable_baselines3.common.vec_env import VecNormalize
 normalized = VecNormalize(make_vec_env("integ_gym:IntegPendulum-v0"))
 PPO("MlpPolicy", normalized).save("policy.zip")
 normalized.save("vecnormalize.pkl")
+import gymnasium as gym
+import torch
+envs = gym.vector.SyncVectorEnv(
+    [lambda: gym.wrappers.NormalizeObservation(gym.make("Pendulum-v1"))]
+)
+model_path = "agent.cleanrl_model"
+actor = {"actor_mean.0.weight": torch.zeros(1, 3), "actor_mean.0.bias": torch.zeros(1)}
+torch.save(actor, model_path)
 class writer:
     add_scalar = print
 global_step = 0

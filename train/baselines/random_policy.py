@@ -21,7 +21,7 @@ class RandomPolicy(Baseline):
     actions.
 
     Args:
-        space: of actions: `Discrete`, or a `Box` of shape (action_dim,) with finite bounds.
+        space: of actions: `Discrete`, or a `Box` of action_dim numbers with finite bounds.
         seed: chooses the function.
 
     Raises:
@@ -66,13 +66,15 @@ def bounds_of(space: spaces.Space[Any]) -> tuple[NDArray[np.float64], NDArray[np
     """Lower and upper bounds of a `Box`, each the shortest decimal number that its float32 means.
 
     Raises:
-        ValueError: for a space that is no `Box` of shape (action_dim,) with finite bounds.
+        ValueError: for a space that is no `Box` of numbers with finite bounds.
     """
-    if not (isinstance(space, spaces.Box) and len(space.shape) == 1 and space.is_bounded()):
+    if not (isinstance(space, spaces.Box) and space.shape and space.is_bounded()):
         raise ValueError(
             f"random and zero are for a Discrete set or a bounded Box of actions, got {space}"
         )
-    low, high = (np.array([float(str(x)) for x in side]) for side in (space.low, space.high))
+    low, high = (
+        np.array([float(str(x)) for x in side]) for side in (space.low.ravel(), space.high.ravel())
+    )
     return low, high
 
 

@@ -22,7 +22,7 @@ class ZeroPolicy(Baseline):
     command there is nothing but 0 N to hold. Every step is counted as fallback.
 
     Args:
-        space: of actions: `Discrete`, or a `Box` of shape (action_dim,) with finite bounds.
+        space: of actions: `Discrete`, or a `Box` of action_dim numbers with finite bounds.
 
     Raises:
         ValueError: for another space.

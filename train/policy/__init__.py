@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .actions import BoxActions, DiscreteActions
+    from .actions import BoxActions, DiscreteActions, spread
     from .arrays import ActionArray, FloatArray
     from .called_policy import CalledPolicy, behaviour_hash
     from .interface import Policy

@@ -7,9 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .arrays import FloatArray, frozen
+
+
+def spread(bound: ArrayLike, size: int) -> FloatArray:
+    """A bound as float32 of shape (size,), from one number for all actions or one for each."""
+    flat: FloatArray = np.asarray(bound, dtype=np.float32).ravel()
+    return np.repeat(flat, size) if flat.size == 1 else flat
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,8 @@ class MlpPolicy:
         """What the last layer gives, before it becomes an action.
 
         Args:
-            observations: shape (n, obs_dim), in the environment's units.
+            observations: shape (n, obs_dim), in the environment's units; of another shape with as
+                many numbers they are flattened.
 
         Returns:
             float32, shape (n, action_dim): means before clipping or squashing for a `Box` action
@@ -137,12 +138,13 @@ class MlpPolicy:
             ValueError: on another shape.
         """
         observations = np.asarray(observations)
-        if observations.ndim != 2 or observations.shape[1:] != self.observation_shape:
+        if observations.ndim < 2 or math.prod(observations.shape[1:]) != self.observation_shape[0]:
             raise ValueError(
                 f"expected observations of shape (n, {self.observation_shape[0]}), got "
                 f"{observations.shape}; pass a batch, for example observation[None]"
             )
         activate = ACTIVATIONS[self.activation]
+        observations = observations.reshape(len(observations), self.observation_shape[0])
         with np.errstate(over="ignore", invalid="ignore"):
             if self.statistics is None:
                 features: FloatArray = observations.astype(np.float32)
@@ -188,8 +190,8 @@ class MlpPolicy:
     ) -> None:
         """Check that the policy can act in an environment with these (single) spaces.
 
-        Only kinds and shapes count, not bounds: a policy keeps its own bounds in an environment
-        that was perturbed.
+        Only kinds and sizes count: a policy keeps its own bounds in an environment that was
+        perturbed, and a space of shape (1, n) is one of n numbers.
 
         Raises:
             ValueError: in one sentence, with what the policy expects, what was found, the remedy.
@@ -197,7 +199,7 @@ class MlpPolicy:
         remedy = "evaluate it in the kind of environment it was trained in, or train one here"
         if (
             not isinstance(observation_space, spaces.Box)
-            or observation_space.shape != self.observation_shape
+            or math.prod(observation_space.shape) != self.observation_shape[0]
         ):
             raise ValueError(
                 f"policy {self.policy_id!r} expects observations of shape "
@@ -210,7 +212,10 @@ class MlpPolicy:
                 (action_space.n, action_space.start) == (expected.n, 0)
             )
         else:
-            fits = isinstance(action_space, spaces.Box) and action_space.shape == expected.shape
+            fits = (
+                isinstance(action_space, spaces.Box)
+                and math.prod(action_space.shape) == self.actions.size
+            )
         if not fits:
             raise ValueError(
                 f"policy {self.policy_id!r} gives actions for {_describe(expected)} and the "

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .card import LAST_EPISODES, episode_summary, make_card, mixture_of, told
     from .error import PolicyFileError
     from .formats import (
+        STATE_DICT_ENDINGS,
         OnnxPolicy,
         lacks_statistics,
         onnx_card,

@@ -276,7 +276,7 @@ def _bounds(action_space: spaces.Space[Any]) -> tuple[list[float], list[float]] 
     """(low, high) of a `Box`, in the action's units."""
     if not isinstance(action_space, spaces.Box):
         return None
-    return action_space.low.tolist(), action_space.high.tolist()
+    return action_space.low.ravel().tolist(), action_space.high.ravel().tolist()
 
 
 def _are_bounds(value: Any) -> bool:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike
 
 from integ_gym.envs import DISCRETIZATION, environment_setup, is_integ_environment
 from integ_gym.support import replace_file
@@ -15,10 +20,12 @@ from integ_gym.support import replace_file
 from ..policy import BoxActions, MlpPolicy
 from .error import PolicyFileError
 from .formats import (
+    STATE_DICT_ENDINGS,
+    GivenStatistics,
     OnnxPolicy,
     lacks_statistics,
+    observation_statistics_of,
     onnx_bytes,
-    read_observation_statistics,
     read_sb3_model,
     safetensors_bytes,
 )
@@ -31,6 +38,12 @@ _UNSCALED = (
     "was trained inside VecNormalize, whose statistics are missing; pass "
     'obs_stats="vecnormalize.pkl", also of one with norm_obs=False'
 )
+_NORMALIZED = (
+    "has the actor of CleanRL's ppo_continuous_action, which learns from normalized observations "
+    'and saves no statistics; pass obs_stats={"mean": rms.mean, "var": rms.var} with '
+    'rms = envs.envs[0].get_wrapper_attr("obs_rms"), or obs_stats=False if this one was trained '
+    "without NormalizeObservation"
+)
 
 
 def write_sidecar(
@@ -42,9 +55,9 @@ def write_sidecar(
     policy_id: str | None = None,
     seed: int | None = None,
     activation: str | None = None,
-    actions: int | None = None,
-    action_bounds: tuple[Sequence[float], Sequence[float]] | None = None,
-    obs_stats: str | os.PathLike[str] | None = None,
+    actions: int | spaces.Discrete | None = None,
+    action_bounds: tuple[ArrayLike, ArrayLike] | spaces.Box | None = None,
+    obs_stats: GivenStatistics = None,
 ) -> Path:
     """Say beside a policy's file what it was trained on, so that evaluations know.
 
@@ -57,42 +70,109 @@ def write_sidecar(
         policy_id: its name; by default the file's.
         seed: of its training.
         activation: of a state dict, the name of the torch class, such as ``"Tanh"``.
-        actions: of a state dict, the number of discrete actions.
-        action_bounds: (low, high), each of shape (action_dim,), in the action's units.
-        obs_stats: VecNormalize's statistics, which the side-car then holds.
+        actions: of a state dict, the number of discrete actions, or their space.
+        action_bounds: of a state dict, or of the rare zip that does not spell them out: (low,
+            high), each one number for all actions or one for each, in their units; or their space.
+        obs_stats: statistics of its observations, which the side-car then holds: the file of
+            `VecNormalize`, or ``{"mean": …, "var": …}``; False: it learned from observations as
+            they are.
 
     Returns:
         The side-car's path: the JSON file of the same name.
 
     Raises:
         PolicyFileError: for a policy that cannot be read, or whose `VecNormalize` is missing.
-        ValueError: for a home that is none.
+        TypeError, ValueError: for a home that is none, or an argument that this file cannot have.
+
+    Warns:
+        UserWarning: of a state dict that learned from normalized observations, without their
+            statistics.
     """
+    if not isinstance(policy, str | os.PathLike):
+        raise TypeError(
+            f"write_sidecar takes the path of a policy's file, got {type(policy).__name__}; write "
+            "a model with integ_gym.save_policy, which says its home too"
+        )
     file = Path(policy)
-    statistics = (
-        None if obs_stats is None else _statistics_of(read_observation_statistics(obs_stats))
-    )
-    card = {
-        "format": FORMAT,
-        "policy_file": file.name,
-        "policy_id": policy_id or file.stem,
-        "seed": seed,
-        "action_bounds": action_bounds and [[float(x) for x in side] for side in action_bounds],
-        "network": {
-            "activation": activation,
-            "actions": actions,
-            "observation_statistics": statistics,
-        },
-        **_training(env_id, home, environment),
+    _check_arguments(file, activation, actions, action_bounds)
+    statistics = _statistics_of(observation_statistics_of(obs_stats))
+    network: dict[str, Any] = {
+        "activation": activation,
+        "actions": None if actions is None else _count(actions),
+        "observation_statistics": statistics,
     }
     if obs_stats is not None and statistics is None:
-        card["network"]["scaled"] = False
+        network["scaled"] = False
+    card = _plain(
+        {
+            "format": FORMAT,
+            "policy_file": file.name,
+            "policy_id": policy_id or file.stem,
+            "seed": seed,
+            "action_bounds": None if action_bounds is None else _bounds(action_bounds),
+            "network": network,
+            **_training(env_id, home, environment),
+        }
+    )
     card["content_hash"] = read_weights(file, card).content_hash
-    _check_scale(file, card)
+    if unscaled(file, card):
+        if file.suffix.lower() not in STATE_DICT_ENDINGS:
+            raise PolicyFileError(f"{file}: {_UNSCALED}")
+        card["network"]["scaled"] = True
+        warnings.warn(f"{file}: {_NORMALIZED}", stacklevel=2)
     path = file.with_suffix(".json")
     text = json.dumps(hashed(card), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     replace_file(path, text.encode())
     return path
+
+
+def _check_arguments(file: Path, activation: Any, actions: Any, action_bounds: Any) -> None:
+    """Refuse what is said of a file that says it itself, or twice."""
+    of_state_dict = file.suffix.lower() in STATE_DICT_ENDINGS
+    given = {"activation": activation, "actions": actions}
+    if file.suffix.lower() in (ONNX_ENDING, SAFETENSORS_ENDING):
+        given["action_bounds"] = action_bounds
+    for name, value in given.items():
+        if value is not None and not of_state_dict:
+            raise ValueError(f"`{name}` is for a state dict, and {file.name} says its own; omit it")
+    if actions is not None and action_bounds is not None:
+        raise ValueError("actions are discrete or have bounds; give `actions` or `action_bounds`")
+
+
+def _count(actions: Any) -> int:
+    """How many discrete actions there are."""
+    count = actions.n if isinstance(actions, spaces.Discrete) else actions
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ValueError(f"`actions` is the number of discrete actions, such as 2, got {count!r}")
+    return int(count)
+
+
+def _bounds(given: Any) -> list[list[float]]:
+    """Lower and upper bounds of the actions, as the side-car holds them."""
+    sides = (given.low, given.high) if isinstance(given, spaces.Box) else given
+    try:
+        low, high = (np.asarray(side, dtype=float).ravel().tolist() for side in sides)
+    except (TypeError, ValueError):
+        raise ValueError(
+            "`action_bounds` are (low, high), each one number for all actions or one for each, "
+            f"such as (-2.0, 2.0), got {given!r:.60}"
+        ) from None
+    return [low, high]
+
+
+def _plain(card: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as JSON, NumPy's numbers and arrays as Python's."""
+
+    def converted(value: Any) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        raise TypeError(
+            f"a side-car holds numbers, texts, lists and objects, got {type(value).__name__}; give "
+            "`environment`, `home` and `seed` as such"
+        )
+
+    plain: dict[str, Any] = json.loads(json.dumps(card, default=converted))
+    return plain
 
 
 def save_policy(
@@ -104,7 +184,7 @@ def save_policy(
     environment: Mapping[str, Any] | None = None,
     policy_id: str | None = None,
     seed: int | None = None,
-    obs_stats: str | os.PathLike[str] | None = None,
+    obs_stats: GivenStatistics = None,
 ) -> Path:
     """Write a feed-forward policy: ``.onnx`` with metadata, or ``.safetensors`` with a side-car.
 
@@ -116,7 +196,8 @@ def save_policy(
         environment: further constructor arguments of its training environment.
         policy_id: its name; by default the file's.
         seed: of its training.
-        obs_stats: VecNormalize's statistics, which become part of the policy.
+        obs_stats: statistics of its observations, which become part of the policy; see
+            :func:`write_sidecar`.
 
     Returns:
         The path.
@@ -130,34 +211,43 @@ def save_policy(
     file, name = Path(path), policy_id or Path(path).stem
     if file.suffix not in (ONNX_ENDING, SAFETENSORS_ENDING):
         raise ValueError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
-    own = _feed_forward(policy, name, None if obs_stats is None else Path(obs_stats))
+    own = _feed_forward(policy, name, obs_stats)
     training = _training(env_id, home, environment)
     if file.suffix == SAFETENSORS_ENDING:
         _check_alone(file)
         replace_file(file, safetensors_bytes(own))
         write_sidecar(file, env_id, home=home, environment=environment, policy_id=name, seed=seed)
         return file
-    card = {"policy_id": name, "seed": seed, **training, **_told(own, env_id)}
+    card = _plain({"policy_id": name, "seed": seed, **training, **_told(own, env_id)})
     replace_file(file, onnx_bytes(own, card))
     return file
 
 
-def _feed_forward(policy: Any, name: str, obs_stats: Path | None) -> MlpPolicy:
+def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPolicy:
     if isinstance(policy, str | os.PathLike):
         policy = _of_file(Path(policy), obs_stats)
-    elif not isinstance(policy, MlpPolicy | OnnxPolicy):
+        return _named(policy, name)
+    if not isinstance(policy, MlpPolicy | OnnxPolicy):
         model, policy = policy, read_sb3_model(policy, name)
-        if lacks_statistics(model):
+        if obs_stats is None and lacks_statistics(model):
             raise PolicyFileError(
                 f"the model {name} was trained inside VecNormalize and is without it; load it with "
-                "env=VecNormalize.load(path, venv)"
+                "env=VecNormalize.load(path, venv), or pass obs_stats"
             )
+    named = _named(policy, name)
+    if obs_stats is not None and named.statistics is not None:
+        raise PolicyFileError(f"the policy {name} has statistics of its own; leave out obs_stats")
+    statistics = observation_statistics_of(obs_stats)
+    return named if statistics is None else replace(named, statistics=statistics)
+
+
+def _named(policy: Any, name: str) -> MlpPolicy:
     if not isinstance(policy, MlpPolicy):
         raise PolicyFileError("only a feed-forward policy is written; give one")
     return replace(policy, policy_id=name)
 
 
-def _of_file(path: Path, obs_stats: Path | None) -> Any:
+def _of_file(path: Path, obs_stats: GivenStatistics) -> Any:
     """A policy with the statistics that are given, or that its side-car holds."""
     if not has_sidecar(path):
         policy, card = read_weights(path, obs_stats=obs_stats), None
@@ -172,7 +262,8 @@ def _of_file(path: Path, obs_stats: Path | None) -> Any:
 def _check_scale(path: Path, card: Mapping[str, Any] | None) -> None:
     """Refuse a policy that would act on observations of the wrong scale."""
     if unscaled(path, card):
-        raise PolicyFileError(f"{path}: {_UNSCALED}")
+        known = path.suffix.lower() in STATE_DICT_ENDINGS
+        raise PolicyFileError(f"{path}: {_NORMALIZED if known else _UNSCALED}")
 
 
 def _check_alone(file: Path) -> None:
@@ -190,6 +281,11 @@ def _sidecar(file: Path) -> Path:
 
 def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) -> dict[str, Any]:
     """What a card says of the training."""
+    for name in (*DISCRETIZATION, "mixture"):
+        if name in (environment or {}):
+            raise ValueError(
+                f"`{name}` is a part of the home; say it in `home`, not in `environment`"
+            )
     arguments = stated_arguments(home, env_id)
     stated = {name: arguments[name] for name in DISCRETIZATION if name in arguments}
     return {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,16 @@ from numpy.typing import NDArray
 
 from integ_gym.evidence import EvidenceStore
 from integ_gym.support import percent
-from integ_gym.train import HOW_TO_STATE
+from integ_gym.train import HOW_TO_STATE, STATE_DICT_ENDINGS
 
 from ...verdict import ALPHA, FAIL_MARGIN, p_text
 from ..model import Estimate, PairedEpisodes
 from ..results import Matrix, PanelLayout, compares_success, home_cell, paired_episodes
 from ..specification import PanelSpec
 from .policy import Existing
+
+FEWEST, ENOUGH = 6, 20
+"""Paired episodes below which not even a sign test can show anything at 5 %, and those that do."""
 
 
 def doubts_of(
@@ -42,6 +46,14 @@ def _unscaled(existing: Existing) -> list[str]:
     """Doubt where the observations that it learned from were of another scale."""
     if not existing.unscaled:
         return []
+    if any(Path(name).suffix in STATE_DICT_ENDINGS for name in existing.files):
+        return [
+            f"{existing.policy.policy_id} has the actor of CleanRL's ppo_continuous_action, which "
+            "learns from normalized observations and saves no statistics, and was judged without "
+            "them, so nothing here need be what it does with them; write its side-car again with "
+            'obs_stats={"mean": …, "var": …}, or with obs_stats=False if it saw observations as '
+            "they are"
+        ]
     remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
     if not existing.files:
         remedy = "load it with env=VecNormalize.load(path, venv)"
@@ -68,7 +80,7 @@ def _limited_otherwise(existing: Existing) -> list[str]:
     own, space = getattr(existing.policy, "bounds", None), existing.action_space
     if own is None or not isinstance(space, spaces.Box):
         return []
-    taken = (space.low, space.high)
+    taken = (space.low.ravel(), space.high.ravel())
     if np.allclose(own, taken, rtol=1e-5, atol=0.0):
         return []
     return [
@@ -135,17 +147,22 @@ def _no_better(
     best = max(cells, key=lambda cell: leads[cell][0])
     own, chance = (matrix.values(name, best, "return")[0] for name in (row, "random"))
     compared = f"{own.mean():.1f} over {len(own)} episodes"
+    few = ""
+    if len(own) < FEWEST:
+        few = (
+            f"{len(own)} episodes are too few to show anything, give --episodes {ENOUGH} or more; "
+        )
     if home is None:
         return [
             f"on no discretization is the policy shown to be better than random: it comes nearest "
             f"on {best}, with a return of {compared} where random's is {chance.mean():.1f}; "
-            f"{_remedy(existing)}"
+            f"{few}{_remedy(existing)}"
         ]
     better = "no better than" if leads[best][0] <= 0 else "not shown to be better than"
     why = f"it {elsewhere}" if elsewhere else _remedy(existing)
     return [
         f"on its home discretization ({home}) the policy's return {compared} is {better} "
-        f"random's {chance.mean():.1f}; {why}"
+        f"random's {chance.mean():.1f}; {few}{why}"
     ]
 
 

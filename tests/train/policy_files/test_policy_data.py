@@ -66,10 +66,11 @@ UNREADABLE_DATA: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (setting("observation_space", to=[]), "no readable 'observation_space'"),
     (
         setting("observation_space", ":type:", to="<class 'gymnasium.spaces.dict.Dict'>"),
-        "the observation space is Dict of shape [3], and only a one-dimensional Box can be read",
+        "the observation space is Dict of shape [3], and only a Box can be read",
     ),
     (setting("observation_space", ":type:", to="<class 'mine.Box'>"), "is <class 'mine.Box'> of"),
-    (setting("observation_space", "_shape", to=[3, 4]), "is Box of shape [3, 4]"),
+    (setting("observation_space", "_shape", to=[3, 4]), "should have shape (64, 12)"),
+    (setting("observation_space", "_shape", to=[3, 0]), "is Box of shape [3, 0]"),
     (setting("observation_space", "_shape", to="(3,)"), "is Box of shape (3,)"),
     (setting("observation_space", "_shape", to=[True]), "is Box of shape [True]"),
     (setting("observation_space", "_shape", to=[0]), "is Box of shape [0]"),
@@ -77,7 +78,7 @@ UNREADABLE_DATA: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (setting(BOX, to=None), "no readable 'action_space'"),
     (
         setting(BOX, ":type:", to="<class 'gymnasium.spaces.multi_discrete.MultiDiscrete'>"),
-        "the action space is MultiDiscrete of shape [1], and only a one-dimensional Box or Dis",
+        "the action space is MultiDiscrete of shape [1], and only a Box or Dis",
     ),
     (setting(BOX, "dtype", to="float64"), "has dtype float64, and only float32 can be read"),
     (setting(BOX, "low", to="[-1. ... -1.]"), "does not spell out 1 numbers"),

@@ -58,6 +58,44 @@ def test_a_torchscript_program_is_refused(pendulum_zip: Path, tmp_path: Path) ->
     assert "is a TorchScript program, which is never run; export it" in refusal(path)
 
 
+def _old_format(tensors: object) -> bytes:
+    stream = io.BytesIO()
+    torch.save(tensors, stream, _use_new_zipfile_serialization=False)
+    return stream.getvalue()
+
+
+def test_weights_in_torchs_older_format_are_read(pendulum_zip: Path, tmp_path: Path) -> None:
+    old = _old_format(state_dict(pendulum_zip))
+    path = rewritten(pendulum_zip, tmp_path / "old.zip", policy__pth=old)
+    assert read_sb3_zip(path).content_hash == read_sb3_zip(pendulum_zip).content_hash
+
+
+class _Touch:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_torchs_older_format_executes_nothing_and_takes_no_more_than_the_limit(
+    pendulum_zip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bait, path = tmp_path / "touched", tmp_path / "old.zip"
+    rewritten(pendulum_zip, path, policy__pth=_old_format({"log_std": _Touch(bait)}))
+    assert "holds something other than plain weights" in refusal(path)
+    assert not bait.exists()
+    old = _old_format(state_dict(pendulum_zip))
+    count = (64 * 64).to_bytes(2, "little")
+    huge = old.replace(b"M" + count, b"J" + (2**31 - 1).to_bytes(4, "little"))
+    assert huge != old
+    rewritten(pendulum_zip, path, policy__pth=huge)
+    assert "asks for more memory than the limit" in refusal(path)
+    for content in (old[:40], old[:-100]):
+        rewritten(pendulum_zip, path, policy__pth=content)
+        assert refusal(path)
+
+
 def test_a_path_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:
     assert "cannot be opened (No such file or directory)" in refusal(tmp_path / "none.zip")
     assert "cannot be opened (Is a directory)" in refusal(tmp_path)

@@ -14,12 +14,14 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.wrappers import TransformObservation
 from policy_files import rewritten, setting
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import integ_gym
+from integ_gym.eval.panel.existing.policy import read_existing
 from integ_gym.train import PolicyFileError, read_trained, save_policy, write_sidecar
 from integ_gym.train.policy_files.reading import unscaled
 
@@ -138,6 +140,22 @@ def test_an_evaluation_without_statistics_says_so(tmp_path):
     (said,) = _doubts(PPO.load(policy), tmp_path / "model")
     assert "load it with env=VecNormalize.load(path, venv)" in said
     assert not _doubts(policy, tmp_path / "with", obs_stats=statistics)
+
+
+def test_cleanrl_s_ppo_without_its_statistics_is_doubted(tmp_path):
+    path = tmp_path / "agent.cleanrl_model"
+    actor = {"actor_mean.0.weight": torch.zeros(1, 3), "actor_mean.0.bias": torch.zeros(1)}
+    torch.save(actor, path)
+    said = {"home": HOME, "activation": "Tanh", "action_bounds": (-2.0, 2.0)}
+    with pytest.warns(UserWarning, match="pass obs_stats="):
+        write_sidecar(path, PENDULUM, **said)
+    panel = integ_gym.evaluate(
+        path, PENDULUM, tmp_path / "out", integrators=["rk4"], dts=[0.05], episodes=2,
+        environment={"duration": 0.5}, workers=1, progress=False, on_doubt=lambda doubt: None,
+    )  # fmt: skip
+    assert "CleanRL's ppo_continuous_action, which learns from normal" in panel.warnings[0]
+    write_sidecar(path, PENDULUM, **said, obs_stats=False)
+    assert not read_existing(path, PENDULUM, {}).unscaled
 
 
 def test_a_vec_normalize_that_scales_nothing_says_so(tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from gymnasium import spaces
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3 import DQN, PPO, SAC
@@ -27,6 +28,7 @@ from integ_gym.train.policy_files.formats.safetensors_file import (
     read_safetensors,
     safetensors_bytes,
 )
+from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import read_trained
 
 HOME = "integrator=explicit_euler,dt=0.05,control_period=0.1"
@@ -203,8 +205,9 @@ def test_state_dicts_of_cleanrl_with_a_side_car(suffix, tmp_path):
     with pytest.raises(PolicyFileError, match="needs the bounds of its actions"):
         write_sidecar(path, "IntegPendulum-v0", home=HOME, activation="Tanh")
     write_sidecar(
-        path, "IntegPendulum-v0", home=HOME, activation="Tanh", action_bounds=([-0.1], [0.1])
-    )
+        path, "IntegPendulum-v0", home=HOME, activation="Tanh", action_bounds=([-0.1], [0.1]),
+        obs_stats=False,
+    )  # fmt: skip
     expected = both["actor_mean"](given).clamp(-0.1, 0.1).detach()
     np.testing.assert_allclose(read_trained(path)[0].act(observations), expected, atol=1e-6)
 
@@ -233,6 +236,168 @@ def test_what_would_be_executed_is_refused_with_the_way_that_works(tmp_path):
     (tmp_path / "x.onnx").write_bytes(b"nothing")
     with pytest.raises(PolicyFileError, match="is not a readable ONNX file"):
         read_weights(tmp_path / "x.onnx")
+
+
+def test_checkpoints_of_trainings_say_what_works(tmp_path):
+    path, tensors = tmp_path / "model_100.pt", {"0.weight": torch.zeros(1, 3)}
+    for name in ("actor_state_dict", "model_state_dict"):
+        torch.save({name: tensors, "optimizer_state_dict": {"state": {}}, "iter": 100}, path)
+        with pytest.raises(PolicyFileError, match=r"checkpoint of rsl_rl.*export it to ONNX with"):
+            read_weights(path)
+    torch.save({"policy": tensors, "value": tensors}, path)
+    with pytest.raises(PolicyFileError, match="with the parts policy, value; save the actor's"):
+        read_weights(path)
+    torch.save({"0.weight": torch.zeros(1, 3).double()}, path)
+    with pytest.raises(PolicyFileError, match="float32 weights; save the actor's state_dict alone"):
+        read_weights(path)
+
+
+PPO_OF_CLEANRL = {
+    "env_id": "IntegPendulum-v0", "home": HOME, "activation": "Tanh", "action_bounds": (-2.0, 2.0),
+}  # fmt: skip
+
+
+def _written(path: Path, module: nn.Module, **said) -> tuple[MlpPolicy, dict]:
+    torch.save(module.state_dict(), path)
+    write_sidecar(path, **{**PPO_OF_CLEANRL, **said})
+    policy, card = read_trained(path)
+    assert isinstance(policy, MlpPolicy)
+    return policy, card
+
+
+def test_cleanrl_s_ppo_without_its_statistics_is_warned_of(tmp_path):
+    path = tmp_path / "agent.cleanrl_model"
+    with pytest.warns(UserWarning, match=r"learns from normalized observations .* pass obs_stats="):
+        _, card = _written(path, _clean_ppo(1, "actor_mean"))
+    assert card["network"]["scaled"] is True
+    assert unscaled(path, card)
+    with pytest.raises(PolicyFileError, match=r"normalized observations .* pass obs_stats="):
+        save_policy(path, tmp_path / "agent.onnx", "IntegPendulum-v0", home=HOME)
+    for said in ({"obs_stats": False}, {"obs_stats": {"mean": np.zeros(3), "var": np.ones(3)}}):
+        _, card = _written(path, _clean_ppo(1, "actor_mean"), **said)
+        assert not unscaled(path, card)
+    for name in ("actor", "network"):  # of its scripts that do not normalize
+        _, card = _written(path, _clean_ppo(2, name), actions=2, action_bounds=None)
+        assert not unscaled(path, card)
+
+
+def test_statistics_are_said_by_two_numbers_for_each_observation(tmp_path):
+    path, actor = tmp_path / "agent.cleanrl_model", _clean_ppo(1, "actor_mean")
+    mean, var = np.array([0.5, -0.5, 1.0]), np.array([[1.0, 2.0, 3.0]])
+    policy, card = _written(path, actor, obs_stats={"mean": mean, "var": var})
+    assert card["network"]["observation_statistics"] == {
+        "mean": [0.5, -0.5, 1.0], "var": [1.0, 2.0, 3.0], "epsilon": 1e-8, "clip_obs": 10.0,
+    }  # fmt: skip
+    seen = np.random.default_rng(0).normal(size=(20, 3))
+    normal = np.clip((seen - mean) / np.sqrt(var + 1e-8), -10.0, 10.0).astype(np.float32)
+    expected = actor["actor_mean"](torch.as_tensor(normal)).clamp(-2.0, 2.0).detach()
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-6)
+    with pytest.raises(PolicyFileError, match=r"^obs_stats: expected the keys mean, var.*; give"):
+        _written(path, actor, obs_stats={"mean": mean})
+    model = PPO("MlpPolicy", "Pendulum-v1", device="cpu")
+    stats = {"mean": mean, "var": var}
+    saved = save_policy(
+        model, tmp_path / "m.safetensors", "IntegPendulum-v0", home=HOME, obs_stats=stats
+    )
+    np.testing.assert_array_equal(read_trained(saved)[0].statistics.mean, mean)
+    with pytest.raises(PolicyFileError, match="has statistics of its own; leave out obs_stats"):
+        save_policy(
+            read_trained(saved)[0], tmp_path / "x.onnx", "IntegPendulum-v0", home=HOME,
+            obs_stats=stats,
+        )  # fmt: skip
+
+
+def test_a_side_car_takes_numbers_arrays_and_spaces(tmp_path):
+    path, actor = tmp_path / "agent.pt", _clean_ppo(2, "actor")
+    space = spaces.Box(-2.0, 2.0, (1, 2))
+    for bounds in ((-2.0, 2.0), ([-2.0, -2.0], 2), np.array([[-2.0, -2.0], [2.0, 2.0]]), space):
+        policy, _ = _written(path, actor, action_bounds=bounds)
+        assert policy.actions.low.tolist() == [-2.0, -2.0]
+        assert policy.actions.high.tolist() == [2.0, 2.0]
+    for actions in (2, np.int64(2), spaces.Discrete(2)):
+        policy, card = _written(
+            path, actor, actions=actions, action_bounds=None, seed=np.int64(3),
+            home={"integrator": "rk4", "dt": np.float64(0.05)},
+            environment={"length": np.float32(0.5)},
+        )  # fmt: skip
+        assert policy.actions == DiscreteActions(2)
+        assert (card["seed"], card["config"]["env_arguments"]["length"]) == (3, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("said", "fragment"),
+    [
+        ({"actions": 2}, "give `actions` or `action_bounds`"),
+        ({"actions": 2.5, "action_bounds": None}, "is the number of discrete actions, such as 2"),
+        ({"action_bounds": 2.0}, r"are \(low, high\), each one number for all actions"),
+        ({"action_bounds": None}, r"action_bounds=\(low, high\)\) or \(\.\.\., actions=N\)"),
+        ({"environment": {"dt": 0.1}}, "`dt` is a part of the home; say it in `home`"),
+        ({"environment": {"mixture": []}}, "`mixture` is a part of the home"),
+        ({"environment": {"length": {1.0}}}, "holds numbers, texts, lists and objects, got set"),
+    ],
+)
+def test_what_a_side_car_cannot_say_is_one_sentence(said, fragment, tmp_path):
+    with pytest.raises((TypeError, ValueError), match=fragment):
+        _written(tmp_path / "agent.pt", _clean_ppo(2, "actor"), **said)
+    assert not (tmp_path / "agent.json").exists()
+
+
+def test_what_a_file_says_itself_is_not_said_beside_it(tmp_path, pendulum_zip):
+    model = PPO("MlpPolicy", "Pendulum-v1", device="cpu")
+    tensors = save_policy(model, tmp_path / "a.safetensors", "IntegPendulum-v0", home=None)
+    graph = save_policy(model, tmp_path / "b.onnx", "IntegPendulum-v0", home=None)
+    for path, said in (
+        (pendulum_zip, {"activation": "Tanh"}),
+        (pendulum_zip, {"actions": 2}),
+        (tensors, {"action_bounds": (-2.0, 2.0)}),
+        (graph, {"action_bounds": (-2.0, 2.0)}),
+        (graph, {"activation": "Tanh"}),
+    ):
+        with pytest.raises(ValueError, match=r"is for a state dict, and .* says its own; omit"):
+            write_sidecar(path, "IntegPendulum-v0", home=HOME, **said)
+    with pytest.raises(TypeError, match="takes the path of a policy's file, got PPO; write a mod"):
+        write_sidecar(model, "IntegPendulum-v0", home=HOME)
+
+
+def test_a_name_that_is_no_file_of_a_policy_says_what_may_be_meant(tmp_path, pendulum_zip):
+    bare = tmp_path / "policy"
+    with pytest.raises(PolicyFileError, match="no such file; give a file, or a function of your"):
+        read_weights(bare)
+    (tmp_path / "policy.zip").write_bytes(pendulum_zip.read_bytes())
+    with pytest.raises(PolicyFileError, match=r"there is no such file; give .*policy\.zip$"):
+        read_weights(bare)
+    with pytest.raises(PolicyFileError, match=r"is a folder; give .*policy\.zip$"):
+        read_weights(tmp_path)
+    bare.write_bytes(pendulum_zip.read_bytes())
+    assert read_weights(bare).content_hash == read_weights(pendulum_zip).content_hash
+    script = tmp_path / "predict.py"
+    script.write_text("def predict(observation):\n    return [0.0]\n")
+    with pytest.raises(PolicyFileError, match=r"its ending says no format that is read, .*\.zip, "):
+        read_weights(script)
+
+
+class Wide(nn.Module):
+    """A graph that is run, of 17 observations or of a row of 3."""
+
+    def __init__(self, row: bool = False) -> None:
+        super().__init__()
+        self.norm, self.last, self.row = nn.LayerNorm(3 if row else 17), nn.Linear(17, 1), row
+
+    def forward(self, observations):
+        return self.norm(observations)[:, 0, :1] if self.row else self.last(self.norm(observations))
+
+
+@pytest.mark.filterwarnings("ignore")  # of torch's exporter
+def test_a_graph_of_another_width_says_what_it_takes(tmp_path):
+    torch.onnx.export(Wide(), (torch.zeros(1, 17),), tmp_path / "wide.onnx", dynamo=False)
+    policy = read_onnx(tmp_path / "wide.onnx")
+    box = spaces.Box(-1.0, 1.0, (3,))
+    with pytest.raises(ValueError, match=r"input of shape \(1, 17\) and the environment gives"):
+        policy.check_spaces(box, spaces.Box(-1.0, 1.0, (1,)))
+    torch.onnx.export(Wide(True), (torch.zeros(1, 1, 3),), tmp_path / "row.onnx", dynamo=False)
+    policy = read_onnx(tmp_path / "row.onnx")
+    policy.check_spaces(box, spaces.Box(-1.0, 1.0, (1, 1)))
+    assert policy.act(np.ones((5, 3))).shape == (5, 1)
 
 
 def test_only_what_is_feed_forward_is_saved_under_known_suffixes(tmp_path):

@@ -11,21 +11,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from integ_gym.support import read_bounded
 
-from ...policy import BoxActions, DiscreteActions, Layer, MlpPolicy
+from ...policy import BoxActions, DiscreteActions, Layer, MlpPolicy, spread
 from ..error import PolicyFileError
 from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
 
 STATE_DICT_ENDINGS = (".pt", ".pth", ".cleanrl_model")
 
-
 _ALONE = (
-    "holds weights alone; write its side-car with integ_gym.write_sidecar(path, env_id, "
-    "activation=..., action_bounds=... or actions=...), or export the actor with torch.onnx.export"
+    "holds weights alone; write its side-car with integ_gym.write_sidecar(path, env_id, home=..., "
+    "activation=..., action_bounds=(low, high) or actions=N), or export the actor with "
+    "torch.onnx.export"
 )
+_OTHER = "save the actor's state_dict alone, in float32, or export the actor with torch.onnx.export"
 
 
 class _Form(NamedTuple):
@@ -62,16 +61,30 @@ def read_state_dict(path: Path, network: Mapping[str, Any]) -> MlpPolicy:
             not fit what is said of it.
     """
     try:
-        tensors = load_tensors(read_bounded(path, MAX_WEIGHTS_BYTES), "the file")
+        tensors = _tensors(path)
         if not network.get("activation"):
             raise PolicyFileError(_ALONE)
         form, layers = _layers(tensors)
-        actions = _actions(network, form.squash, tensors)
+        actions = _actions(network, form.squash, tensors, len(layers[-1][1]))
         return MlpPolicy(layers, str(network["activation"]), actions, policy_id=path.stem)
-    except OSError as error:
-        raise PolicyFileError(f"{path}: cannot be opened ({error.strerror})") from error
     except (KeyError, TypeError, ValueError) as error:
         raise PolicyFileError(f"{path}: {error}") from error
+
+
+def normalizes(path: Path) -> bool:
+    """Whether a state dict is of an actor that learned from normalized observations.
+
+    CleanRL's ppo_continuous_action, which calls its actor `actor_mean`, always normalizes them and
+    saves no statistics; its other scripts do not.
+    """
+    return any(name.startswith("actor_mean.") for name in _tensors(path))
+
+
+def _tensors(path: Path) -> Mapping[str, Any]:
+    try:
+        return load_tensors(read_bounded(path, MAX_WEIGHTS_BYTES), "the file", _OTHER)
+    except OSError as error:
+        raise PolicyFileError(f"cannot be opened ({error.strerror}); check the path") from error
 
 
 def _layers(tensors: Mapping[str, Any]) -> tuple[_Form, tuple[Layer, ...]]:
@@ -101,17 +114,17 @@ def _of(tensors: Mapping[str, Any], name: str, part: str) -> Any:
 
 
 def _actions(
-    network: Mapping[str, Any], squash: bool, tensors: Mapping[str, Any]
+    network: Mapping[str, Any], squash: bool, tensors: Mapping[str, Any], outputs: int
 ) -> BoxActions | DiscreteActions:
     if network.get("actions") is not None:
         return DiscreteActions(int(network["actions"]))
     if network.get("action_bounds") is not None:
-        low, high = network["action_bounds"]
-        return BoxActions(np.asarray(low), np.asarray(high), squash)
+        low, high = (spread(side, outputs) for side in network["action_bounds"])
+        return BoxActions(low, high, squash)
     if {"action_scale", "action_bias"} <= set(tensors):
         scale, middle = (tensors[f"action_{x}"].numpy().ravel() for x in ("scale", "bias"))
         return BoxActions(middle - scale, middle + scale, squash)
     raise PolicyFileError(
-        "needs the bounds of its actions; write its side-car with "
-        "integ_gym.write_sidecar(..., action_bounds=(low, high))"
+        "needs the bounds of its actions, or their number where they are discrete; write its "
+        "side-car with integ_gym.write_sidecar(..., action_bounds=(low, high)) or (..., actions=N)"
     )

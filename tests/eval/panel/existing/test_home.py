@@ -111,6 +111,7 @@ def test_from_python_doubts_are_told_on_stderr_and_a_panel_is_one_line(tmp_path,
     told = capsys.readouterr().err
     assert len(panel.warnings) == told.count("warning: ") > 0
     assert told.startswith("warning: the home of lazy is unknown")
+    assert "2 episodes are too few to show anything, give --episodes 20 or more" in told
     assert repr(panel).startswith("<Panel 'evaluate lazy': 4 rows, ")
     assert len(repr(panel)) < 2000
 

@@ -63,7 +63,9 @@ def _cleanrl(path: Path) -> None:
     nets = nn.ModuleDict({"actor_mean": nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 1))})
     torch.save(nets.state_dict(), path)
     bounds = ([-2.0], [2.0])
-    write_sidecar(path, PENDULUM, home="stock", activation="Tanh", action_bounds=bounds)
+    write_sidecar(
+        path, PENDULUM, home="stock", activation="Tanh", action_bounds=bounds, obs_stats=False
+    )
 
 
 FILES: dict[str, Callable[[Path], None]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -57,18 +58,32 @@ class OnnxPolicy:
 
     def outputs(self, observations: NDArray[Any]) -> NDArray[Any]:
         """What the graph gives for each of a batch of observations, shape (n, …)."""
+        one = self._input
+        dtype = np.float64 if "double" in one.type else np.float32
+        given = np.asarray(observations, dtype=dtype)
+        shape = self.observation_shape
+        if shape is not None and math.prod(shape) == math.prod(given.shape[1:]):
+            given = given.reshape(len(given), *shape)
+        return np.concatenate(
+            [np.asarray(self._session.run(None, {one.name: row[None]})[0])[:1] for row in given]
+        )
+
+    @property
+    def _input(self) -> Any:
         taken = self._session.get_inputs()
         if len(taken) != 1:
             raise PolicyFileError(
                 f"takes {len(taken)} inputs, and only a graph from observations alone can be "
                 "judged; a policy that remembers is not judged here"
             )
-        (one,) = taken
-        dtype = np.float64 if "double" in one.type else np.float32
-        given = np.asarray(observations, dtype=dtype)
-        return np.concatenate(
-            [np.asarray(self._session.run(None, {one.name: row[None]})[0])[:1] for row in given]
-        )
+        return taken[0]
+
+    @property
+    def observation_shape(self) -> tuple[int, ...] | None:
+        """Shape of one observation, behind the number of them; None where the graph leaves it
+        open."""
+        sizes = tuple(self._input.shape[1:])
+        return sizes if sizes and all(isinstance(size, int) for size in sizes) else None
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Actions for a batch of observations; see `Policy.act`."""
@@ -87,20 +102,22 @@ class OnnxPolicy:
         Raises:
             ValueError: in one sentence, if not.
         """
-        shape = observation_space.shape or ()
+        shape, own = observation_space.shape or (), self._input.shape
+        size = math.prod(shape)
         try:
-            given = self.act(np.zeros((1, *shape), np.float32))
+            given = self.act(np.zeros((1, size), np.float32))
         except PolicyFileError:
             raise
         except Exception as error:  # onnxruntime's errors have no common class
             raise ValueError(
-                f"policy {self.policy_id!r} does not take observations of shape {shape}; evaluate "
-                "it in the kind of environment it was trained in"
+                f"policy {self.policy_id!r} takes an input of shape {tuple(own)} and the "
+                f"environment gives observations of shape {shape}, as a batch of shape "
+                f"(1, {size}); evaluate it in the kind of environment it was trained in"
             ) from error
-        expected = (1,) if self.discrete else (1, *(action_space.shape or ()))
-        if given.shape != expected:
+        count = 1 if self.discrete else math.prod(action_space.shape or ())
+        if given.size != count:
             raise ValueError(
-                f"policy {self.policy_id!r} gives actions of shape {given.shape[1:]} and the "
+                f"policy {self.policy_id!r} gives {given.size} numbers for an action and the "
                 f"environment takes {action_space}; evaluate it in the kind of environment it was "
                 "trained in"
             )

@@ -10,7 +10,11 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .limits import MAX_WEIGHTS_BYTES
-    from .observation_statistics import read_observation_statistics
+    from .observation_statistics import (
+        GivenStatistics,
+        observation_statistics_of,
+        read_observation_statistics,
+    )
     from .reading import (
         is_scaled,
         lacks_statistics,

@@ -32,7 +32,7 @@ from .architecture import (
 from .data import Json, json_object, section
 from .observation_statistics import read_observation_statistics
 from .scaling import learned_scaled
-from .spaces import decoding, vector_size
+from .spaces import box_size, decoding
 from .weights import averaged, layers_of, load_tensors
 
 _PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -126,7 +126,7 @@ def lacks_statistics(model: Any) -> bool:
 
 
 def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
-    return (space.low, space.high) if isinstance(space, spaces.Box) else None
+    return (space.low.ravel(), space.high.ravel()) if isinstance(space, spaces.Box) else None
 
 
 def read_archive(
@@ -143,7 +143,7 @@ def read_archive(
     data_text, weights = _read_members(archive)
     data = _data(data_text)
     actor, kwargs = actor_class(data), policy_kwargs(data)
-    inputs = vector_size(section(data, "observation_space"), "observation space")
+    inputs = box_size(section(data, "observation_space"), "observation space")
     activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
     limit = mean_limit(data, kwargs, actor)
     actions = decoding(section(data, "action_space"), squash, action_bounds, limit)

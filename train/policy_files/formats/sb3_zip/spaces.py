@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....policy import BoxActions, DiscreteActions, FloatArray
+from ....policy import BoxActions, DiscreteActions, FloatArray, spread
 from ...error import PolicyFileError
 from .data import Json, printed_class
 
@@ -23,20 +24,22 @@ def _space_kind(space: Json) -> str:
     return parts[-1] if parts[:2] in (["gymnasium", "spaces"], ["gym", "spaces"]) else text
 
 
-def vector_size(space: Json, what: str) -> int:
-    """Length of a one-dimensional `Box`, of ``what`` a message calls it.
-
-    Files that were written under gym store ``shape``, later ones ``_shape``.
-    """
-    kind, shape = _space_kind(space), space.get("_shape", space.get("shape"))
+def box_size(space: Json, what: str) -> int:
+    """How many numbers a `Box` has, which SB3 flattens; a message calls it ``what``."""
+    kind, shape = _space_kind(space), _shape(space)
     sizes = shape if isinstance(shape, list) else []
-    if kind != "Box" or len(sizes) != 1 or type(sizes[0]) is not int or sizes[0] < 1:
+    if kind != "Box" or not sizes or not all(type(n) is int and n > 0 for n in sizes):
         raise PolicyFileError(
-            f"the {what} is {kind} of shape {shape}, and only a one-dimensional Box"
+            f"the {what} is {kind} of shape {shape}, and only a Box"
             f"{' or Discrete' if what == 'action space' else ''} can be read; "
             "flatten the environment's space and train again"
         )
-    return sizes[0]
+    return math.prod(sizes)
+
+
+def _shape(space: Json) -> Any:
+    """Of a space: files that were written under gym store ``shape``, later ones ``_shape``."""
+    return space.get("_shape", space.get("shape"))
 
 
 def decoding(
@@ -48,7 +51,7 @@ def decoding(
     """How outputs become actions of this space."""
     if _space_kind(space) == "Discrete":
         return _discrete_actions(space, squash, action_bounds)
-    size = vector_size(space, "action space")
+    size = box_size(space, "action space")
     if space.get("dtype") != "float32":
         raise PolicyFileError(
             f"the action space has dtype {space.get('dtype')}, and only float32 can be read; "
@@ -57,7 +60,7 @@ def decoding(
     if action_bounds is None:
         low, high = (_printed_bound(space, name, size) for name in ("low", "high"))
     else:
-        low, high = (np.asarray(bound, dtype=np.float32) for bound in action_bounds)
+        low, high = (spread(bound, size) for bound in action_bounds)
     actions = BoxActions(low, high, squash, limit)
     if actions.size != size:
         raise PolicyFileError(
@@ -92,8 +95,12 @@ def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
     six decimals may have been rounded and is refused. (Shorter ones are what somebody typed.)
     """
     text = str(space.get(name))
-    numbers = [_NUMBER_TEXT.fullmatch(word) for word in text.strip("[]").split()]
-    if f"[{text.strip('[]')}]" != text or len(numbers) != size or not all(numbers):
+    words = text.replace("[", " ").replace("]", " ").split()
+    numbers = [_NUMBER_TEXT.fullmatch(word) for word in words]
+    ends = len(_shape(space))
+    opened, closed = len(text) - len(text.lstrip("[")), len(text) - len(text.rstrip("]"))
+    whole = opened == closed == ends
+    if not whole or len(numbers) != size or not all(numbers):
         raise PolicyFileError(
             f"the action space's bound '{name}' is printed as {_shortened(text)}, which does not "
             f"spell out {size} numbers; {_PASS_BOUNDS}"
@@ -105,7 +112,7 @@ def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
                 f"rounded; {_PASS_BOUNDS}"
             )
     with np.errstate(over="ignore"):
-        return np.array([float(word) for word in text.strip("[]").split()]).astype(np.float32)
+        return np.array([float(word) for word in words]).astype(np.float32)
 
 
 def _may_be_rounded(number: re.Match[str]) -> bool:
