@@ -91,11 +91,13 @@ def test_a_nan_observation_gives_a_nan_action_in_its_row_only() -> None:
         DISCRETE_POLICY.act(np.full((1, 4), np.nan))
 
 
-@pytest.mark.parametrize("shape", [(3,), (1, 4), (2, 1, 3)])
+@pytest.mark.parametrize("shape", [(3,), (1, 4), (2, 2, 3)])
 def test_observations_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError) as caught:
         BOX_POLICY.act(np.zeros(shape))
     assert f"expected observations of shape (n, 3), got {shape}; pass a" in str(caught.value)
+    rows = np.arange(6.0).reshape(2, 1, 3)
+    np.testing.assert_array_equal(BOX_POLICY.act(rows), BOX_POLICY.act(rows[:, 0]))
 
 
 def test_content_hash_is_fixed_across_versions_and_processes() -> None:
