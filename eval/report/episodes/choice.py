@@ -8,12 +8,14 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+from ...panel import finding_of
 from ...panel.model import Entry, Panel
 from ...verdict import UNSOLVABLE, WITHOUT_VERDICT
 from ..data import ordered_verdicts
 from .outcomes import Array, Outcomes
 
-Kind: TypeAlias = Literal["worst", "failure", "success"]
+Kind: TypeAlias = Literal["held", "worst", "failure", "success"]
+"""`held`: nothing is lost there, and this start shows it; the others as `chosen_words` says."""
 
 MOST_TRACES: Final = 150
 """Traces that a page carries."""
@@ -42,7 +44,10 @@ class Lead:
 
 
 def chosen(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[Lead]:
-    """Leads, the most informative first, with at most :data:`MOST_TRACES` traces in all."""
+    """Leads, that of the answer's first line before all others, then the most informative.
+
+    They have at most :data:`MOST_TRACES` traces in all.
+    """
     leads: list[Lead] = []
     traces: set[tuple[str, str, int, int]] = set()
     per_pair = [list(_leads(panel, pair, outcomes)) for pair in _pairs(panel, outcomes)]
@@ -70,7 +75,10 @@ def chosen_words(panel: Panel) -> str:
 
 
 def _pairs(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[tuple[str, str]]:
-    """The declared family, what can be judged first; without any such the largest losses."""
+    """What the first line of the answer speaks of, then the declared family.
+
+    Of that what can be judged comes first; without any such, the largest losses do.
+    """
     judged = ordered_verdicts(panel)
     informative = [one for one in judged if one.verdict not in WITHOUT_VERDICT]
     informative.sort(key=lambda one: -one.overfitting.estimate)
@@ -78,6 +86,9 @@ def _pairs(panel: Panel, outcomes: Mapping[tuple[str, str], Outcomes]) -> list[t
     if not informative:
         lost = [(entry.row, entry.cell) for entry in panel.exploratory]
         pairs = [*(lost or _largest_drops(panel)), *pairs]
+    finding = finding_of(panel)
+    if finding is not None and finding.cell is not None:
+        pairs = [(finding.row, finding.cell), *pairs]
     return [pair for pair in dict.fromkeys(pairs) if pair in outcomes][:_MOST_PAIRS]
 
 
@@ -120,7 +131,11 @@ def _leads(
         return Lead(*pair, *place, kind, _cells(panel, pair, outcomes, place))
 
     taken = set()
-    if worst is not None:
+    held = _median(success & at_home & own.traced, own.time) if _holds(panel, pair) else None
+    if held is not None:
+        taken.add(held)
+        yield lead(held, "held")
+    if worst is not None and (seed, worst) not in taken:
         taken.add((seed, worst))
         yield lead((seed, worst), "worst")
     kinds: tuple[tuple[Kind, Array, Array], ...] = (
@@ -131,6 +146,14 @@ def _leads(
         place = _median(wanted & own.traced, by)
         if place is not None and place not in taken:
             yield lead(place, kind)
+
+
+def _holds(panel: Panel, pair: tuple[str, str]) -> bool:
+    """Whether the answer's first line says of a pair that nothing is lost."""
+    finding = finding_of(panel)
+    if finding is None or (finding.row, finding.cell) != pair:
+        return False
+    return finding.status in ("not_cause", "gained", "home_decides")
 
 
 def _worst(failed: Array, at_home: Array, traced: Array, pump: Array) -> int | None:

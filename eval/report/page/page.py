@@ -22,7 +22,7 @@ from integ_gym.support import (
 )
 
 from ... import verdict as rules
-from ...panel import Panel, answer_lines, next_step
+from ...panel import Panel, answer_lines, finding_of, next_step
 from ..data import (
     RATE_AXIS,
     check_forest,
@@ -151,7 +151,8 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         **_own_parts(panel, told),
         "panel": panel,
         "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
-        "answer": answer_lines(panel),
+        "headline": _headline(panel),
+        "details": answer_lines(panel)[1:],
         "next_step": next_step(panel),
         "task": task,
         "leads": leads,
@@ -193,6 +194,13 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
     }
 
 
+def _headline(panel: Panel) -> tuple[str, str]:
+    """The first line of the answer, its conclusion apart from the numbers before it."""
+    line = answer_lines(panel)[0]
+    numbers, colon, conclusion = line.rpartition(": ")
+    return (numbers + colon, conclusion) if finding_of(panel) and colon else (line, "")
+
+
 def _paired(panel: Panel) -> list[Any]:
     """Given policies held against themselves, what tells more first."""
     success, earned = paired_success(panel), paired_return(panel)
@@ -201,7 +209,9 @@ def _paired(panel: Panel) -> list[Any]:
 
 
 def _watch_title(told: Told | None) -> str:
-    """Whether a policy that succeeds somewhere is seen to fail elsewhere from the same start."""
+    """Whether a policy is seen to hold first, or to fail elsewhere from a start of its success."""
+    if told and told.leads and told.leads[0].kind == "held":
+        return "Watch it hold"
     ends: dict[tuple[str, int, int], set[bool]] = {}
     for trace in told.traces if told else ():
         row, _, seed, episode = trace.key

@@ -10,16 +10,16 @@ from integ_gym.support import say
 
 def print_headline(panel: Panel) -> None:
     """Print the first line of the answer."""
-    say(panel.said(panel.headline), sys.stdout)
+    say(panel.said(panel.headline), sys.stdout, hanging="")
 
 
 def print_details(panel: Panel) -> None:
     """Print the lines of the answer that stand below the first."""
     for line in panel.answer.splitlines()[1:]:
-        say(panel.said(line), sys.stdout, indent="  ", hanging="    ")
+        say(f"- {panel.said(line)}", sys.stdout)
 
 
 def print_next(panel: Panel) -> None:
     """Print what to do next, the command in a line of its own, so that it can be copied."""
     if (step := next_step(panel)) is not None:
-        print(f"{step.purpose}:\n  {step.command}")
+        print(f"Next: {step.purpose.lower()}\n  {step.command}")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+
 import msgspec
 import numpy as np
-from report_pages import panel_of
+import pytest
+from report_pages import panel_from, panel_of, raw_of
 
+from integ_gym.eval.panel.answer import finding_of
 from integ_gym.eval.panel.model import Estimate, Panel
 from integ_gym.eval.report.episodes.choice import chosen, chosen_words
 from integ_gym.eval.report.episodes.outcomes import Outcomes
@@ -65,3 +69,32 @@ def test_without_a_family_the_first_film_is_of_the_largest_loss_that_says_someth
     assert all(lost not in lead.cells[:3] for lead in leads)
     assert "of the 8 cells in which most success is lost" in chosen_words(panel)
     assert "of the declared family" in chosen_words(panel_of("full"))
+
+
+def given_at_home(lost: float) -> Panel:
+    """A given policy with a known home, which loses so much on the truth."""
+    raw = copy.deepcopy(raw_of("given"))
+    home, truth = "explicit_euler dt=0.05", "reference dt=0.05"
+    raw["rows"][0].update(home=home, shares={home: 1.0})
+    for one in raw["paired"]:
+        if one["cell"] == truth:
+            one["success"] = {"estimate": lost, "low": lost, "high": lost, "level": 0.95}
+            one["p_success"] = 0.001 if lost else 1.0
+    return panel_from(raw)
+
+
+@pytest.mark.parametrize(("lost", "kind"), [(0.0, "held"), (0.6, "worst")])
+def test_the_first_film_shows_what_the_first_line_says(lost: float, kind: str) -> None:
+    """Home beside the truth: a start that holds where nothing is lost, else one that fails."""
+    panel = given_at_home(lost)
+    outcomes = outcomes_of(panel)
+    row, truth = panel.rows[0].name, panel.truth
+    assert truth is not None
+    outcomes[row, truth.name].label[0, 1] = "discretization_error"
+    first = chosen(panel, outcomes)[0]
+    finding = finding_of(panel)
+    assert finding is not None
+    assert (first.row, first.cell) == (finding.row, finding.cell) == (row, truth.name)
+    assert first.cells[:2] == (finding.home, truth.name)
+    assert first.kind == kind
+    assert (first.episode == 1) == (kind == "worst")

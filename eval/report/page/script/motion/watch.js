@@ -1,5 +1,5 @@
 // "Watch it fail": one policy from one start, one discretization beside the other.
-const KINDS = { worst: "its worst start", failure: "the median failure", success: "the median success" };
+const KINDS = { held: "a start from which it holds", worst: "its worst start", failure: "the median failure", success: "the median success" };
 const MOST_PANES = 4;
 const BARS_SAY = "Bars add up to the energy there is, J";
 const TICK_SAYS = "; a tick marks rest at the goal";
@@ -122,9 +122,9 @@ class Watch {
     return [...own, ...cells.map((_, c) => c).filter((c) => !own.includes(c) && this.simulated(c))];
   }
 
-  // Home and the judged cell first, then whatever else there is room for.
+  // Home and the judged cell first, then whatever else there is room for; where it holds, these two.
   usual(lead) {
-    const wide = innerWidth >= 1000 ? MOST_PANES : 2;
+    const wide = innerWidth >= 1000 && lead.kind !== "held" ? MOST_PANES : 2;
     return this.available(lead).slice(0, Math.min(wide, 3));
   }
 
