@@ -28,6 +28,8 @@ if TYPE_CHECKING:
         missing_modules,
     )
     from .environments import (
+        ASSUMED_RATE,
+        SURVIVAL,
         DiscretizedVectorEnv,
         FunctionalEnv,
         IntegEnv,

@@ -27,7 +27,7 @@ class Testbed(integ_gym.GymTestbed):  # what a panel needs to know of it
     def build(self, discretization):
         env = gym.make(WINDY)
         env.unwrapped.dt = discretization.dt
-        return self.held(env, discretization)
+        return self.held(env, discretization, rewards="rate")
 
     def read(self, env):
         return self.as_applied("symplectic_euler", env.unwrapped.dt, env)

@@ -70,13 +70,17 @@ if TYPE_CHECKING:
         Worker,
         WorkerError,
         absent,
+        check_versions,
+        describe_exception,
         install_command,
         installed_versions,
         load,
         missing,
         package_version,
+        raised_here,
         require,
         running_version,
+        translate_errors,
     )
     from .pages import page_environment, page_parts
     from .parameters import (

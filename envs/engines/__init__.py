@@ -6,9 +6,9 @@ engine knows plants and maps, and no task.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from integ_gym.support import APART, Registry, absent, lazy_door
+from integ_gym.support import APART, Registry, absent, check_versions, lazy_door
 
 if TYPE_CHECKING:
     from ._stepping import CONSTRAINT_VIOLATION
@@ -29,6 +29,25 @@ def missing_modules(engine: str) -> list[str]:
     if engine in APART:
         return [] if APART[engine].installed else [engine]
     return absent(getattr(ENGINES.load(engine), "modules", ()))
+
+
+def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
+    """An engine for a system.
+
+    Args:
+        name: of the engine, or ``"module:Class"``.
+        system: a `PlantSystem`.
+        integrator: as the engine calls it.
+        dt: integration step, s.
+
+    Raises:
+        ValueError: for an unknown engine or integrator, or a package of the engine that is older
+            than its extra asks for; see :func:`~integ_gym.support.check_versions`.
+    """
+    kind = ENGINES.load(name)
+    check_versions(name)
+    engine: Engine = kind(system, integrator, dt)
+    return engine
 
 
 def integrators_of(engine: str) -> tuple[str, ...]:

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from . import functional
     from .discretized_vector import DiscretizedVectorEnv
     from .environment import IntegEnv, make_setup
-    from .foreign import ReturnGoal
+    from .foreign import SURVIVAL, ReturnGoal, return_of_success, time_limit
     from .functional import FunctionalEnv, Params
     from .rediscretized import RediscretizedEnv, rediscretize
     from .sequential_vector import SequentialVectorEnv
-    from .stated import Repeated, StatedEnv
+    from .stated import ASSUMED_RATE, Repeated, Rewards, StatedEnv, without_time_limit
     from .vector import IntegVectorEnv
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.wrappers import TimeLimit
 
 from ..episode import AWAY, Settings, Timing
 
@@ -62,6 +66,65 @@ class ForeignSetup:
         return {name: "s" if name in _SECONDS else "" for name in self.arguments()}
 
 
+SURVIVAL = "not terminated within the time limit"
+"""Success where no return is asked for, in words."""
+
+ENDS_AT_GOAL = (
+    "Acrobot", "BipedalWalker", "BipedalWalkerHardcore", "CarRacing", "LunarLander",
+    "LunarLanderContinuous", "MountainCar", "MountainCarContinuous", "lqr.lqr_2_1", "lqr.lqr_6_2",
+)  # fmt: skip
+"""Tasks that terminate when their goal is reached, by name without version: Gymnasium's, and
+dm_control's by domain and task."""
+
+
+def wrappers_of(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, Any]]:
+    """The wrappers around an environment, the outermost first."""
+    while isinstance(env, gym.Wrapper):
+        yield env
+        env = env.env
+
+
+def time_limit(env: gym.Env[Any, Any]) -> int | None:
+    """Steps after which an environment truncates an episode; None without a limit.
+
+    Read from the `TimeLimit` wrappers around it, and from its spec where there are none.
+    """
+    limits = [one._max_episode_steps for one in wrappers_of(env) if isinstance(one, TimeLimit)]
+    if limits:
+        return min(limits)
+    return env.spec.max_episode_steps if env.spec else None
+
+
+def return_of_success(wanted: float | None, spec: EnvSpec | None) -> float | None:
+    """The return that is a success; None: an episode succeeds if it is not terminated.
+
+    A task that ends at its goal is not solved by lasting until the time limit. There, the
+    `reward_threshold` of its registration is the return that is a success. It is known to end at
+    its goal by its name (:data:`ENDS_AT_GOAL`), or by a negative `reward_threshold`: time costs
+    reward there.
+
+    Args:
+        wanted: the return that was asked for, if one was.
+        spec: of the environment, as Gymnasium registers it.
+
+    Raises:
+        ValueError: for a task that ends at its goal and has no `reward_threshold`.
+    """
+    if wanted is not None or spec is None:
+        return wanted
+    threshold = spec.reward_threshold
+    if spec.name not in ENDS_AT_GOAL:
+        return threshold if threshold is not None and threshold < 0.0 else None
+    if threshold is None:
+        raise ValueError(
+            f"{spec.name} ends at its goal, so lasting until the time limit is no success, and it "
+            "has no `reward_threshold`; say which return is a success: --success-return R with "
+            "evaluate, --env-arg success_return=R with train, success_return = R under "
+            "[environment] of a panel"
+        )
+    return threshold
+
+
 class ReturnGoal:
     """Success by survival until the time limit, or by a return.
 
@@ -79,9 +142,7 @@ class ReturnGoal:
     @property
     def words(self) -> str:
         """What success is."""
-        wanted = self._wanted
-        survival = "not terminated within the time limit"
-        return survival if wanted is None else f"return of at least {wanted:g}"
+        return SURVIVAL if self._wanted is None else f"return of at least {self._wanted:g}"
 
     def begin(self) -> None:
         """Start an episode."""

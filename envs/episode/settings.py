@@ -22,7 +22,7 @@ from integ_gym.support import (
 )
 
 from ..arithmetic import Component
-from ..engines import DIVERGENCE_SPEED, ENGINES, Engine
+from ..engines import DIVERGENCE_SPEED, Engine, make_engine
 from ..mechanics import PlantSystem
 from ..plants import Plant
 from ..tasks import Task
@@ -187,7 +187,7 @@ def build_setup(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
     system = _system(the_plant, settings, settings.max_speed)
-    engine = _engine(ENGINES.load(settings.engine), system, settings, timing)
+    engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arithmetic import ARRAY, SCALAR, Component, Components
-from ..engines import ENGINES, NativeEngine
+from ..engines import NativeEngine, make_engine
 from ..mechanics import PlantSystem
 from ..plants import Plant, join_state, split_state
 
@@ -39,7 +39,7 @@ def engine_of(integrator: str, system: PlantSystem, dt: Component) -> Any:
     engine, slash, own = integrator.partition("/")
     if not slash:
         engine, own = NativeEngine.name, integrator
-    return ENGINES.load(engine)(system, own, dt)
+    return make_engine(engine, system, own, dt)
 
 
 def advance(

@@ -6,9 +6,10 @@ import json
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support import load, unknown_name
+from integ_gym.support import check_versions, load, unknown_name
 
 from ..episode import Discretization, whole_multiple
 from .gym_testbed import GymTestbed
@@ -50,7 +51,9 @@ class BraxTask(GymTestbed):
     ) -> None:
         super().__init__(success_return, **arguments)
         self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
         self._tasks: dict[tuple[Any, ...], Any] = {}
+        check_versions("brax")
         self._envs = load("brax.envs", "brax")
         if task not in self._envs._envs:
             raise ValueError(unknown_name("task of Brax", task, self._envs._envs))

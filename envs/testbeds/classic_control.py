@@ -46,8 +46,9 @@ class ClassicControl(GymTestbed):
     """One of Gymnasium's classic control environments, the library's own code.
 
     An action holds for the home's control period, in which the environment takes as many steps as
-    that has; a period pays what one step does. ``IntegPendulum-v0`` and ``IntegCartPole-v0`` are
-    two of them at the same discretization, with state, energy, more integrators and a truth.
+    that has. Their rewards are rates: a period pays their mean. ``IntegPendulum-v0`` and
+    ``IntegCartPole-v0`` are two of them at the same discretization, with state, energy, more
+    integrators and a truth.
 
     Args:
         env_id: its id.
@@ -59,8 +60,8 @@ class ClassicControl(GymTestbed):
         self.env_id = env_id
         self._knobs = CLASSIC[env_id]
         self.choices = tuple(self._knobs.integrators)
+        self.registered = gym.spec(env_id)
         stock = gym.make(env_id)
-        self.suggested_return = stock.spec.reward_threshold if stock.spec else None
         integrator, step = self._found(stock)
         self.home = Discretization(integrator, step, step, ENGINE)
         stock.close()
@@ -76,7 +77,7 @@ class ClassicControl(GymTestbed):
         setattr(inner, self._knobs.step, discretization.dt)
         if self._knobs.kind is not None:
             setattr(inner, self._knobs.kind, self._knobs.integrators[discretization.integrator])
-        return self.held(made, discretization)
+        return self.held(made, discretization, rewards="rate")
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the attributes."""

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support import unknown_name
+from integ_gym.support import translate_errors, unknown_name
 
-from ..environments import DiscretizedVectorEnv, Repeated, ReturnGoal, StatedEnv
+from ..environments import (
+    DiscretizedVectorEnv,
+    Repeated,
+    ReturnGoal,
+    Rewards,
+    StatedEnv,
+    return_of_success,
+    time_limit,
+    without_time_limit,
+)
 from ..episode import Discretization, whole_multiple
 from .interface import Applied, Success
 from .sequential import SequentialTestbed
@@ -24,7 +36,9 @@ class GymTestbed(SequentialTestbed):
 
     Args:
         success_return: an episode succeeds if its return reaches this; None: if it is not
-            terminated within the time limit.
+            terminated within the time limit. A task that ends at its goal, such as Gymnasium's
+            Acrobot, MountainCar and LunarLander, or one with a negative `reward_threshold`, has
+            that threshold in place of None.
         arguments: of the environment, handed to :meth:`build`.
 
     >>> import gymnasium as gym
@@ -36,18 +50,16 @@ class GymTestbed(SequentialTestbed):
     ...     def build(self, discretization, **arguments):
     ...         env = gym.make("Acrobot-v1", **arguments)
     ...         env.unwrapped.dt = discretization.dt
-    ...         return self.held(env, discretization)
+    ...         return self.held(env, discretization, rewards="rate")
     ...
     ...     def read(self, env):
     ...         return self.as_applied("rk4", env.unwrapped.dt, env)
     >>> Acrobot().success.goal
-    'not terminated within the time limit'
+    'return of at least -100'
     """
 
     home: Discretization
     choices: tuple[str, ...]
-    suggested_return: float | None = None
-    """A return that is known to be a success."""
 
     def __init__(self, success_return: float | None = None, **arguments: Any) -> None:
         goal = {} if success_return is None else {"success_return": success_return}
@@ -65,18 +77,37 @@ class GymTestbed(SequentialTestbed):
         """What an environment that was made really applies, read back from it."""
         raise NotImplementedError(f"{type(self).__name__} must define `read`")
 
-    def held(self, env: gym.Env[Any, Any], discretization: Discretization) -> gym.Env[Any, Any]:
+    def held(
+        self,
+        env: gym.Env[Any, Any],
+        discretization: Discretization,
+        rewards: Rewards | None = None,
+    ) -> gym.Env[Any, Any]:
         """An environment whose step is one integration step, with an action per control period.
 
-        The action holds for as many steps as the period has, the reward is the mean of theirs, and
-        the time limit that Gymnasium gave it counts decisions.
+        The action holds for as many steps as the period has. Wrappers of the environment stay and
+        act in every one of these steps; its time limit is lifted and counts decisions instead.
+
+        A decision pays the mean of its steps' rewards (``"rate"``: what a step pays does not depend
+        on ``dt``), their sum (``"sum"``: amounts, such as a cost times ``dt`` or a bonus for an
+        event), or that of the last step (``"last"``: a value of the state that is reached). In each
+        of them the reward of the step that ends the episode counts whole, such as the bonus at a
+        goal.
+
+        Args:
+            env: changed, where it has a time limit.
+            discretization: asked for.
+            rewards: what its rewards are. None takes them for rates, as those of Gymnasium's own
+                tasks are, which pay the same for a step of any length; the page of a panel or an
+                evaluation then has a doubt where the records speak against it.
 
         Raises:
-            ValueError: for a step that does not divide the control period.
+            ValueError: for a step that does not divide the control period, for other rewards, or
+                for a wrapper that would mean something else at another step.
         """
         count = whole_multiple("control_period", self.home.control_period, "dt", discretization.dt)
-        limit = env.spec.max_episode_steps if env.spec else None
-        made: gym.Env[Any, Any] = Repeated(env.unwrapped, count)
+        limit = time_limit(env)
+        made: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
         return made if limit is None else TimeLimit(made, limit)
 
     def as_applied(self, integrator: str, dt: float, env: gym.Env[Any, Any]) -> Applied:
@@ -100,9 +131,23 @@ class GymTestbed(SequentialTestbed):
 
     @property
     def success(self) -> Success:
-        """Survival, or a return."""
-        goal = ReturnGoal(self.arguments.get("success_return"))
-        return Success(goal.words, "success_return", self.suggested_return)
+        """Survival, or a return.
+
+        Raises:
+            ValueError: for a task that ends at its goal and does not say which return is a success.
+        """
+        spec, wanted = self.registered, self.arguments.get("success_return")
+        known = None if spec is None else spec.reward_threshold
+        goal = ReturnGoal(return_of_success(wanted, spec))
+        return Success(goal.words, "success_return", known)
+
+    @cached_property
+    def registered(self) -> EnvSpec | None:
+        """What Gymnasium's registration says of the environment; None without one."""
+        env = self._built(self.home, self.arguments)
+        spec = env.spec
+        env.close()
+        return spec
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """Those that can be chosen."""
@@ -117,10 +162,18 @@ class GymTestbed(SequentialTestbed):
         if discretization.integrator not in self.choices:
             kind = f"integrator of {self.title}"
             raise ValueError(unknown_name(kind, discretization.integrator, self.choices))
-        given = {**arguments}
-        wanted = given.pop("success_return", None)
-        env = self.build(discretization, **given)
+        env = self._built(discretization, arguments)
+        given = {name: x for name, x in arguments.items() if name != "success_return"}
+        wanted = arguments.get("success_return")
         return StatedEnv(env, self.read(env).discretization, wanted, given)
+
+    def _built(
+        self, discretization: Discretization, arguments: Mapping[str, Any]
+    ) -> gym.Env[Any, Any]:
+        """What :meth:`build` makes, given all arguments of the testbed."""
+        given = {name: x for name, x in arguments.items() if name != "success_return"}
+        with translate_errors(f"the environment of {self.title} cannot be made"):
+            return self.build(discretization, **given)
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """Read back from the first lane."""

@@ -6,12 +6,13 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from inspect import getattr_static
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support import Registry
+from integ_gym.support import Registry, translate_errors
 
 from ..catalogue import is_integ_environment
 from ..environments import DiscretizedVectorEnv
@@ -71,9 +72,12 @@ def _found(env_id: str, arguments: str) -> Testbed:
         return ClassicControl(env_id, **given)
     library, _, task = env_id.partition(":")
     if task and library in LIBRARIES:
-        return LIBRARIES[library](task, **given)
+        with translate_errors(f"{env_id} cannot be made"):
+            return LIBRARIES[library](task, **given)
     if task and library != _ROBOTICS:
-        return _complete(_OWN.load(env_id)(**given), env_id)
+        owner = _OWN.load(env_id)
+        with translate_errors(f"the testbed {env_id} cannot be made"):
+            return _complete(owner(**given), env_id)
     return MujocoTestbed(env_id, **given)
 
 
@@ -83,13 +87,18 @@ def _complete(testbed: Testbed, env_id: str) -> Testbed:
     Raises:
         ValueError: if it lacks something.
     """
-    missing = [name for name in _MEMBERS if not hasattr(testbed, name)]
+    missing = [name for name in _MEMBERS if not _has(testbed, name)]
     if missing:
         raise ValueError(
             f"the testbed {env_id!r} lacks {', '.join(missing)}; docs/how-to/testbeds.md says what "
             "a testbed has"
         )
     return testbed
+
+
+def _has(testbed: Testbed, name: str) -> bool:
+    """Whether a testbed has a member; of a property, whose value may take a while, its owner."""
+    return getattr_static(testbed, name, None) is not None or hasattr(testbed, name)
 
 
 def make_checked(
@@ -107,9 +116,13 @@ def make_checked(
         ValueError: if they apply another discretization, with both values.
         TypeError, ValueError: for what the testbed refuses.
     """
-    environments = testbed.make(discretization, lanes, **arguments)
+    title = getattr(testbed, "title", type(testbed).__name__)
+    with translate_errors(f"the environment of {title} cannot be made"):
+        environments = testbed.make(discretization, lanes, **arguments)
     try:
-        _check(discretization, testbed.applied(environments))
+        with translate_errors(f"what the environment of {title} applies cannot be read"):
+            applied = testbed.applied(environments)
+        _check(discretization, applied)
     except BaseException:
         environments.close()
         raise

@@ -8,7 +8,13 @@ from typing import Any
 
 import gymnasium as gym
 
-from integ_gym.support import load, suggestion
+from integ_gym.support import (
+    check_versions,
+    describe_exception,
+    load,
+    suggestion,
+    translate_errors,
+)
 
 from ..catalogue import BRING_YOUR_OWN, ENVIRONMENTS
 from ..environments import DiscretizedVectorEnv
@@ -92,23 +98,25 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     possible = f"give {', '.join(ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
     module, _, name = env_id.rpartition(":")
     if module:
-        load(module, "robotics")
+        with translate_errors(f"{module} cannot be imported"):
+            load(module, "robotics")
     try:
         gym.spec(name)
     except gym.error.Error as error:
         raise ValueError(
-            f"unknown environment: Gymnasium cannot make {env_id!r}: {_reason(error)}. "
+            f"unknown environment: Gymnasium cannot make {env_id!r}: {describe_exception(error)}. "
             f"{suggestion(env_id, ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
         ) from error
+    check_versions("robotics" if module else "mujoco")
     load("mujoco", "mujoco")
     load("imageio", "mujoco")
     from gymnasium.envs.mujoco import MujocoEnv
 
     try:
         env = gym.make(name, **arguments)
-    except (gym.error.Error, TypeError, ValueError, OSError, ImportError) as error:
+    except Exception as error:  # whatever the task's constructor raises
         raise ValueError(
-            f"Gymnasium cannot make {env_id!r}: {_reason(error)}; {possible}"
+            f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"
         ) from error
     if not isinstance(env.unwrapped, MujocoEnv):
         raise ValueError(f"{env_id!r} is no MuJoCo task; {possible}")
@@ -118,7 +126,3 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
             "`max_episode_steps`"
         )
     return env
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".")

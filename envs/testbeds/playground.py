@@ -6,9 +6,10 @@ import json
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support import load, unknown_name
+from integ_gym.support import check_versions, load, unknown_name
 
 from ..episode import Discretization
 from .gym_testbed import GymTestbed
@@ -43,6 +44,8 @@ class Playground(GymTestbed):
     def __init__(self, task: str, success_return: float | None = None, **arguments: Any) -> None:
         super().__init__(success_return, **arguments)
         self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
+        check_versions("playground")
         self._registry = load("mujoco_playground", "playground").registry
         if task not in self._registry.ALL_ENVS:
             raise ValueError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))

@@ -29,7 +29,7 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(self, title: str, inner: Any, entry: str = "state") -> None:
         self.title, self.inner, self._entry = title, inner, entry
-        self.spec = EnvSpec(f"{title}-v0")  # in which Gymnasium keeps a time limit
+        self.spec = EnvSpec(f"{title}-v0")
         self._jax = load("jax", "fleet")
         self._reset, self._step = _compiled(inner)
         self.action_space = spaces.Box(-1.0, 1.0, (inner.action_size,), np.float32)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from integ_gym.envs import TRUTH, integrators_of, map_names, missing_modules, one_step_map
-from integ_gym.support import install_command, installed_versions
+from integ_gym.support import describe_exception, install_command, installed_versions
 
 from .line import Line, measure
 from .subjects import COAST, Subject, engine_subjects
@@ -92,4 +92,4 @@ def _look(census: Census, source: str, subjects: Callable[[], Iterator[Subject]]
             census.lines.append(measure(subject))
             del subject  # before the next one is made
     except Exception as error:  # whatever the code of others does
-        census.failed[source] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        census.failed[source] = describe_exception(error)

@@ -198,6 +198,8 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
         lease=arguments.lease,
     )
+    for doubt in panel.warnings:
+        say(f"warning: {panel.said(doubt)}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
+from ..packages import raised_here
 from .command_line import sentence
 from .text_table import say
 
@@ -139,10 +140,4 @@ _ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out 
 
 def _is_meant_for_users(error: Exception) -> bool:
     """Whether the error was raised by this package's own checks."""
-    if isinstance(error, OSError):
-        return True
-    traceback = error.__traceback__
-    while traceback is not None and traceback.tb_next is not None:
-        traceback = traceback.tb_next
-    raised_in = traceback.tb_frame.f_globals.get("__name__", "") if traceback else ""
-    return str(raised_in).startswith("integ_gym.")
+    return isinstance(error, OSError) or raised_here(error)

@@ -12,13 +12,13 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import load
+from integ_gym.support import check_versions, load
 
 from ...engines.mujoco import silencer
 from ...episode import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
 from ...plants import join_state
 from ..bounds import at_bounds
-from ..foreign import ForeignSetup, ForeignTask, ReturnGoal
+from ..foreign import ForeignSetup, ForeignTask, ReturnGoal, return_of_success, time_limit
 from ..lanes import as_floats
 from .description import Choice, ModelEngine, integrator_numbers, plant_of
 from .headless import is_of_opengl, no_context
@@ -33,8 +33,8 @@ def rediscretize(
 ) -> RediscretizedEnv:
     """Change integrator and timestep of a Gymnasium MuJoCo environment.
 
-    The control period stays, so that decisions and the time limit mean the same; so do rewards, for
-    which the task reads the timestep it was made with.
+    The control period stays, so that decisions and the time limit mean the same. The task pays one
+    reward for each control period, by its own formula and with the timestep it was made with.
 
     Args:
         env: one that ``gym.make`` made of Gymnasium's MuJoCo environments; it is changed.
@@ -42,7 +42,7 @@ def rediscretize(
             ``discrete``; None: as it is.
         dt: timestep, s; None: as it is.
         success_return: an episode succeeds if its return reaches this; None: if it is not
-            terminated.
+            terminated, or, of a task whose `reward_threshold` is negative, if it reaches that.
 
     Raises:
         TypeError: for another environment.
@@ -85,18 +85,20 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             self, integrator=integrator, dt=dt, success_return=success_return
         )
         super().__init__(env)
+        check_versions("mujoco")
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
         choice = Choice(integrator, dt, success_return)
-        self._goal = ReturnGoal(success_return)
+        self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
-        self.setup = self._discretized(choice)
-        self._silence = silencer(self._mujoco, self._data)
-        self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         limited = self._model.actuator_ctrllimited.astype(bool)
         low, high = self._model.actuator_ctrlrange.T
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+        self._command_low, self._command_high = self._command_bounds()
+        self.setup = self._discretized(choice)
+        self._silence = silencer(self._mujoco, self._data)
+        self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
         self._booked = NOTHING
         self._saturated = False
@@ -171,7 +173,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             left = self.setup.timing.horizon - self._steps + 1
             reward = self._least * left - max(0.0, self._earned)
         self._observation = observation
-        self._control = np.clip(command, self._low, self._high)
+        self._control = np.clip(command, self._command_low, self._command_high)
         self._least = min(self._least, float(reward))
         self._earned += float(reward)
         self._energy = before if self._diverged else self._ledger.energy(self._data)
@@ -183,6 +185,23 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         success = success and not self._diverged
         told = self._info(residual, valid and self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    def _command_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Bounds of an action: the actuators', or those that a wrapper has put in their place.
+
+        Raises:
+            TypeError: for actions other than one number for each actuator.
+        """
+        space = self.action_space
+        if not isinstance(space, gym.spaces.Box) or space.shape != (self._model.nu,):
+            raise TypeError(
+                f"rediscretize takes tasks whose actions are one number for each of the model's "
+                f"{self._model.nu} actuators, got {space}; apply the wrapper that changes them to "
+                "what rediscretize returns"
+            )
+        if space == self._inner.action_space:
+            return self._low, self._high
+        return space.low.astype(np.float64), space.high.astype(np.float64)
 
     def render(self) -> Any:
         """As the task draws itself.
@@ -278,7 +297,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
         step, chosen = choice.step_of(model, period), choice.integrator_of(model)
-        limit = self.spec.max_episode_steps if self.spec else None
+        limit = time_limit(self)
         horizon = 1000 if limit is None else limit
         timing = Timing.of(step, period, 0.0, None, horizon * period)
         model.opt.timestep = step

@@ -9,6 +9,7 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .environment import StatedEnv
-    from .repeated import Repeated
+    from .repeated import Repeated, Rewards, without_time_limit
+    from .setup import ASSUMED_RATE
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...episode import NOT_REPORTED, Discretization
 from ..bounds import at_bounds
-from ..foreign import ReturnGoal
+from ..foreign import ReturnGoal, return_of_success
 from ..lanes import as_floats
 from .setup import stated_setup
 
@@ -28,7 +28,7 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         env: with a time limit; one step is one decision.
         applied: its discretization, read back from it.
         success_return: an episode succeeds if its return reaches this; None: if it is not
-            terminated.
+            terminated, or, where the task ends at its goal, by its `reward_threshold`.
         arguments: that it was made with, for evidence.
 
     Attributes:
@@ -51,7 +51,7 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
             self, applied=applied, success_return=success_return, arguments=arguments
         )
         super().__init__(env)
-        self._goal = ReturnGoal(success_return)
+        self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self.setup = stated_setup(env, applied, self._goal.words, arguments or {})
         self._names = [name for name, _ in self.setup.plant.controls]
         self._steps = 0

@@ -13,7 +13,10 @@ from gymnasium import spaces
 from integ_gym.support import running_version
 
 from ...episode import Discretization, Settings, Timing
-from ..foreign import ForeignPlant, ForeignSetup, ForeignTask
+from ..foreign import ForeignPlant, ForeignSetup, ForeignTask, time_limit
+
+ASSUMED_RATE = "rate, which nobody said"
+"""What a record says where rewards were taken for rates by default."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,8 @@ class StatedEngine:
     package: str
     width: int | None = None
     reports: bool = False
+    rewards: str | None = None
+    """What a step's rewards are taken for, where a decision has several; None: not known here."""
 
     @property
     def version(self) -> str:
@@ -34,8 +39,16 @@ class StatedEngine:
         return {}
 
     def describe(self) -> dict[str, Any]:
-        """That losses are not accounted for."""
-        return {"losses_accounted": False}
+        """That losses are not accounted for, and what rewards are taken for."""
+        taken = {} if self.rewards is None else {"rewards": self.rewards}
+        return {"losses_accounted": False, **taken}
+
+
+def _rewards(env: gym.Env[Any, Any]) -> str | None:
+    if not env.has_wrapper_attr("rewards_assumed"):
+        return None
+    assumed = env.get_wrapper_attr("rewards_assumed")
+    return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
 def stated_setup(
@@ -64,7 +77,7 @@ def stated_setup(
             f"a testbed's environment must have a Box of observations and a Box or Discrete of "
             f"actions, got {observation} and {action}"
         )
-    limit = env.spec.max_episode_steps if env.spec else None
+    limit = time_limit(env)
     if limit is None:
         raise ValueError(
             f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
@@ -85,7 +98,7 @@ def stated_setup(
             tuple((f"action{k}", "") for k in range(count))
         ),
         task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
-        engine=StatedEngine(applied.engine),
+        engine=StatedEngine(applied.engine, rewards=_rewards(env)),
         action_space=action,
         environment=tuple(sorted(arguments.items())),
     )  # fmt: skip

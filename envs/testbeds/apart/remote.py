@@ -38,7 +38,7 @@ class RemoteEnv(gym.Env[NDArray[np.float64], NDArray[np.float32]]):
     def __init__(self, title: str, worker: Worker, made: Mapping[str, Any]) -> None:
         self.title, self.worker = title, worker
         self.lane = int(made["lane"])
-        self.spec = EnvSpec(f"{title}-v0")  # in which Gymnasium keeps a time limit
+        self.spec = EnvSpec(f"{title}-v0")
         low, high = (np.array(made[name], np.float32) for name in ("low", "high"))
         self.action_space = spaces.Box(low, high)
         self.observation_space = spaces.Box(-np.inf, np.inf, (made["observations"],), np.float64)
@@ -79,6 +79,7 @@ class RemoteTestbed(GymTestbed):
     def __init__(self, task: str, success_return: float | None = None, **arguments: Any) -> None:
         super().__init__(success_return, **arguments)
         self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
         self._workers: WeakValueDictionary[str, Worker] = WeakValueDictionary()
 
     @cached_property

@@ -10,13 +10,21 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from integ_gym.envs import SURVIVAL
 from integ_gym.evidence import EvidenceStore
 from integ_gym.support import percent
 from integ_gym.train import HOW_TO_STATE, STATE_DICT_ENDINGS
 
 from ...verdict import ALPHA, FAIL_MARGIN, p_text
 from ..model import Estimate, PairedEpisodes
-from ..results import Matrix, PanelLayout, compares_success, home_cell, paired_episodes
+from ..results import (
+    Matrix,
+    PanelLayout,
+    compares_success,
+    home_cell,
+    paired_episodes,
+    reward_doubts,
+)
 from ..specification import PanelSpec
 from .policy import Existing
 
@@ -39,6 +47,7 @@ def doubts_of(
         *_homeless(existing),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
+        *reward_doubts(spec.env_id, records),
     )
 
 
@@ -237,7 +246,7 @@ def _remedy(existing: Existing) -> str:
 def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
     """Doubt where success is survival, and everybody survives."""
     success = spec.testbed.success
-    if success.parameter is None or success.parameter in spec.environment:
+    if success.parameter is None or success.goal != SURVIVAL:
         return []
     if records.query("SELECT record_id FROM records WHERE terminated LIMIT 1").num_rows:
         return []

@@ -7,6 +7,8 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
+from integ_gym.support import fixed, percent
+
 from ...verdict import FAIL_MARGIN, UNSOLVABLE, require_unique
 from .conclusions import (
     EngineAgreement,
@@ -26,6 +28,9 @@ SCHEMA_VERSION: Final = 5
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
 """Kinds of rows in the order in which they are shown."""
+
+UNSKILLED: Final = ("random", "zero")
+"""Baselines that know nothing of a task."""
 
 
 class Cost(Part, frozen=True, kw_only=True):
@@ -215,6 +220,40 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""
         return None if self.truth is None else self.entry(row, self.truth.name)
+
+    @cached_property
+    def success_doubt(self) -> str:
+        """Why the rule of success looks wrong, in a sentence; empty where nothing speaks for it.
+
+        It looks wrong where a baseline that knows nothing of the task succeeds more than a policy
+        and returns less, on the same starts.
+        """
+        found = []
+        for entry in self.matrix:
+            if self.row(entry.row).baseline or entry.returns is None:
+                continue
+            for name in UNSKILLED:
+                base = self.entry(name, entry.cell)
+                if base is None or base.returns is None:
+                    continue
+                more = base.success.estimate - entry.success.estimate
+                low = entry.returns.low
+                least = entry.returns.estimate if low is None else low
+                if more > FAIL_MARGIN and base.returns.estimate < least:
+                    found.append((more, entry, base))
+        if not found:
+            return ""
+        _, entry, base = max(found, key=lambda one: one[0])
+        theirs, own = (
+            f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return "
+            f"of {fixed(one.returns.estimate if one.returns else None, 1)}"
+            for one in (base, entry)
+        )
+        return (
+            f"The rule of success looks wrong: on {entry.cell}, {theirs}, and {own}. Compare "
+            "returns, or say which return is a success (--success-return R, where the task takes "
+            "it)."
+        )
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:

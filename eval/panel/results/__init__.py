@@ -25,5 +25,6 @@ if TYPE_CHECKING:
         write_artefact,
         write_outputs,
     )
+    from .rewards import reward_doubts
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -31,6 +31,7 @@ from .ending import CHECKING, DRAWING, JUDGING, WRITING, Begin, untold
 from .findings import agreements, applied_in, training_costs
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
+from .rewards import reward_doubts
 
 
 def write_artefact(
@@ -77,6 +78,8 @@ def panel_of(
         of: the panel whose stage it is; nothing is decided then.
     """
     layout, matrix = reduced(spec, directory, rows_of(spec))
+    looked = _looks(spec, directory) if of is None else stage(spec, of)
+    doubts = reward_doubts(spec.env_id, EvidenceStore(directory.evidence))
     return artefact_of(
         directory,
         layout,
@@ -85,7 +88,7 @@ def panel_of(
         **of_plan(of or spec, directory, called),
         cost=cost_of(directory, layout, [unit.training for unit in units_of(spec)], called),
         **trained(spec, directory, layout, matrix),
-        **_looks(spec, directory) if of is None else stage(spec, of),
+        **{**looked, "warnings": (*doubts, *looked["warnings"])},
     )
 
 

@@ -9,7 +9,11 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import wrappers
+from gymnasium.envs.classic_control import CartPoleEnv, PendulumEnv
+from gymnasium.wrappers import RescaleAction, TimeLimit, TransformObservation, TransformReward
 from house import ROOT
+from mountain_car import MountainCar, ScaledMountainCar, swing
 
 from integ_gym import (
     Discretization,
@@ -19,6 +23,7 @@ from integ_gym import (
     RecordVectorEvidence,
 )
 from integ_gym.envs import testbeds
+from integ_gym.envs.environments.foreign import time_limit, wrappers_of
 from integ_gym.envs.environments.stated import Repeated, StatedEnv
 from integ_gym.envs.testbeds.classic_control import CLASSIC
 
@@ -138,3 +143,165 @@ def test_without_a_time_limit_it_is_refused():
     bare = Repeated(gym.make("CartPole-v1").unwrapped, 1)
     with pytest.raises(ValueError, match="has no time limit"):
         StatedEnv(bare, Discretization("euler", 0.02, 0.02, "gymnasium"))
+
+
+def _return(testbed, dt, seed=0):
+    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=dt), 1)
+    observation, _ = environments.reset(seed=seed)
+    total, ended = 0.0, False
+    while not ended:
+        observation, reward, terminated, truncated, _ = environments.step(
+            np.array([swing(observation[0])], np.float32)
+        )
+        total, ended = total + reward[0], bool(terminated[0] or truncated[0])
+    assert terminated[0]
+    return total
+
+
+@pytest.mark.parametrize("kind", [MountainCar, ScaledMountainCar])
+def test_a_goal_pays_the_same_at_every_step(kind):
+    """The bonus counts whole, and costs add up to the same over the same time."""
+    returns = [_return(kind(), dt) for dt in (1.0, 0.5, 0.25)]
+    assert 80.0 < returns[0] < 95.0
+    np.testing.assert_allclose(returns, returns[0], atol=2.0)
+
+
+class Paying(gym.Env):
+    """Pays 1, 2, 3, …; the fifth step ends it, with 100."""
+
+    observation_space = gym.spaces.Box(-1.0, 1.0, (1,))
+    action_space = gym.spaces.Box(-2.0, 2.0, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.taken, self.given = 0, []
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.taken += 1
+        self.given.append(float(action[0]))
+        ends = self.taken == 5
+        return np.zeros(1, np.float32), 100.0 if ends else self.taken, ends, False, {}
+
+
+@pytest.mark.parametrize(
+    ("rewards", "expected"),
+    [
+        ("rate", [1.5, 3.5, 100.0]),
+        (None, [1.5, 3.5, 100.0]),
+        ("sum", [3.0, 7.0, 100.0]),
+        ("last", [2.0, 4.0, 100.0]),
+    ],
+)
+def test_rewards_are_what_they_are_said_to_be(rewards, expected):
+    env = Repeated(Paying(), 2, rewards)
+    env.reset(seed=0)
+    assert [env.step([0.0])[1] for _ in range(3)] == expected
+    env = Repeated(Paying(), 3, rewards)
+    env.reset(seed=0)
+    first = {"sum": 6.0, "last": 3.0}.get(rewards, 2.0)
+    second = {"sum": 104.0, "last": 100.0}.get(rewards, 4.0 / 3.0 + 100.0)
+    np.testing.assert_allclose([env.step([0.0])[1] for _ in range(2)], [first, second])
+    assert env.rewards_assumed is (rewards is None)
+
+
+def test_rewards_of_another_name_are_refused():
+    with pytest.raises(ValueError, match=r"unknown meaning of rewards 'mean'.*'?rate'?, "):
+        Repeated(Paying(), 2, "mean")
+
+
+class Held(GymTestbed):
+    """Of which `held` alone is asked."""
+
+    home = Discretization("euler", 1.0, 1.0, "gymnasium")
+    choices = ("euler",)
+
+
+FINE = Discretization("euler", 0.25, 1.0, "gymnasium")
+
+
+def test_wrappers_stay_and_act_in_every_step():
+    seen = []
+
+    def noted(reward):
+        seen.append(reward)
+        return 10.0 * reward
+
+    env = RescaleAction(TimeLimit(Paying(), 7), np.float32(-1.0), np.float32(1.0))
+    env = TransformReward(TransformObservation(env, lambda x: x + 0.5, None), noted)
+    held = Held().held(TimeLimit(env, 9), FINE, "sum")
+    assert held.action_space == gym.spaces.Box(-1.0, 1.0, (1,))
+    names = [type(one).__name__ for one in wrappers_of(held)]
+    assert names == [
+        "TimeLimit", "Repeated", "TransformReward", "TransformObservation", "RescaleAction",
+    ]  # fmt: skip
+    assert time_limit(held) == 7
+    held.reset(seed=0)
+    observation, reward, *_ = held.step(np.array([0.5], np.float32))
+    assert held.unwrapped.given == [1.0] * 4
+    assert seen == [1, 2, 3, 4]
+    assert reward == 100.0
+    assert observation == [0.5]
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "arguments"),
+    [
+        (wrappers.TimeAwareObservation, {}),
+        (wrappers.FrameStackObservation, {"stack_size": 2}),
+        (wrappers.DelayObservation, {"delay": 2}),
+        (wrappers.StickyAction, {"repeat_action_probability": 0.2}),
+        (wrappers.RepeatAction, {"num_repeats": 2}),
+        (wrappers.MaxAndSkipObservation, {"skip": 2}),
+        (wrappers.NormalizeObservation, {}),
+        (wrappers.NormalizeReward, {}),
+        (wrappers.Autoreset, {}),
+    ],
+)
+def test_a_wrapper_that_cannot_be_kept_is_refused_by_name(wrapper, arguments):
+    env = wrappers.ClipReward(wrapper(gym.make("Acrobot-v1"), **arguments), -1.0, 1.0)
+    with pytest.raises(ValueError, match=f"`held` cannot keep the wrapper {wrapper.__name__}: it"):
+        Held().held(env, FINE)
+
+
+class Stacked(MountainCar):
+    """Two frames, one of each decision."""
+
+    def build(self, discretization, **arguments):
+        return wrappers.FrameStackObservation(super().build(discretization), 2)
+
+
+def test_a_refused_wrapper_is_taken_around_what_held_returns():
+    testbed = Stacked()
+    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=0.5), 1)
+    assert environments.single_observation_space.shape == (2, 2)
+    assert environments.setups[0].timing.horizon == 200
+    environments.close()
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.025])
+def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper(seconds):
+    class Direct(GymTestbed):
+        home = Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
+        choices = ("symplectic_euler",)
+
+        def build(self, discretization, **arguments):
+            env = TimeLimit(PendulumEnv(**arguments), 30)
+            env.unwrapped.dt = discretization.dt
+            return self.held(env, discretization, rewards="rate")
+
+        def read(self, env):
+            return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
+
+    testbed = Direct()
+    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=seconds), 2)
+    assert environments.setups[0].timing.horizon == 30
+    environments.reset(seed=0)
+    ended = [environments.step(np.zeros((2, 1), np.float32))[3].any() for _ in range(30)]
+    assert ended == [False] * 29 + [True]
+
+
+def test_the_limit_is_read_without_a_spec():
+    env = StatedEnv(TimeLimit(CartPoleEnv(), 12), Discretization("euler", 0.02, 0.02, "gymnasium"))
+    assert env.spec is None
+    assert env.setup.timing.horizon == 12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from dataclasses import replace
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ import pytest
 from engine_cases import needs
 
 import integ_gym
-from integ_gym.envs import testbeds
+from integ_gym.envs import SURVIVAL, testbeds
 from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.envs.testbeds.classic_control import CLASSIC
 from integ_gym.envs.testbeds.integ_environments import IntegTestbed
@@ -63,7 +64,7 @@ class Mistaken(Silent):
 @pytest.mark.parametrize(
     ("owner", "message"),
     [
-        (Lacking, "lacks home, control_period; docs/how-to/testbeds.md says"),
+        (Lacking, "lacks home; docs/how-to/testbeds.md says"),
         (Silent, "must tell what is applied by an Applied, got None"),
         (Mistaken, "which is for environments that `build` gives to `held`"),
     ],
@@ -234,3 +235,127 @@ def test_training_environments_have_what_is_stated_and_the_rest_from_home(env_id
     assert environments.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP
     assert len(environments.mixture.setups) == 1
     environments.close()
+
+
+class Raising(Silent):
+    """Whose environment's constructor raises what it likes."""
+
+    def __init__(self, kind="AssertionError", message="", **arguments):
+        super().__init__(**arguments)
+        self.kind, self.message = getattr(builtins, kind), message
+
+    def build(self, discretization, **arguments):
+        raise self.kind(*filter(None, [self.message]))
+
+
+class RaisingItself(integ_gym.GymTestbed):
+    """Which raises itself."""
+
+    def __init__(self):
+        raise AssertionError
+
+
+@pytest.mark.parametrize("kind", ["AssertionError", "KeyError", "ValueError", "RuntimeError"])
+def test_whatever_a_constructor_raises_is_one_sentence(kind):
+    testbed = testbeds.testbed_of(f"{__name__}:Raising", {"kind": kind, "message": "no such door"})
+    with pytest.raises(ValueError, match="of Raising cannot be made: " + kind + ".*no such door"):
+        make_checked(testbed, testbed.home, 1)
+    with pytest.raises(ValueError, match="of Raising cannot be made: " + kind + ".*no such door"):
+        _ = testbed.success
+
+
+def test_an_exception_without_a_message_tells_the_line():
+    testbed = testbeds.testbed_of(f"{__name__}:Raising", {})
+    with pytest.raises(ValueError, match=r"AssertionError in `raise self\.kind\(.*\(test_test"):
+        make_checked(testbed, testbed.home, 1)
+    with pytest.raises(ValueError, match=r"RaisingItself cannot be made: .*`raise Asser"):
+        testbeds.testbed_of(f"{__name__}:RaisingItself", {})
+
+
+class _Asserting:
+    def __init__(self, **arguments):
+        raise AssertionError
+
+
+def test_a_task_that_gymnasium_cannot_make_is_one_sentence():
+    needs("mujoco")
+    gym.register("Asserting-v0", f"{__name__}:_Asserting", max_episode_steps=5)
+    try:
+        with pytest.raises(ValueError, match="cannot make 'Asserting-v0': AssertionError in `rai"):
+            _ = testbeds.testbed_of("Asserting-v0", {}).home
+    finally:
+        gym.registry.pop("Asserting-v0")
+
+
+@pytest.mark.parametrize(
+    ("env_id", "goal"),
+    [
+        ("Acrobot-v1", "return of at least -100"),
+        ("CartPole-v1", SURVIVAL),
+        ("Pendulum-v1", SURVIVAL),
+        ("InvertedPendulum-v5", SURVIVAL),
+        ("Hopper-v5", SURVIVAL),
+        ("Reacher-v5", "return of at least -3.75"),
+    ],
+)
+def test_where_a_task_ends_at_its_goal_surviving_is_no_success(env_id, goal):
+    if env_id not in CLASSIC:
+        needs("mujoco")
+    testbed = testbeds.testbed_of(env_id, {})
+    assert testbed.success.goal == goal
+    environments = make_checked(testbed, testbed.home, 1)
+    assert environments.setups[0].task.goal == goal
+    environments.close()
+    stated = testbeds.testbed_of(env_id, {"success_return": -7.5})
+    assert stated.success.goal == "return of at least -7.5"
+
+
+class Car(Silent):
+    """A task that ends at its goal, made by a testbed of one's own."""
+
+    home = Discretization("rk4", 1.0, 1.0, "gymnasium")
+    env_id = "MountainCarContinuous-v0"
+
+    def build(self, discretization, **arguments):
+        return gym.make(self.env_id)
+
+
+def test_a_testbed_of_ones_own_has_the_threshold_of_its_id():
+    testbed = testbeds.testbed_of(f"{__name__}:Car", {})
+    assert testbed.success == integ_gym.envs.Success(
+        "return of at least 90", "success_return", 90.0
+    )
+
+
+def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
+    monkeypatch.setattr(gym.registry["MountainCarContinuous-v0"], "reward_threshold", None)
+    testbed = Car()
+    asked = "MountainCarContinuous ends at its goal, .* success: --success-return R with evaluate"
+    with pytest.raises(ValueError, match=asked):
+        _ = testbed.success
+    with pytest.raises(ValueError, match=asked):
+        testbed.lane(testbed.home, {})
+    assert Car(success_return=80.0).success.goal == "return of at least 80"
+
+
+@pytest.mark.parametrize("task", ["lqr.lqr_2_1", "lqr.lqr_6_2"])
+def test_tasks_of_dm_control_that_end_at_their_goal_ask_for_a_return(task):
+    """Nothing is started for it."""
+    with pytest.raises(ValueError, match=f"{task} ends at its goal"):
+        _ = testbeds.testbed_of(f"dm_control:{task}", {}).success
+    assert testbeds.testbed_of("dm_control:cartpole.swingup", {}).success.goal == SURVIVAL
+
+
+def test_acrobot_that_swings_up_succeeds_and_one_that_hangs_does_not():
+    testbed = testbeds.testbed_of("Acrobot-v1", {})
+    for swings, expected in ((True, True), (False, False)):
+        environments = make_checked(testbed, testbed.home, 1)
+        observation, _ = environments.reset(seed=1)
+        ended = False
+        while not ended:
+            push = 1 if not swings else (2 if observation[0, 5] > 0.0 else 0)
+            observation, *_, terminated, truncated, info = environments.step(np.array([push]))
+            ended = bool(terminated[0] or truncated[0])
+        assert bool(info["success"][0]) is expected
+        assert bool(terminated[0]) is swings
+        environments.close()

@@ -42,7 +42,8 @@ class _Records:
         self.fallbacks = fallbacks
 
     def query(self, sql: str) -> pa.Table:
-        common = {"phase": "evaluation", "length": 10, "perturbation": None}
+        common = {"phase": "evaluation", "length": 10, "perturbation": None, "record_id": "",
+                  "substeps": 1, "engine_description": "{}"}  # fmt: skip
         acted = {"still": self.fallbacks, "random": 10}
         table = pa.Table.from_pylist(
             [{**common, "policy_id": name, "fallback_count": n} for name, n in acted.items()]

@@ -1,0 +1,97 @@
+"""An engine whose package is older than its extra asks for is refused where it is made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.metadata import requires
+
+import gymnasium as gym
+import pytest
+from engine_cases import FIRST, needs
+
+import integ_gym
+from integ_gym.envs import Discretization
+from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.numerics.stepping import engine_of
+from integ_gym.envs.plants import Pendulum
+from integ_gym.support.packages import versions
+
+BOUNDED = [
+    case for case in FIRST if any(f'extra == "{case[0].replace("_", "-")}"' in line
+                                  for line in requires("integ-gym") or [])
+]  # fmt: skip
+
+
+@pytest.fixture
+def aged(monkeypatch):
+    """Makes installed packages report version 0.9."""
+
+    def age(*packages):
+        found = versions.package_version
+        monkeypatch.setattr(
+            versions, "package_version", lambda name: "0.9" if name in packages else found(name)
+        )
+
+    return age
+
+
+def _own(engine):
+    """The package of an engine's own that its extra bounds."""
+    return {"mjx": "mujoco-mjx", "mujoco_warp": "mujoco-warp", "dart": "dartpy",
+            "pinocchio": "pin"}.get(engine, engine)  # fmt: skip
+
+
+def test_every_engine_with_an_extra_has_a_bound():
+    assert {engine for engine, _ in BOUNDED} == set(ENGINES.names()) - {"native", "isaaclab"}
+    for engine, _ in BOUNDED:
+        assert _own(engine) in versions._least_versions(engine)
+
+
+@pytest.mark.parametrize(("engine", "integrator"), BOUNDED)
+def test_an_engine_of_an_older_version_is_refused_in_one_sentence(engine, integrator, aged):
+    needs(engine)
+    package = _own(engine)
+    least = versions._least_versions(engine)[package]
+    aged(package)
+    told = (
+        f"{package} 0.9 is installed, and integ-gym\\[{engine}\\] needs {least} or newer; run: "
+        f'pip install "{package}>={least}"'
+    )
+    asked = Discretization(integrator, 0.05, 0.05, engine)
+    with pytest.raises(ValueError, match=told):
+        gym.make("IntegPendulum-v0", **asked.arguments())
+    with pytest.raises(ValueError, match=told):
+        gym.make_vec("IntegPendulum-v0", 2, "vector_entry_point", **asked.arguments())
+    with pytest.raises(ValueError, match=told):
+        engine_of(f"{engine}/{integrator}", PlantSystem(Pendulum()), 0.05)
+
+
+def test_a_task_of_mujoco_is_checked_too(aged, monkeypatch):
+    needs("mujoco")
+    stock = gym.make("InvertedPendulum-v5")
+    testbed = integ_gym.envs.testbed_of("InvertedPendulum-v5", {"reset_noise_scale": 0.02})
+    aged("mujoco")
+    told = 'mujoco 0.9 is installed, and .*; run: pip install "mujoco>='
+    with pytest.raises(ValueError, match=told):
+        integ_gym.rediscretize(stock)
+    with pytest.raises(ValueError, match=told):
+        _ = testbed.home
+    monkeypatch.setenv(versions.ANY_VERSION, "other,mujoco")
+    assert replace(testbed.home, dt=0.01).dt == 0.01
+
+
+def test_an_extra_within_an_extra_is_checked(aged):
+    needs("mjx")
+    aged("pyarrow")
+    with pytest.raises(ValueError, match=r"pyarrow 0\.9"):
+        versions.check_versions("mjx")
+
+
+@pytest.mark.parametrize(
+    ("older", "newer"),
+    [("3.9", "3.10"), ("4.0.0rc1", "4.0.1"), ("4", "4.0.0.1"), ("2026.8", "2026.8.1+cpu")],
+)
+def test_versions_are_compared_by_their_numbers(older, newer):
+    assert versions._release(older) < versions._release(newer)
+    assert versions._release("4.0") == versions._release("4.0.0") == versions._release("4")
