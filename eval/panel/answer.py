@@ -60,7 +60,16 @@ class Finding:
 
 
 def answer_lines(panel: Panel) -> tuple[str, ...]:
-    """The answer, a line for each thing that is said; the first is the headline."""
+    """The answer, a line for each thing that is said; the first is the headline.
+
+    Where the rule of success looks wrong, the headline begins with that.
+    """
+    first, *others = _lines(panel)
+    doubt = panel.success_doubt
+    return (f"{doubt} {first}" if doubt else first, *others)
+
+
+def _lines(panel: Panel) -> tuple[str, ...]:
     if panel.given_alone:
         finding = finding_of(panel)
         return ("There is nothing to judge.",) if finding is None else _given(panel, finding)

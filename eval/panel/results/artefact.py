@@ -117,9 +117,7 @@ def build_artefact(
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
     )
-    first, *others = answer_lines(panel)
-    first = " ".join(part for part in (panel.success_doubt, first) if part)
-    lines = (*([undecided] if undecided else []), first, *others)
+    lines = (*([undecided] if undecided else []), *answer_lines(panel))
     return msgspec.structs.replace(panel, answer="\n".join(lines))
 
 
