@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         POLICY_ENDINGS,
         STATE_DICT_ENDINGS,
         STOCK,
+        UNKNOWN,
         WEIGHTS_FILE,
         OnnxPolicy,
         PolicyFileError,

@@ -276,15 +276,28 @@ def evaluate(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("report", "evidence")
-    given, statistics = environment or {}, None if obs_stats is None else Path(obs_stats)
+    given = environment or {}
+    if isinstance(policy, os.PathLike) and not Path(policy).exists():
+        policy = os.fspath(policy)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
-        if statistics is not None:
+        if obs_stats is not None:
             raise ValueError(
                 "statistics of observations are given for a policy's file; a model carries its own "
                 "VecNormalize, and a function normalizes for itself"
             )
+        if own_code:
+            raise ValueError(
+                "own_code lets a side-car name classes, and a policy that is no file has none; "
+                "leave it out"
+            )
         existing = given_policy(policy, env_id, given, home)
     else:
+        if not isinstance(obs_stats, str | os.PathLike | None):
+            raise TypeError(
+                "obs_stats must be a file, which the run keeps; save its numbers as JSON, or with "
+                "integ_gym.write_sidecar(..., obs_stats=...)"
+            )
+        statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
     on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)

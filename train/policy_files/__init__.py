@@ -36,7 +36,7 @@ if TYPE_CHECKING:
         write_actor,
         write_policy,
     )
-    from .stated_home import HOW_TO_STATE, STOCK, Stated, stated_arguments
+    from .stated_home import HOW_TO_STATE, STOCK, UNKNOWN, Stated, stated_arguments
     from .writing import save_policy, write_sidecar
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,8 +13,9 @@ from integ_gym.envs import (
     DiscretizedVectorEnv,
     Mixture,
     make_training_environments,
+    testbed_of,
 )
-from integ_gym.train import HASH_KEY, HOW_TO_STATE, STOCK, Stated, stated_arguments
+from integ_gym.train import HASH_KEY, HOW_TO_STATE, STOCK, UNKNOWN, Stated, stated_arguments
 
 from ..specification import UNNAMED, DiscretizationMixture, Home, texts_of
 
@@ -118,19 +120,24 @@ def provenance(
     if card is not None:
         arguments = card_arguments(card, env_id, own_code)
         if card.get("home", "said by `config`") is None:
+            _check_same(told, arguments)
             arguments |= told
         else:
             origin, known = _of_card(card), True
+    _check_period(env_id, arguments, given)
     environments = _closed(env_id, {**_stepped(arguments), **given})
     home = _home(environments.mixture) if known else None
-    if card is not None and "integrator" in told:
+    period = environments.setups[0].timing.control_period
+    if card is not None and home is not None and "integrator" not in told:
+        _check_period_of(stated, told, home, origin)
+    elif card is not None and home is not None:
         other = _home(_closed(env_id, {**told, **given}).mixture)
         if other != home:
             raise ValueError(
-                f"--home says {other.name} and {origin} {home and home.name}; leave out --home, "
+                f"--home says {_named(other)} and {origin} {_named(home)}; leave out --home, "
                 "or correct the other"
             )
-    period = environments.setups[0].timing.control_period
+        _check_same(told, _defaults(env_id, arguments) | arguments)
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
     told_of = trained_with
     if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:
@@ -138,6 +145,59 @@ def provenance(
     overridden = {n: x for n, x in told_of.items() if n in given and given[n] != x}
     environment = {**trained_with, **given}
     return Provenance(home, period, environment, origin, trained_with, overridden), environments
+
+
+def _check_period_of(stated: Stated, told: Mapping[str, Any], home: Home, origin: str) -> None:
+    """Refuse to state less than a side-car says, unless it is the same."""
+    periods = {member.control_period for member in home.shares}
+    said = told.get("control_period")
+    if stated == UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
+        says = "the home is unknown" if said is None else f"control period {said:g} s"
+        raise ValueError(
+            f"--home says {says} and {origin} {_named(home)}; leave out --home, or write the "
+            "side-car again"
+        )
+
+
+def _check_same(told: Mapping[str, Any], carried: Mapping[str, Any]) -> None:
+    """Refuse a statement that contradicts what a side-car says of the same argument."""
+    for name, value in told.items():
+        if name not in ("engine", "integrator", "dt") and carried.get(name, value) != value:
+            raise ValueError(
+                f"--home says {name}={value} and the side-car {name}={carried[name]}; leave out "
+                "--home, or write the side-car again"
+            )
+
+
+def _check_period(env_id: str, arguments: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Refuse an argument that changes the control period of a task which has one of its own.
+
+    Raises:
+        ValueError: naming it, with the statement of a home that has this period.
+    """
+    home = arguments.get("control_period")
+    common = {n: x for n, x in {**arguments, **given}.items() if n not in VARIED}
+    if home is None or not given:
+        return
+    period = testbed_of(env_id, common).control_period
+    if period is None or math.isclose(period, home):
+        return
+    for name in given:
+        others = {n: x for n, x in common.items() if n != name}
+        without = testbed_of(env_id, others).control_period
+        if without is not None and math.isclose(without, home):
+            raise ValueError(
+                f"--env-arg {name}={given[name]} makes the control period {period:g} s, and the "
+                f"home has {home:g} s; leave it out, or state the home that the policy was trained "
+                f"on: --home integrator=…,dt=…,control_period={period:g}"
+            )
+
+
+def _named(home: Home) -> str:
+    """A home in words, control period included."""
+    return " and ".join(
+        f"{member.name} with control period {member.control_period:g} s" for member in home.shares
+    )
 
 
 def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:

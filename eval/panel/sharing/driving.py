@@ -25,7 +25,7 @@ from integ_gym.support import (
     named_place,
     stored,
 )
-from integ_gym.train import Workers, fleet_workers, preparation, training_bar, workers_of
+from integ_gym.train import Workers, fleet_workers, training_bar, workers_of
 
 from ..running import (
     TRYING,
@@ -136,7 +136,11 @@ def _evaluate(
 
 def _prepare(cluster: Cluster, spec: PanelSpec) -> Callable[[int], None] | None:
     """What every process of the engine does first; the same for all that it does of a panel."""
-    return preparation(processes(cluster).device) if spec.fleet else None
+    if not spec.fleet:
+        return None
+    from integ_gym.train import preparation  # of the fleet alone, which needs JAX
+
+    return preparation(processes(cluster).device)
 
 
 def processes(cluster: Cluster) -> Workers:

@@ -28,7 +28,7 @@ from integ_gym.support import (
     pauses,
     work_bar,
 )
-from integ_gym.train import Workers, preparation
+from integ_gym.train import Workers
 
 from ..results import phases, write_artefact
 from ..running import (
@@ -85,6 +85,8 @@ def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
     fleet = Workers(share.workers, "gpu" if share.gpus else "cpu")
     limit_threads()
     if spec.fleet:
+        from integ_gym.train import preparation  # of the fleet alone, which needs JAX
+
         preparation(fleet.device)(0)
     check_spec(spec, fleet, memory_of(spec, fleet))
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())

@@ -219,6 +219,45 @@ def test_a_model_that_cannot_be_read_is_asked_with_its_statistics():
     np.testing.assert_allclose(policy.act(seen), expected, atol=1e-6)
 
 
+def test_a_reference_in_place_of_a_file_is_a_function(tmp_path, monkeypatch):
+    """Without a file of that name."""
+    for given in (f"{__name__}:swing", Path(f"{__name__}:swing")):
+        panel = integ_gym.evaluate(
+            given, PENDULUM, tmp_path / type(given).__name__, integrators=["rk4"], dts=[0.05],
+            episodes=1, environment={"duration": 0.5}, workers=1, progress=False,
+            on_doubt=lambda doubt: None,
+        )  # fmt: skip
+        assert panel.rows[0].name == "swing"
+
+
+WITHOUT_JAX = """
+import sys
+sys.modules["jax"] = None
+import integ_gym
+integ_gym.evaluate(
+    lambda seen: [0.0], "InvertedPendulum-v5", "out", home="stock", integrators=["Euler"],
+    dts=[0.02], episodes=1, workers=1, progress=False,
+)
+"""
+
+
+def test_an_evaluation_does_without_jax(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_JAX], cwd=tmp_path, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_what_is_for_files_is_refused_of_others(tmp_path):
+    with pytest.raises(ValueError, match="own_code lets a side-car name classes"):
+        integ_gym.evaluate(swing, PENDULUM, tmp_path / "out", own_code=True)
+    with pytest.raises(TypeError, match="obs_stats must be a file, which the run keeps; save its"):
+        integ_gym.evaluate(tmp_path / "p.zip", PENDULUM, tmp_path / "out", obs_stats={"mean": [0]})
+    assert not (tmp_path / "out").exists()
+
+
 def test_statistics_are_for_files(tmp_path):
     with pytest.raises(ValueError, match="are given for a policy's file"):
         integ_gym.evaluate(

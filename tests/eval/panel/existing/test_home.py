@@ -179,8 +179,54 @@ def test_a_side_car_of_anybody_s_gives_the_home_and_statistics(tmp_path, capsys)
     assert existing.policy.statistics is not None
     command = ["evaluate", str(path), "--env", PENDULUM, "--out", str(tmp_path / "o")]
     assert main([*command, "--home", "integrator=rk4,dt=0.05,control_period=0.1"]) == 2
-    assert "--home says rk4 dt=0.05 and the side-car beside the policy" in capsys.readouterr().err
+    assert (
+        "--home says rk4 dt=0.05 with control period 0.1 s and the side-car beside the policy"
+        in capsys.readouterr().err
+    )
     assert not (tmp_path / "o").exists()
+
+
+def _card(home: object, **environment) -> dict:
+    arguments = {} if home is None else dict(PUMPED)
+    return {"home": home, "config": {"env_id": PENDULUM, "env_arguments": arguments | environment}}
+
+
+@pytest.mark.parametrize(
+    ("stated", "fragment"),
+    [
+        ("control_period=0.05", r"--home says control period 0\.05 s and the side-car"),
+        ("unknown", r"--home says the home is unknown and .* with control period 0\.1 s"),
+        ("stock", r"--home says symplectic_euler dt=0\.05 with control period 0\.05 s and"),
+        (
+            "integrator=explicit_euler,dt=0.05,control_period=0.05",
+            r"explicit_euler dt=0\.05 with control period 0\.05 s and .* period 0\.1 s; leave out",
+        ),
+    ],
+)
+def test_no_statement_beside_a_side_car_is_ignored(stated, fragment):
+    with pytest.raises(ValueError, match=fragment):
+        provenance(PENDULUM, _card(PUMPED), stated, {})
+
+
+def test_what_a_side_car_says_may_be_repeated():
+    for stated in (None, "control_period=0.1", PUMPED):
+        known, _ = provenance(PENDULUM, _card(PUMPED), stated, {})
+        assert known.home == Discretization(**PUMPED, engine="native")
+    stock = stated_arguments("stock", PENDULUM)
+    clipped = {name: x for name, x in stock.items() if name != "max_speed"}
+    card = {**_card(clipped), "config": {"env_id": PENDULUM, "env_arguments": clipped}}
+    with pytest.raises(ValueError, match=r"--home says max_speed=8\.0 and the side-car max_speed="):
+        provenance(PENDULUM, card, "stock", {})
+    with pytest.raises(ValueError, match=r"control_period=0\.05 and the side-car control_period=0"):
+        provenance(PENDULUM, _card(None, control_period=0.1), "stock", {})
+
+
+def test_an_argument_that_sets_the_control_period_is_not_said_beside_the_home():
+    with pytest.raises(ValueError, match=r"frame_skip=8 makes the control period 0\.016 s"):
+        provenance("Hopper-v5", None, "stock", {"frame_skip": 8})
+    stated = "integrator=RK4,dt=0.002,control_period=0.016"
+    known, _ = provenance("Hopper-v5", None, stated, {"frame_skip": 8})
+    assert known.control_period == 0.016
 
 
 def test_a_side_car_without_a_home_leaves_it_to_be_stated(tmp_path):
