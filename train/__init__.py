@@ -28,8 +28,10 @@ if TYPE_CHECKING:
     from .policy_files import (
         HASH_KEY,
         HOW_TO_STATE,
+        LAST_EPISODES,
         ONNX_ENDING,
         POLICY_ENDINGS,
+        POLICY_FILE,
         STATE_DICT_ENDINGS,
         STOCK,
         UNKNOWN,
@@ -39,8 +41,11 @@ if TYPE_CHECKING:
         Stated,
         TrainedPolicy,
         card_hash,
+        episode_summary,
         has_sidecar,
         lacks_statistics,
+        make_card,
+        mixture_of,
         onnx_card,
         onnx_data,
         policy_file,
@@ -52,6 +57,7 @@ if TYPE_CHECKING:
         stated_arguments,
         unscaled,
         write_sidecar,
+        zip_faults,
     )
     from .ppo import PPOConfig, train_ppo
     from .running import TrainingConfig, TrainingError, TrainingEvidence, training_bar

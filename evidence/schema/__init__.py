@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .arrow import VERSION_KEY, arrow_schema, arrow_type, described, is_trace
+    from .arrow import ENV_KEY, VERSION_KEY, arrow_schema, arrow_type, described, is_trace
     from .content_hash import content_hashes, with_hashes
     from .description import in_words, package_versions, staleness
     from .errors import BatchExistsError, EvidenceError, Finding

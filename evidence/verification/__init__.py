@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
-    from .gaps import missing_episodes
+    from .gaps import missing_episodes, other_columns
     from .recomputing import recompute
     from .replaying import ELSEWHERE, Acting, Replayed, replay
     from .sampling import replay_some

@@ -1,14 +1,23 @@
-"""Episodes that a run does not have between those that it has."""
+"""Episodes that a run does not have, and columns that are told in other units than they have."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
+from integ_gym.envs import ENVIRONMENTS
 from integ_gym.support import plural
 
-from ..schema import Finding
-from ..store import EvidenceStore
+from ..episodes import told_setup
+from ..schema import (
+    ENV_KEY,
+    SCHEMA_VERSION,
+    VERSION_KEY,
+    Finding,
+    described,
+    record_fields,
+)
+from ..store import EvidenceStore, check_schema, read
 
 _COUNTED = """
 SELECT phase, cell, policy_id, policy_hash, min(episode_index) AS first, max(episode_index) AS last,
@@ -37,3 +46,38 @@ def missing_episodes(store: EvidenceStore, part: bool = False) -> Iterator[Findi
 
 def _named(row: dict[str, Any]) -> str:
     return f"cell {row['cell']!r}, policy {row['policy_id']!r}"
+
+
+_MEANT = ("unit", "frame", "at")
+"""What a column's metadata says of its numbers; the rest are words."""
+
+
+def other_columns(store: EvidenceStore) -> Iterator[Finding]:
+    """Columns of our own environments whose unit, frame or place in time is told otherwise.
+
+    Files of earlier schema versions are left out.
+
+    Raises:
+        EvidenceError: for a file that cannot be read.
+    """
+    for file in store.files():
+        schema = check_schema(file)
+        told = {key.decode(): value.decode() for key, value in schema.metadata.items()}
+        rows = read(file, columns=["env_id", "arguments", "schema_version"])
+        for name, key in (("env_id", ENV_KEY), ("schema_version", VERSION_KEY)):
+            said = told.get(key.decode())
+            if any(str(value) != said for value in set(rows.column(name).to_pylist())):
+                yield Finding(file.name, None, f"its metadata say {name} {said!r}, its records not")
+        env_id = told.get(ENV_KEY.decode(), "")
+        if told[VERSION_KEY.decode()] != str(SCHEMA_VERSION) or env_id not in ENVIRONMENTS:
+            continue
+        setup = told_setup(env_id, rows.column("arguments")[0].as_py())
+        for field in record_fields(setup.plant, setup.task):
+            found = described(schema.field(field.name)) if field.name in schema.names else {}
+            for about in _MEANT:
+                wanted = getattr(field, about)
+                if found.get(about) != wanted:
+                    message = (
+                        f"column {field.name}: {about} is {found.get(about)!r}, not {wanted!r}"
+                    )
+                    yield Finding(file.name, None, message)

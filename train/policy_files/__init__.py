@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         read_observation_statistics,
         read_sb3_model,
         read_sb3_zip,
+        zip_faults,
     )
     from .own_hash import HASH_KEY, card_hash
     from .reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled

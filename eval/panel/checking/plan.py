@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, Discretization
 from integ_gym.evidence import EvidenceStore, Finding
 from integ_gym.train import (
     WEIGHTS_FILE,
@@ -19,15 +17,31 @@ from integ_gym.train import (
 
 from ..existing import hashes_of
 from ..model import FILE_NAME
-from ..running import MANIFEST, Evaluated, RunDirectory, evaluated, is_card_of, read_manifest
+from ..running import (
+    MANIFEST,
+    Evaluated,
+    RunDirectory,
+    Unit,
+    evaluated,
+    first_of,
+    is_card_of,
+    read_manifest,
+    trained_units,
+)
 from ..specification import (
     PanelSpec,
     SpecError,
+    engine_versions,
+    inputs,
     names_code,
+    planned_home,
     planned_spec,
-    training_arguments,
 )
-from .setups import PlannedPolicy, of_setups, planned_policies
+from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
+from .trained import Trained, planned_key
+
+EVALUATION = "evaluate-"
+"""How the names of units of evaluation begin."""
 
 _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
@@ -54,7 +68,8 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
             yield Finding(MANIFEST, None, "is missing, which says what was planned")
         return
     try:
-        plan = read_manifest(path / MANIFEST)["specification"]
+        manifest = read_manifest(path / MANIFEST)
+        plan = manifest["specification"]
         spec = planned_spec(plan)
         policies = planned_policies(plan, spec)
     except SpecError as error:
@@ -65,11 +80,18 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
         return
     store = EvidenceStore(directory.evidence)
     found = evaluated(directory, lost=True)
+    versions = manifest["versions"]
+    can_load = own_code or not names_code(plan)
+    training = Trained(spec, versions, store, can_load)
+    units = {unit.policy: unit for unit in trained_units(spec)}
     parts = (
         of_files(directory),
-        _of_policies(directory, found, spec, policies),
+        _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
-        of_setups(spec, policies, store, own_code or not names_code(plan)),
+        _of_evaluations(directory, spec, plan, versions, can_load),
+        of_setups(spec, policies, store, can_load),
+        of_training(spec, units, store, can_load),
+        of_versions(versions, store),
     )
     for part in parts:
         try:
@@ -94,8 +116,9 @@ def of_files(directory: RunDirectory) -> Iterator[Finding]:
 def _of_policies(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
-    spec: PanelSpec,
     policies: Mapping[str, PlannedPolicy],
+    units: Mapping[str, Unit],
+    training: Trained,
 ) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
     trained = {
@@ -121,30 +144,37 @@ def _of_policies(
         if not same:
             yield Finding(name, None, "is not the policy that this run was made with")
         elif policy in trained:
-            yield from _of_card(folder, spec, policies[policy])
+            card = read_trained(readable_file(folder))[1]
+            yield from training.faults(folder, card, units[policy], trained[policy])
 
 
-def _of_card(folder: Path, spec: PanelSpec, policy: PlannedPolicy) -> Iterator[Finding]:
-    """What a policy's side-car says of its training, and the plan does not."""
-    _, card = read_trained(readable_file(folder))
-    assert policy.home is not None
-    given = training_arguments(policy.home, spec.environment)
-    expected: dict[str, Any] = {
-        "config.env_id": spec.env_id,
-        "config.env_arguments": given,
-        "config.seed": policy.seed,
-        **{f"config.{name}": value for name, value in spec.training.items()},
-        "seed": policy.seed,
-    }
-    if isinstance(policy.home, Discretization):
-        expected |= {f"discretization.{name}": given[name] for name in DISCRETIZATION}
-    for place, wanted in json.loads(json.dumps(expected)).items():
-        part, _, name = place.rpartition(".")
-        within = card.get(part) if part else card
-        recorded = within.get(name) if isinstance(within, Mapping) else None
-        if recorded != wanted:
-            file = f"policies/{folder.name}/policy.json"
-            message = f"`{place}` is recorded as {recorded!r}, and planned as {wanted!r}"
+def _of_evaluations(
+    directory: RunDirectory,
+    spec: PanelSpec,
+    plan: Mapping[str, Any],
+    versions: Mapping[str, str],
+    can_load: bool,
+) -> Iterator[Finding]:
+    """Units of evaluation that began with other episodes or inputs than the plan has."""
+    homes = (*spec.train, None, *((planned_home(plan),) if "policy" in plan else ()))
+    own = [cell for home in homes for cell in spec.cells_of(home)] if can_load else []
+    cells = {cell.name: cell for cell in own}
+    parts = {part.latest.start: part for part in spec.parts()}
+    for unit, marker in directory.markers(EVALUATION).items():
+        file, part = f"units/{unit}.json", parts.get(first_of(marker))
+        if part is None:
+            message = f"`first` is {first_of(marker)}, where the plan begins no episodes"
+            yield Finding(file, None, message)
+            continue
+        names = dict.fromkeys(name for own in marker["cells"].values() for name in own)
+        where = [cells[name] for name in names if name in cells]
+        if len(where) < len(names):
+            continue  # records of a cell that is not planned are found as such
+        engines = engine_versions({cell.discretization.engine for cell in where})
+        told = {**inputs(part, where), "trainer": plan["trainer"]}
+        wanted = planned_key(versions, engines, spec=told, policies=marker["policies"])
+        if marker["key"] != wanted:
+            message = f"`key` is recorded as {marker['key']!r}, and planned as {wanted!r}"
             yield Finding(file, None, message)
 
 

@@ -11,9 +11,7 @@ from integ_gym.evidence import EvidenceStore, Finding, recompute, replay_some
 
 from ..existing import acting_in
 from ..running import RunDirectory, RunDirectoryError
-from .plan import of_files
-
-_EVALUATION = "evaluate-"
+from .plan import EVALUATION, of_files
 
 SAMPLED = 128
 """Records that are recomputed and played again before a page is written, of two files or more."""
@@ -50,7 +48,7 @@ def of_sample(directory: RunDirectory) -> Iterator[Finding]:
     Looked at are evaluation records that nobody can foretell.
     """
     store = EvidenceStore(directory.evidence)
-    files = [file.name for file in store.files() if file.name.startswith(_EVALUATION)]
+    files = [file.name for file in store.files() if file.name.startswith(EVALUATION)]
     random.shuffle(files)
     left, most = SAMPLED, SAMPLED // min(2, max(1, len(files)))
     while files and left > 0:

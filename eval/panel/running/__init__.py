@@ -36,8 +36,11 @@ if TYPE_CHECKING:
         CALLED,
         GIVEN,
         MANIFEST,
+        PACKAGES,
         RunDirectory,
         RunDirectoryError,
+        first_of,
+        key_of,
         package_versions,
         read_manifest,
     )

@@ -19,6 +19,7 @@ from integ_gym.evidence import (
     broken_signature,
     changed_since_export,
     missing_episodes,
+    other_columns,
     read_export,
     read_seal,
     read_signature,
@@ -191,6 +192,7 @@ def _whole(
     if exported is not None:
         yield from changed_since_export(store, exported)
     yield from missing_episodes(store, part=exported is not None)
+    yield from other_columns(store)
     for file, record in store.named_records():
         yield from recompute(record, file)
         report(1)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         read_observation_statistics,
         read_sb3_model,
         read_sb3_zip,
+        zip_faults,
     )
     from .state_dict import STATE_DICT_ENDINGS, normalizes, read_state_dict
 else:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         observation_statistics_of,
         read_observation_statistics,
     )
+    from .published import zip_faults
     from .reading import (
         is_scaled,
         lacks_statistics,

@@ -6,6 +6,7 @@ import io
 import math
 import os
 import zipfile
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -134,8 +135,16 @@ def read_archive(
     policy_id: str,
     statistics: ObservationStatistics | None,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
+    load: Callable[[bytes], Mapping[str, Any]] = load_tensors,
 ) -> MlpPolicy:
     """The policy in a zip of that name.
+
+    Args:
+        archive: the zip.
+        policy_id: its name.
+        statistics: of observations, which the zip has not.
+        action_bounds: see :func:`read_sb3_zip`.
+        load: reads the weights; by default torch does.
 
     Raises:
         ValueError: what is wrong with the zip or the policy, without a file's name.
@@ -148,7 +157,7 @@ def read_archive(
     limit = mean_limit(data, kwargs, actor)
     actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
     _check_kind(actions, actor)
-    tensors = load_tensors(weights)
+    tensors = load(weights)
     shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
     names = actor.names(len(shared), len(own), limit < math.inf)
     quantiles = quantile_count(kwargs, actor)
@@ -176,8 +185,8 @@ def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
             check_regular(file)
         with zipfile.ZipFile(file) as archive:
             return (
-                _read_member(archive, "data", limits.MAX_JSON_BYTES),
-                _read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
+                read_member(archive, "data", limits.MAX_JSON_BYTES),
+                read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
             )
     except PolicyFileError:
         raise
@@ -191,7 +200,7 @@ def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
         raise PolicyFileError(f"cannot be unpacked ({type(error).__name__}); {DAMAGED}") from error
 
 
-def _read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
     """One member, refused above `limit` bytes before more than that is unpacked."""
     try:
         info = archive.getinfo(name)

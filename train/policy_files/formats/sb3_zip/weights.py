@@ -157,7 +157,8 @@ def layers_of(
             "give a model with a smaller network"
         )
     return tuple(
-        (tensors[f"{name}.weight"].numpy(), tensors[f"{name}.bias"].numpy()) for name in layers
+        (np.asarray(tensors[f"{name}.weight"]), np.asarray(tensors[f"{name}.bias"]))
+        for name in layers
     )
 
 

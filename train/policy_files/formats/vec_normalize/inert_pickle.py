@@ -48,19 +48,39 @@ def looks_pickled(content: bytes) -> bool:
     return len(content) > 1 and content[0] == 0x80 and 2 <= content[1] <= 5
 
 
-def parse_pickle(content: bytes) -> Any:
+def parse_pickle(content: bytes, storages: bool = False) -> Any:
     """The object in a pickle, as texts, numbers, lists, tuples, `Name` and `Note`; dictionaries are
     lists of pairs in a `Note` made by ``dict``.
+
+    Args:
+        content: the pickle.
+        storages: whether it may say what torch keeps beside it, which becomes a `Note` too.
+
+    Raises:
+        PolicyFileError: for bytes that are no such pickle, or hold what is not read.
+    """
+    return _run(_Machine(), content, storages)
+
+
+def names_in(content: bytes) -> list[Name]:
+    """All that a pickle would import, torch's among them.
 
     Raises:
         PolicyFileError: for bytes that are no such pickle, or hold what is not read.
     """
     machine = _Machine()
+    _run(machine, content, storages=True)
+    return machine.names
+
+
+def _run(machine: _Machine, content: bytes, storages: bool) -> Any:
     try:
         for opcode, argument, _ in pickletools.genops(content):
             if opcode.name == "STOP":
                 return machine.stack.pop()
             step = _STEPS.get(opcode.name)
+            if opcode.name == "BINPERSID" and storages:
+                step = _Machine.storage
             if step is None:
                 raise PolicyFileError(f"holds the pickle opcode {opcode.name}, which is not read")
             step(machine, argument)
@@ -87,6 +107,7 @@ class _Machine:
     def __init__(self) -> None:
         self.stack: list[Any] = []
         self.memo: dict[int, Any] = {}
+        self.names: list[Name] = []
 
     def push(self, value: Any) -> None:
         self.stack.append(value)
@@ -112,7 +133,11 @@ class _Machine:
             name, module = self.pop(), self.pop()
         else:
             module, _, name = argument.partition(" ")
-        self.push(Name(str(module), str(name)))
+        self.names.append(Name(str(module), str(name)))
+        self.push(self.names[-1])
+
+    def storage(self, _: Any) -> None:
+        self.push(Note(Name("torch", "storage"), self.pop()))
 
     def note(self, count: int = 2) -> None:
         """What would be made of the uppermost: maker, arguments, perhaps arguments by name."""

@@ -1,0 +1,453 @@
+"""Every leaf of every file of a finished run, each changed once by somebody who makes all else fit.
+
+A leaf is a value, a key or a column. Places that differ in an index or a name alone are one kind of
+leaf: ``units/train-*.json`` is a kind of file, ``seeds[]`` a kind of place.
+"""
+
+from __future__ import annotations
+
+import base64
+import copy
+import hashlib
+import io
+import json
+import pickle
+import re
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from integ_gym.evidence.schema.arrow import is_trace
+from integ_gym.evidence.schema.content_hash import with_hashes
+
+JSON_COLUMNS = (
+    *("engine_description", "arguments", "training_discretization", "perturbation"),
+    "package_versions",
+)
+"""Columns of text that hold JSON."""
+
+_FITTED = {"card_hash", "content_hash", "records", "card"}
+"""Hashes that are made to fit, so that a change of them alone does not stay."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One change of one leaf.
+
+    Attributes:
+        file: kind of file, a pattern of its path in the run.
+        place: kind of place in it.
+        change: what is done to it.
+        path: the file that is changed, from the run.
+        keys: where in the file; of records the row and the column, then the place in its JSON.
+    """
+
+    file: str
+    place: str
+    change: str
+    path: str
+    keys: tuple[Any, ...]
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """File and place, as a list of leaves names them."""
+        return self.file, self.place
+
+    def __str__(self) -> str:
+        return f"{self.file} {self.place} ({self.change})"
+
+
+def file_kind(path: str) -> str:
+    """The kind of a run's file."""
+    path = re.sub(r"^units/(\w+)-.*\.json$", r"units/\1-*.json", path)
+    return re.sub(r"^policies/[^/]+/", "policies/*/", path)
+
+
+# Files of JSON
+
+
+def json_leaves(run: Path, names: Sequence[str], every: bool) -> list[Leaf]:
+    """The leaves of all JSON of a run but its seal.
+
+    Args:
+        run: the run.
+        names: of rows, cells and policies, which stand for each other as keys.
+        every: all leaves; else one of each kind.
+    """
+    found: dict[tuple[Any, ...], Leaf] = {}
+    for file in sorted((*run.glob("*.json"), *run.glob("units/*"), *run.glob("policies/*/*.json"))):
+        path = file.relative_to(run).as_posix()
+        if path == "seal.json":
+            continue
+        held = json.loads(file.read_text(encoding="utf-8"))
+        for keys, value in _walk(held):
+            place = _place(keys, names)
+            for change in changes_of(value, keys):
+                leaf = Leaf(file_kind(path), place, change, path, keys)
+                found.setdefault(
+                    (leaf.path, leaf.keys, change) if every else (*leaf.kind, change), leaf
+                )
+    return list(found.values())
+
+
+def _walk(value: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    if keys:
+        yield keys, value
+    inner = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    for key, one in inner:
+        yield from _walk(one, (*keys, key))
+
+
+def _place(keys: tuple[Any, ...], names: Sequence[str]) -> str:
+    told = ["[]" if isinstance(key, int) else "*" if key in names else str(key) for key in keys]
+    return ".".join(told).replace(".[]", "[]")
+
+
+def changes_of(value: Any, keys: tuple[Any, ...]) -> list[str]:
+    """What can be done to a value."""
+    if isinstance(value, dict):
+        own = ["other kind", "key added"]
+    elif isinstance(value, list):
+        own = ["other kind", "entry twice"] if value else ["other kind", "entry added"]
+    elif value is None:
+        own = ["number", "text"]
+    else:
+        own = ["changed", "null", "other kind"]
+    return own if isinstance(keys[-1], int) else [*own, "gone"]
+
+
+def change_json(held: Any, keys: tuple[Any, ...], change: str) -> None:
+    """Do it, in place."""
+    *before, last = keys
+    for key in before:
+        held = held[key]
+    if change == "gone":
+        del held[last]
+    else:
+        held[last] = changed(held[last], change)
+
+
+def changed(value: Any, change: str) -> Any:
+    """A value after a change."""
+    if change == "null":
+        return None
+    if change == "number":
+        return 1
+    if change == "text":
+        return "x"
+    if change == "other kind":
+        return 7 if isinstance(value, str | list | dict) else "x"
+    if change == "key added":
+        return {**value, "zz": 1}
+    if change == "entry added":
+        return [1]
+    if change == "entry twice":
+        return [*value, copy.deepcopy(value[-1])]
+    return other(value)
+
+
+def other(value: Any) -> Any:
+    """Another value of the same type."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 1
+    if isinstance(value, float):
+        return value + 0.1 * max(1.0, abs(value))
+    if isinstance(value, str):
+        return f"{value}x"
+    raise TypeError(f"{value!r} is no leaf")
+
+
+# Records
+
+
+def record_kind(row: Mapping[str, Any]) -> str:
+    """What a record is: phase, whose it is, and whether it has a trace."""
+    trace = "traced" if row["reward"] is not None else "untraced"
+    return f"records of {row['phase']}, {trace}"
+
+
+def record_leaves(run: Path, every: bool) -> list[Leaf]:
+    """The leaves of all records; each change of a kind is of a row of its own if there are enough.
+
+    Args:
+        run: the run.
+        every: also each kind of change at home and abroad, perturbed and not, of policies and
+            baselines; else one of each.
+    """
+    leaves: list[Leaf] = []
+    rows: dict[str, list[tuple[str, int, dict[str, Any]]]] = {}
+    for file in sorted(run.glob("evidence/*.parquet")):
+        path = file.relative_to(run).as_posix()
+        for number, row in enumerate(pq.read_table(file).to_pylist()):
+            kind = record_kind(row)
+            if every:
+                about = "perturbed" if row["perturbation"] else "plain"
+                about += ", trained" if row["training_discretization"] else ", not trained"
+                kind = f"{kind}; {about}"
+            rows.setdefault(kind, []).append((path, number, row))
+    for kind, own in rows.items():
+        count = 0
+        columns = {name for *_, row in own for name in row}
+        for name in sorted(columns):
+            for keys, change in _column_changes(name, [row for *_, row in own]):
+                fit = [x for x in own if _fits(x[2], name, keys, change)]
+                path, number, _ = fit[count % len(fit)]
+                count += 1
+                place = name if not keys else f"{name}:{_place(keys, ())}"
+                file = kind.partition(";")[0]
+                leaves.append(Leaf(file, place, change, path, (number, name, *keys)))
+    return leaves
+
+
+def _column_changes(
+    name: str, rows: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[tuple[Any, ...], str]]:
+    """What is done to a column's values: place in its JSON, and the change."""
+    values = [row[name] for row in rows]
+    told = [x for x in values if x is not None]
+    if name == "content_hash":
+        return
+    if is_trace(name):
+        yield from (
+            ((), change)
+            for change in (("changed", "null", "shorter", "nan") if told else ("added",))
+        )
+        return
+    if told:
+        yield (), "changed"
+        yield (), "null"
+    if len(told) < len(values):
+        yield (), "added"
+    if name in JSON_COLUMNS and told:
+        yield from (((), change) for change in ("no JSON", "other JSON"))
+        seen = set()
+        for text in told:
+            for keys, value in _walk(json.loads(text)):
+                for change in changes_of(value, keys):
+                    if (_place(keys, ()), change) not in seen:
+                        seen.add((_place(keys, ()), change))
+                        yield keys, change
+
+
+def _fits(row: Mapping[str, Any], name: str, keys: tuple[Any, ...], change: str) -> bool:
+    value = row[name]
+    if change == "added" and not keys:
+        return value is None
+    if value is None:
+        return False
+    if not keys:
+        return True
+    inner = json.loads(value)
+    try:
+        for key in keys:
+            inner = inner[key]
+    except (LookupError, TypeError):
+        return False
+    return change in changes_of(inner, keys)
+
+
+def change_row(row: dict[str, Any], keys: tuple[Any, ...], change: str, kind: Any) -> None:
+    """Change a column of a row, in place.
+
+    Args:
+        row: the record.
+        keys: column, and place in its JSON.
+        change: what is done.
+        kind: Arrow type of the column.
+    """
+    name, *inner = keys
+    value = row[name]
+    if inner:
+        told = json.loads(value)
+        change_json(told, tuple(inner), change)
+        row[name] = json.dumps(told, sort_keys=True, separators=(",", ":"))
+    elif change == "null":
+        row[name] = None
+    elif change == "no JSON":
+        row[name] = value[:-1] + "{"
+    elif change == "other JSON":
+        row[name] = "[7]"
+    elif change == "shorter":
+        row[name] = value[:-1]
+    elif change == "nan":
+        row[name] = [float("nan") if pa.types.is_floating(kind.value_type) else 99, *value[1:]]
+    elif change == "added":
+        row[name] = _made(kind)
+    elif is_trace(name):
+        middle = len(value) // 2
+        row[name] = [*value[:middle], _other(value[middle]), *value[middle + 1 :]]
+    elif isinstance(value, list):
+        row[name] = [other(value[0]), *value[1:]]
+    else:
+        row[name] = _other(value)
+
+
+def _other(value: Any) -> Any:
+    import datetime as dt
+
+    if value is None:
+        return 1
+    return value + dt.timedelta(seconds=7) if isinstance(value, dt.datetime) else other(value)
+
+
+def _made(kind: Any) -> Any:
+    types = pa.types
+    if types.is_list(kind):
+        return [1]
+    if types.is_boolean(kind):
+        return True
+    return "x" if types.is_string(kind) else 1
+
+
+def change_records(run: Path, leaves: Sequence[Leaf]) -> dict[Leaf, dict[str, Any]]:
+    """Change records of a run, with content hashes that fit; each leaf's record as it was."""
+    ids: dict[Leaf, dict[str, Any]] = {}
+    for path in sorted({leaf.path for leaf in leaves}):
+        file = run / path
+        table = pq.read_table(file)
+        rows = table.to_pylist()
+        for leaf in leaves:
+            if leaf.path == path:
+                number, *keys = leaf.keys
+                ids[leaf] = dict(rows[number])
+                kind = table.schema.field(keys[0]).type
+                change_row(rows[number], tuple(keys), leaf.change, kind)
+        made = pa.Table.from_pylist(rows, table.schema)
+        pq.write_table(with_hashes(made.combine_chunks()), file)
+    return ids
+
+
+def schema_leaves(run: Path) -> list[Leaf]:
+    """Metadata of every column, and of the file, of one file of each phase."""
+    leaves = []
+    for phase in ("train", "evaluate"):
+        file = sorted(run.glob(f"evidence/{phase}-*.parquet"))[0]
+        path = file.relative_to(run).as_posix()
+        schema = pq.read_schema(file)
+        kind = f"schema of {phase}-*.parquet"
+        for field in schema:
+            for key in field.metadata or {}:
+                if not key.startswith(b"PARQUET:"):
+                    place = f"{field.name}:{key.decode()}"
+                    leaves += [
+                        Leaf(kind, place, x, path, (field.name, key)) for x in ("changed", "gone")
+                    ]
+        for key in schema.metadata or {}:
+            leaves += [Leaf(kind, key.decode(), x, path, ("", key)) for x in ("changed", "gone")]
+    return leaves
+
+
+def change_schema(run: Path, leaf: Leaf) -> None:
+    """Change the metadata of a column or of the file, with content hashes that fit."""
+    file = run / leaf.path
+    table = pq.read_table(file)
+    name, key = leaf.keys
+
+    def edited(about: Mapping[bytes, bytes]) -> dict[bytes, bytes]:
+        rest = {k: v for k, v in about.items() if k != key}
+        return rest if leaf.change == "gone" else {**rest, key: about[key] + b"x"}
+
+    schema = table.schema
+    if name:
+        place = schema.get_field_index(name)
+        field = schema.field(place)
+        schema = schema.set(place, field.with_metadata(edited(field.metadata)))
+    else:
+        schema = schema.with_metadata(edited(schema.metadata))
+    made = pa.Table.from_arrays(table.columns, schema=schema)
+    pq.write_table(with_hashes(made.combine_chunks()), file)
+
+
+# Policies as stable-baselines3 saves them
+
+
+class _Evil:
+    def __reduce__(self) -> Any:
+        return print, ("run by whoever reads it",)
+
+
+def zip_leaves(run: Path) -> list[Leaf]:
+    """Members of one published zip, what its JSON says, and members that are no one's."""
+    file = sorted(run.glob("policies/*/policy.zip"))[0]
+    path, kind = file.relative_to(run).as_posix(), "policies/*/policy.zip"
+    leaves = [Leaf(kind, "pickle", "added", path, ("extra.pkl",))]
+    with zipfile.ZipFile(file) as held:
+        for name in held.namelist():
+            leaves += [Leaf(kind, name, x, path, (name,)) for x in ("changed", "gone")]
+            if name.endswith(".pth"):
+                leaves.append(Leaf(kind, f"pickle in {name}", "pickle", path, (name,)))
+        data = json.loads(held.read("data"))
+    for keys, value in _walk(data):
+        if len(keys) > 1 and keys[-1] != ":serialized:":
+            continue
+        place = f"data:{_place(keys, ())}"
+        if keys[-1] == ":serialized:":
+            leaves.append(Leaf(kind, place, "pickle", path, ("data", *keys)))
+        leaves += [Leaf(kind, place, x, path, ("data", *keys)) for x in changes_of(value, keys)]
+    return leaves
+
+
+def change_zip(run: Path, leaf: Leaf) -> None:
+    """Change a zip; its side-car says its new hash."""
+    file = run / leaf.path
+    with zipfile.ZipFile(file) as held:
+        members = {name: held.read(name) for name in held.namelist()}
+    name, *keys = leaf.keys
+    if keys:
+        data = json.loads(members["data"])
+        if leaf.change == "pickle":
+            *before, last = keys
+            part = data
+            for key in before:
+                part = part[key]
+            part[last] = base64.b64encode(pickle.dumps(_Evil())).decode()
+        else:
+            change_json(data, tuple(keys), leaf.change)
+        members["data"] = json.dumps(data).encode()
+    elif leaf.change in ("added", "pickle"):
+        members[name] = pickle.dumps(_Evil())
+    elif leaf.change == "gone":
+        del members[name]
+    else:
+        members[name] = _edited(members[name])
+    with zipfile.ZipFile(file, "w") as made:
+        for own, content in members.items():
+            made.writestr(own, content)
+    card = file.with_name("policy.json")
+    told = json.loads(card.read_text(encoding="utf-8"))
+    told["zip_hash"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    card.write_text(json.dumps(told), encoding="utf-8")
+
+
+def _edited(content: bytes) -> bytes:
+    """Another content: of an archive, its largest member with one bit flipped in the middle."""
+    if content[:2] != b"PK":
+        return content[:-2] + b"x" + content[-1:]
+    with zipfile.ZipFile(io.BytesIO(content)) as held:
+        members = [(info, held.read(info)) for info in held.infolist()]
+    largest = max(
+        (k for k, (info, _) in enumerate(members) if "/data/" in info.filename),
+        key=lambda k: len(members[k][1]),
+        default=len(members) - 1,
+    )
+    info, own = members[largest]
+    middle = len(own) // 2
+    members[largest] = info, own[:middle] + bytes([own[middle] ^ 1]) + own[middle + 1 :]
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        for info, own in members:
+            archive.writestr(info, own)
+    return made.getvalue()

@@ -1,0 +1,149 @@
+"""A zip that lies beside its policy's weights, held against them; nothing in it is executed.
+
+stable-baselines3 unpickles parts of `data` when it loads a model. Here pickles are read as inert
+data: what they would import must be what stable-baselines3 writes, and nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....policy import BoxActions, MlpPolicy
+from ...error import DAMAGED, PolicyFileError
+from ..safetensors_file import read_safetensors
+from ..vec_normalize import Name, Note, entries, names_in, parse_pickle
+from . import limits
+from .data import json_object
+from .reading import read_archive, read_member
+
+_DATA, _TENSORS = "data", ".pth"
+_MEMBERS = ("_stable_baselines3_version", "system_info.txt", "pytorch_variables.pth", "policy.pth")
+_OPTIMIZER = "optimizer.pth"
+
+_SERIALIZED = ":serialized:"
+
+_NUMPY = ("numpy._core", "numpy.core")
+_IMPORTED = {
+    *(("collections", name) for name in ("OrderedDict", "deque")),
+    *(("gymnasium.spaces.box", "Box"), ("gymnasium.spaces.discrete", "Discrete")),
+    *(("numpy", name) for name in ("dtype", "ndarray")),
+    *((f"{core}.multiarray", name) for core in _NUMPY for name in ("scalar", "_reconstruct")),
+    *((f"{core}.numeric", "_frombuffer") for core in _NUMPY),
+    ("numpy.random._pcg64", "PCG64"),
+    *(("numpy.random._pickle", f"__{name}_ctor") for name in ("bit_generator", "generator")),
+    ("numpy.random.bit_generator", "SeedSequence"),
+    ("numpy.random.bit_generator", "__pyx_unpickle_SeedSequence"),
+    *(("stable_baselines3.common.buffers", f"{name}Buffer") for name in ("Replay", "Rollout")),
+    ("stable_baselines3.common.policies", "ActorCriticPolicy"),
+    ("stable_baselines3.sac.policies", "SACPolicy"),
+    ("stable_baselines3.common.type_aliases", "TrainFreq"),
+    ("stable_baselines3.common.type_aliases", "TrainFrequencyUnit"),
+    *(
+        ("stable_baselines3.common.utils", f"{name}Schedule")
+        for name in ("Constant", "Float", "Linear")
+    ),
+    *(("torch", f"{name}Storage") for name in ("Float", "Double", "Long", "Byte", "Bool")),
+    ("torch._utils", "_rebuild_tensor_v2"),
+    ("torch.optim.adam", "Adam"),
+}
+"""Module and name of all that the zips of our trainers import when they are loaded."""
+
+_ACTIVATIONS = "torch.nn.modules.activation"
+
+
+def zip_faults(archive: Path, weights: Path) -> Iterator[str]:
+    """What of a published zip is not of the policy whose weights lie beside it.
+
+    Args:
+        archive: SB3's zip.
+        weights: the same policy as safetensors.
+    """
+    try:
+        actor = read_safetensors(weights)
+        with zipfile.ZipFile(archive) as held:
+            yield from _faults(held, archive, actor)
+    except (PolicyFileError, zipfile.BadZipFile) as error:
+        yield f"cannot be read: {error}"
+    except Exception as error:  # damaged bytes can fail in any way
+        yield f"cannot be read ({type(error).__name__}); {DAMAGED}"
+
+
+def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[str]:
+    for name in held.namelist():
+        if name not in (_DATA, *_MEMBERS) and not name.endswith(_OPTIMIZER):
+            yield f"has the member {name!r}, which no trainer writes"
+    for name in (_DATA, *_MEMBERS):
+        if name not in held.namelist():
+            yield f"lacks the member {name!r}"
+    for where, pickle in _pickles(held):
+        for found in names_in(pickle):
+            if not _is_known(found):
+                yield f"{where} imports {found.module}.{found.name} when it is loaded"
+    bounds = (
+        (actor.actions.low, actor.actions.high) if isinstance(actor.actions, BoxActions) else None
+    )
+    own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _tensors)
+    if own.content_hash != actor.content_hash:
+        yield "is another policy than the weights beside it"
+
+
+def _is_known(name: Name) -> bool:
+    activation = name.module == _ACTIVATIONS and name.name.isidentifier()
+    return activation or (name.module, name.name) in _IMPORTED
+
+
+def _pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
+    for name in held.namelist():
+        if name.endswith(_TENSORS):
+            content = read_member(held, name, limits.MAX_WEIGHTS_BYTES)
+            with zipfile.ZipFile(io.BytesIO(content)) as inner:
+                for member in inner.namelist():
+                    if member.endswith(".pkl"):
+                        yield name, read_member(inner, member, limits.MAX_JSON_BYTES)
+    content = read_member(held, _DATA, limits.MAX_JSON_BYTES)
+    data = json_object(content, f"its member 'data' {{}}; {DAMAGED}")
+    for key, value in data.items():
+        for text in _serialized(value):
+            yield f"{key!r} of its 'data'", base64.b64decode(text)
+
+
+def _serialized(value: Any) -> Iterator[str]:
+    inner = value if isinstance(value, list) else ()
+    if isinstance(value, Mapping):
+        if isinstance(value.get(_SERIALIZED), str):
+            yield value[_SERIALIZED]
+        inner = list(value.values())
+    for one in inner:
+        yield from _serialized(one)
+
+
+def _tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
+    """A state dict, read without torch."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        (name,) = (x for x in archive.namelist() if x.endswith("data.pkl"))
+        folder = name.removesuffix("data.pkl")
+        read = partial(read_member, archive, limit=limits.MAX_WEIGHTS_BYTES)
+        told = entries(parse_pickle(read(name), storages=True))
+        return {key: _array(note, folder, read) for key, note in told.items() if key != "_metadata"}
+
+
+def _array(note: Note, folder: str, read: Any) -> NDArray[np.float32]:
+    storage, offset, shape, strides = note.arguments[:4]
+    kind, key = storage.arguments[1:3]
+    if kind != Name("torch", "FloatStorage"):
+        raise PolicyFileError(f"its weights are {kind.name}, and not 32 bits wide")
+    numbers = np.frombuffer(read(f"{folder}data/{key}"), "<f4")
+    end = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True)) + 1
+    if offset < 0 or min(strides, default=0) < 0 or end > len(numbers):
+        raise PolicyFileError("its weights lie outside what is stored")
+    places = [4 * step for step in strides]
+    return np.lib.stride_tricks.as_strided(numbers[offset:], tuple(shape), places)
