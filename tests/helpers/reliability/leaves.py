@@ -336,17 +336,13 @@ def schema_leaves(run: Path) -> list[Leaf]:
     for phase in ("train", "evaluate"):
         file = sorted(run.glob(f"evidence/{phase}-*.parquet"))[0]
         path = file.relative_to(run).as_posix()
-        schema = pq.read_schema(file)
-        kind = f"schema of {phase}-*.parquet"
-        for field in schema:
-            for key in field.metadata or {}:
-                if not key.startswith(b"PARQUET:"):
-                    place = f"{field.name}:{key.decode()}"
-                    leaves += [
-                        Leaf(kind, place, x, path, (field.name, key)) for x in ("changed", "gone")
-                    ]
-        for key in schema.metadata or {}:
-            leaves += [Leaf(kind, key.decode(), x, path, ("", key)) for x in ("changed", "gone")]
+        schema, kind = pq.read_schema(file), "schema of evidence/*.parquet"
+        told = [(f.name, key) for f in schema for key in f.metadata or {}]
+        for name, key in (*told, *(("", key) for key in schema.metadata or {})):
+            if not key.startswith(b"PARQUET:"):
+                of = "file" if not name else "trace" if is_trace(name) else "field"
+                place = f"{of}.{key.decode()}"
+                leaves += [Leaf(kind, place, x, path, (name, key)) for x in ("changed", "gone")]
     return leaves
 
 

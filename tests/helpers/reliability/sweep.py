@@ -33,7 +33,11 @@ from leaves import (
 from victim import Task
 
 from integ_gym.eval import FILE_NAME, acting_in, against_plan, read_panel
+from integ_gym.eval.panel.model import write_panel
+from integ_gym.eval.panel.results import noted_call, panel_of
 from integ_gym.eval.panel.results.comparing import differences
+from integ_gym.eval.panel.running import RunDirectory
+from integ_gym.eval.panel.specification import planned_spec
 from integ_gym.evidence import (
     EvidenceStore,
     Finding,
@@ -42,6 +46,7 @@ from integ_gym.evidence import (
     other_columns,
     recompute,
     replay_some,
+    seal,
 )
 
 SECURITY = Path(__file__).parents[3] / "SECURITY.md"
@@ -232,6 +237,10 @@ class Sweep:
                 file.write_text(json.dumps(held), encoding="utf-8")
         with suppress(AttributeError, KeyError, TypeError):  # of what has lost its form
             make_fit(self.run, panel=False)
+        if rows:
+            with suppress(Exception):  # records of which none can be made
+                _tell_again(self.run)
+            seal(self.run)
         return rows
 
     def _restore(self) -> None:
@@ -256,6 +265,13 @@ class Sweep:
                 yield from check()
             except ValueError as error:  # which `verify` prints as a finding
                 yield str(error)
+
+
+def _tell_again(run: Path) -> None:
+    """Have ``panel.json`` say what plan and records come to, as whoever forges them can."""
+    directory = RunDirectory(run, {})
+    spec = planned_spec(directory.manifest()["specification"])
+    write_panel(panel_of(spec, directory, noted_call(directory)), run)
 
 
 def _names(finding: Finding | str, leaf: Leaf, row: dict[str, object]) -> bool:
