@@ -2,8 +2,8 @@
 
 Equations are written once, over *components*: a component is one state variable, held as a
 Python ``float`` (one environment), a NumPy array (a batch of environments) or a JAX array.
-``+ - * / ** %``, ``abs`` and comparisons mean the same in the three worlds; whatever does not
-is a method of :class:`Ops`.
+``+ - * / %``, ``abs`` and comparisons mean the same in the three worlds; whatever does not is a
+method of :class:`Ops`. ``x ** y`` may differ in the last bit: write ``x * x`` and ``ops.sqrt(x)``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from typing import Any, Protocol, TypeAlias, TypeVar
+
+import numpy as np
 
 Component: TypeAlias = Any
 """One state variable: ``float``, ``numpy.ndarray`` or ``jax.Array``, of shape () or (lanes,)."""
@@ -113,6 +115,11 @@ def _or_nan(function: Callable[[float], float]) -> Callable[[float], float]:
     return safe
 
 
+def _tanh(x: float, /) -> float:
+    """NumPy's: ``math.tanh`` differs from it in the last bit, as ``math.sin`` does not."""
+    return float(np.tanh(x))
+
+
 class ScalarOps:
     """Components are Python floats.
 
@@ -127,7 +134,7 @@ class ScalarOps:
     sqrt = staticmethod(_or_nan(math.sqrt))
     isfinite = staticmethod(math.isfinite)
     any = staticmethod(bool)
-    tanh = staticmethod(math.tanh)
+    tanh = staticmethod(_tanh)
     repeat = staticmethod(repeat)
 
     @staticmethod

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
+
+from gymnasium import Env
+from gymnasium.vector import VectorEnv
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -10,7 +13,7 @@ ENV_ID: Final = "IntegCartPole-v0"
 """Read by the registration, which does not import this module."""
 
 
-class IntegCartPoleEnv(IntegEnv):
+class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     """Keep the pole of a cart-pole upright, under a chosen discretization.
 
     ```python
@@ -135,7 +138,7 @@ class IntegCartPoleEnv(IntegEnv):
     defaults: ClassVar = {"integrator": "explicit_euler", "dt": 0.02}
 
 
-class IntegCartPoleVectorEnv(IntegVectorEnv):
+class IntegCartPoleVectorEnv(IntegVectorEnv, VectorEnv[Any, Any, Any]):
     """Vector form of :class:`IntegCartPoleEnv`; see :class:`IntegVectorEnv` for its arguments."""
 
     env_class = IntegCartPoleEnv

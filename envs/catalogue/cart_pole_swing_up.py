@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
+
+from gymnasium import Env
+from gymnasium.vector import VectorEnv
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -10,7 +13,7 @@ ENV_ID: Final = "IntegCartPoleSwingUp-v0"
 """Read by the registration, which does not import this module."""
 
 
-class IntegCartPoleSwingUpEnv(IntegEnv):
+class IntegCartPoleSwingUpEnv(IntegEnv, Env[Any, Any]):
     """Swing the pole of a cart-pole up on a bounded track, under a chosen discretization.
 
     ```python
@@ -139,7 +142,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv):
     defaults: ClassVar = {"integrator": "rk4", "dt": 0.02, "track_limit": 2.4}
 
 
-class IntegCartPoleSwingUpVectorEnv(IntegVectorEnv):
+class IntegCartPoleSwingUpVectorEnv(IntegVectorEnv, VectorEnv[Any, Any, Any]):
     """Vector form of :class:`IntegCartPoleSwingUpEnv`; see :class:`IntegVectorEnv` for its arguments."""
 
     env_class = IntegCartPoleSwingUpEnv

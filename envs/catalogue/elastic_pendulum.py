@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
+
+from gymnasium import Env
+from gymnasium.vector import VectorEnv
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -10,7 +13,7 @@ ENV_ID: Final = "IntegElasticPendulum-v0"
 """Read by the registration, which does not import this module."""
 
 
-class IntegElasticPendulumEnv(IntegEnv):
+class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):
     """Bring the swinging bob of an elastic pendulum to rest, under a chosen discretization.
 
     ```python
@@ -127,7 +130,7 @@ class IntegElasticPendulumEnv(IntegEnv):
     defaults: ClassVar = {"integrator": "rk4", "dt": 0.02}
 
 
-class IntegElasticPendulumVectorEnv(IntegVectorEnv):
+class IntegElasticPendulumVectorEnv(IntegVectorEnv, VectorEnv[Any, Any, Any]):
     """Vector form of :class:`IntegElasticPendulumEnv`; see :class:`IntegVectorEnv` for its arguments."""
 
     env_class = IntegElasticPendulumEnv

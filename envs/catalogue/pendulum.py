@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
+
+from gymnasium import Env
+from gymnasium.vector import VectorEnv
 
 from ..environments import IntegEnv, IntegVectorEnv
 
@@ -10,7 +13,7 @@ ENV_ID: Final = "IntegPendulum-v0"
 """Read by the registration, which does not import this module."""
 
 
-class IntegPendulumEnv(IntegEnv):
+class IntegPendulumEnv(IntegEnv, Env[Any, Any]):
     """Swing a torque-limited pendulum up and keep it there, under a chosen discretization.
 
     ```python
@@ -131,7 +134,7 @@ class IntegPendulumEnv(IntegEnv):
     defaults: ClassVar = {"integrator": "symplectic_euler", "dt": 0.05}
 
 
-class IntegPendulumVectorEnv(IntegVectorEnv):
+class IntegPendulumVectorEnv(IntegVectorEnv, VectorEnv[Any, Any, Any]):
     """Vector form of :class:`IntegPendulumEnv`; see :class:`IntegVectorEnv` for its arguments."""
 
     env_class = IntegPendulumEnv

@@ -27,6 +27,7 @@ from ..episode import (
     plain_step,
     quiet_status,
     sensed,
+    top_speed,
     traced_start,
     traced_step,
 )
@@ -79,6 +80,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state: EnvState | None = None
         self._control = 0.0
         self._sampled = True
+        self._terminated = self._warned = False
         self.status_code = quiet_status(self.setup)
         """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._start: ScalarStart = plain_start(self.setup)
@@ -139,6 +141,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         self._control, self._sampled = 0.0, True
+        self._terminated = self._warned = False
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.render_mode == "human":
@@ -147,6 +150,9 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance one control period; see the environment's docstring for ``info``.
+
+        After a termination, a step that ends beyond it again pays the least that a step can, with
+        a warning: 0 where falling ends the episode of a cart-pole.
 
         Raises:
             ValueError: for an action of the wrong shape or outside a `Discrete` space.
@@ -162,6 +168,9 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state, self._control = EnvState._make(state), info["control"]
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
+        if terminated and self._terminated:
+            reward = self._reward_after_the_end()
+        self._terminated = self._terminated or terminated
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), reward, terminated, truncated, info
@@ -191,6 +200,15 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def _reward_after_the_end(self) -> float:
+        """The least that a step can pay; the first time with a warning."""
+        if not self._warned:
+            self._warned = True
+            gym.logger.warn("the episode has terminated; call reset(), further steps pay nothing")
+        setup = self.setup
+        period = setup.timing.control_period
+        return float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
 
     def _current(self) -> EnvState:
         if self._state is None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         initial_state,
         quiet_status,
         sensed,
+        top_speed,
         transition,
     )
     from .discretization import DISCRETIZATION, NATIVE, Discretization, agrees

@@ -16,6 +16,7 @@ from integ_gym.support import (
     optional,
     parameter,
     positive,
+    suggestion,
     text,
     units,
     unknown_name,
@@ -160,7 +161,10 @@ def build_setup(
     names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
     for name in arguments:
         if name not in names:
-            raise TypeError(unknown_name("argument", name, names))
+            raise TypeError(
+                f"the environment got an unexpected keyword argument {name!r}. "
+                f"{suggestion(name, names)}"
+            )
     values = {
         name: value.item() if isinstance(value, np.generic) or _is_scalar(value) else value
         for name, value in {**defaults, **arguments}.items()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..ops import SCALAR
 from .symbols import NotTraceable
 from .syntax import JAVASCRIPT_SYNTAX, PYTHON_SYNTAX, Syntax
 
@@ -89,11 +90,15 @@ def _own(value: Any) -> Any:
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
-_SHARED = ("sin", "cos", "sqrt", "tanh", "isfinite", "inf", "nan")
-_OF_ARRAYS = ("floor", "where", "minimum", "maximum", "logical_not")
+_SHARED = ("sin", "cos", "sqrt", "isfinite", "inf", "nan")
+_OF_ARRAYS = ("floor", "where", "minimum", "maximum", "logical_not", "tanh")
 
 SCALARS = Dialect(
-    names={**{name: getattr(math, name) for name in _SHARED}, "Unusual": Unusual},
+    names={
+        **{name: getattr(math, name) for name in _SHARED},
+        "tanh": SCALAR.tanh,
+        "Unusual": Unusual,
+    },
     written={
         "logical_not": "not {0}",
         "and": "{0} and {1}",

@@ -15,7 +15,8 @@ from pairing import covering
 
 from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
-from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.arithmetic.ops import SCALAR, Ops
+from integ_gym.envs.arithmetic.tracing import SCALARS, compiled
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.plants import PLANTS
@@ -191,6 +192,65 @@ def test_elementary_functions_agree_outside_their_domain(x, y):
         for name in ("minimum", "maximum"):
             scalar, array = (getattr(ops, name)(x, y) for ops in (SCALAR, ARRAY))
             assert np.array_equal(scalar, array, equal_nan=True)  # of two zeros NumPy gives either
+
+
+def _numbers() -> np.ndarray:
+    """Of all sizes, whole ones and zeros among them."""
+    rng = np.random.default_rng(0)
+    sizes = np.ldexp(rng.uniform(-1.0, 1.0, 5_000), rng.integers(-200, 200, 5_000))
+    return np.concatenate(
+        [
+            rng.uniform(-10.0, 10.0, 5_000),
+            rng.uniform(-1e6, 1e6, 5_000),
+            sizes,
+            np.arange(-5.0, 6.0),
+        ]
+    )
+
+
+_X = _numbers()
+_Y = np.roll(_X, 7)
+_TO_THE_BIT = {
+    "sin": lambda ops, x, y: ops.sin(x),
+    "cos": lambda ops, x, y: ops.cos(x),
+    "tanh": lambda ops, x, y: ops.tanh(x),
+    "sqrt": lambda ops, x, y: ops.sqrt(abs(x)),
+    "floor": lambda ops, x, y: ops.floor(x),
+    "isfinite": lambda ops, x, y: ops.where(ops.isfinite(x), 1.0, 0.0),
+    "where": lambda ops, x, y: ops.where(x > y, x, y),
+    "minimum": lambda ops, x, y: ops.minimum(x, y),
+    "maximum": lambda ops, x, y: ops.maximum(x, y),
+    "while_loop": lambda ops, x, y: (
+        ops.while_loop(lambda c: abs(c[0]) > 1.0, _halve, (x, 0.0 * x))[1]
+    ),
+    "repeat": lambda ops, x, y: ops.repeat(3, lambda i, c: (c[0] * 0.7 + y,), (x,))[0],
+    "foreign": lambda ops, x, y: ops.foreign(lambda z: (z * 0.3,), (x,), (False,))[0],
+    "%": lambda ops, x, y: x % 0.7,
+    "the power of `reference`": lambda ops, x, y: abs(x) ** (-1.0 / 8.0),
+}
+"""By operation, an expression of it."""
+
+
+def _halve(carry):
+    return 0.5 * carry[0], carry[1] + 0.1 * carry[0]
+
+
+def test_every_operation_has_a_sweep():
+    operations = {name for name in vars(Ops) if not name.startswith("_")} - {"any", "usually", "rarely"}
+    assert operations <= set(_TO_THE_BIT)
+
+
+@pytest.mark.parametrize("operation", _TO_THE_BIT)
+def test_floats_and_arrays_agree_to_the_last_bit(operation):
+    """Else a single environment and a lane of many would part."""
+    expression = _TO_THE_BIT[operation]
+    traced = compiled(SCALARS, expression, False, False)
+    x, y = _X[_X != 0.0], _Y[_X != 0.0]
+    together = expression(ARRAY, x, y)
+    pairs = list(zip(x.tolist(), y.tolist(), strict=True))
+    np.testing.assert_array_equal([expression(SCALAR, *pair) for pair in pairs], together)
+    np.testing.assert_array_equal([traced(*pair) for pair in pairs], together)
+    np.testing.assert_array_equal(expression(ARRAY, x[:3], y[:3]), together[:3])
 
 
 def test_array_loop_freezes_finished_lanes():

@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from motions import ALL
 
 import integ_gym
+from integ_gym.envs.arithmetic import SCALAR
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 
@@ -68,7 +69,7 @@ def test_docstring_has_the_contract_table(env_id):
         ({"action_latency": 0.03}, ValueError, ["`action_latency`", "nearest valid"]),
         ({"sensor_period": 0.03}, ValueError, ["`sensor_period`", "nearest valid"]),
         ({"mass": -1.0}, ValueError, ["`mass`", "above 0"]),
-        ({"masss": 1.0}, TypeError, ["unknown argument 'masss'", "Did you mean 'mass'"]),
+        ({"masss": 1.0}, TypeError, ["unexpected keyword argument 'masss'", "Did you mean 'mass'"]),
         ({"fallback": "brake"}, ValueError, ["'hold'", "'zero'"]),
         ({"start": "sideways"}, ValueError, ["unknown start"]),
         ({"max_speed": 1e9}, ValueError, ["`max_speed`", "diverged"]),
@@ -82,6 +83,34 @@ def test_impossible_arguments_name_the_remedy(arguments, error, fragments):
         IntegPendulumEnv(**{**defaults, **arguments})
     for fragment in fragments:
         assert fragment in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "make", [gym.make, gym.make_vec, integ_gym.functional.make], ids=["single", "vector", "jax"]
+)
+@pytest.mark.parametrize("env_id", IDS)
+def test_unknown_arguments_are_refused_in_pythons_words(env_id, make):
+    """Libraries such as TorchRL try an argument, and wait for these words."""
+    words = r"got an unexpected keyword argument 'frameskip'\. .*Valid choices: "
+    with pytest.raises(TypeError, match=words):
+        make(env_id, frameskip=1)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_classes_name_gymnasium_among_their_bases(env_id):
+    """Libraries such as skrl tell by the direct bases what an environment is."""
+    assert gym.Env in type(gym.make(env_id).unwrapped).__bases__
+    assert gym.vector.VectorEnv in type(gym.make_vec(env_id).unwrapped).__bases__
+
+
+@pytest.mark.filterwarnings("ignore:.*the episode has terminated.*:UserWarning")
+def test_a_diverged_motion_that_goes_on_pays_the_least_of_a_step():
+    env = gym.make("IntegPendulum-v0", integrator="explicit_euler", dt=0.5)
+    env.reset(options={"state": (1.5, 999.0)})
+    while not (step := env.step([2.0]))[2]:
+        pass
+    assert step[1] < -1e6
+    assert env.step([2.0])[1] == env.unwrapped.setup.task.worst_return(SCALAR, 1, 0.5, 1000.0)
 
 
 @pytest.mark.parametrize("env_id", IDS)

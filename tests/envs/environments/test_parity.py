@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -77,6 +79,24 @@ def test_pendulum_without_clip_is_stock_below_the_clip():
             np.testing.assert_allclose(ours.state, stock.state, rtol=0, atol=1e-12)
             compared += 1
     assert compared > STEPS // 2
+
+
+@pytest.mark.parametrize("sutton_barto", [False, True])
+def test_cart_pole_after_its_end(sutton_barto):
+    """Gymnasium pays the fall once, and warns whoever goes on."""
+    ours = IntegCartPoleEnv(sutton_barto_reward=sutton_barto)
+    stock = CartPoleEnv(sutton_barto_reward=sutton_barto)
+    for _ in range(2):
+        ours.reset(seed=0), stock.reset(seed=0)
+        paid, warned = [], []
+        for env in (ours, stock):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                paid.append([env.step(1)[1:3] for _ in range(20)])
+            warned.append(["reset()" in str(warning.message) for warning in caught])
+        assert paid[0] == paid[1]
+        assert paid[0][-1] == (-1.0 if sutton_barto else 0.0, True)
+        assert warned[0] == warned[1] == [True]
 
 
 @pytest.mark.parametrize("sutton_barto", [False, True])

@@ -225,7 +225,7 @@ PARTS = {"mixture": WEIGHTED, "control_period": PERIOD}
         ({"mixture": [{"dt": 0.03}]}, ValueError, ["not a whole multiple"]),
         ({"control_period": None}, ValueError, ["one control period", "0.02, 0.04"]),
         ({"integrator": "rk4"}, ValueError, ["`integrator`='rk4' acts nowhere", "leave"]),
-        ({"masss": 1.0}, TypeError, ["unknown argument 'masss'"]),
+        ({"masss": 1.0}, TypeError, ["unexpected keyword argument 'masss'"]),
     ],
 )
 def test_refusals_are_those_of_every_world(changed, error, fragments):

@@ -106,3 +106,22 @@ def test_friction_may_differ_per_lane():
     *_, info = env.step(np.zeros((3, 1)))
     assert (np.diff(info["dissipated"]) > 0.0).all()
     assert info["dissipated"][0] == 0.0
+
+
+@pytest.mark.parametrize("integrator", ALL)
+def test_single_and_vector_forms_agree_to_the_last_bit(integrator):
+    arguments = {"integrator": integrator, "friction": 10.0, "dt": 0.5, "duration": 60.0}
+    single = gym.make("IntegPendulum-v0", **arguments)
+    many = gym.make_vec("IntegPendulum-v0", num_envs=2, **arguments)
+    single.reset(seed=3)
+    many.reset(seed=3)
+    single.action_space.seed(0)
+    for _ in range(60 if integrator != "reference" else 8):
+        action = single.action_space.sample()
+        *_, terminated, truncated, told = single.step(action)
+        *_, info = many.step(np.stack([action, action]))
+        state = many.unwrapped.state[0]
+        np.testing.assert_array_equal(single.unwrapped.state, state)
+        assert told["energy_residual"] == info["energy_residual"][0]
+        if terminated or truncated:
+            break

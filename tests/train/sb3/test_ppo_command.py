@@ -70,7 +70,7 @@ def test_flags_reach_the_run() -> None:
         (["--dt", "0"], "`dt` must be a finite number above 0, got 0.0"),
         (["--control-period", "0.07"], "`control_period`=0.07 s is not a whole multiple of `dt`"),
         (["--start", "sideways"], "unknown start 'sideways'. Valid choices: hanging, uniform"),
-        (["--env-arg", "mas=1"], "unknown argument 'mas'. Did you mean 'mass'?"),
+        (["--env-arg", "mas=1"], "unexpected keyword argument 'mas'. Did you mean 'mass'?"),
         (["--env-arg", "mass"], "argument --env-arg: expected NAME=VALUE, got 'mass'"),
         (["--env-arg", "mass=heavy"], "`mass` must be a finite number above 0, got 'heavy'"),
         (["--max-torque", "much"], "argument --max-torque: invalid float value: 'much'"),

@@ -127,7 +127,7 @@ def test_units_are_rows_times_seeds():
         ({"family": [["rk4 dt=0.05", "no"]]}, ["unknown cell in `family`", "reference dt=0.05"]),
         ({"family": ["rk4"]}, ["pair of names"]),
         ({"compare": [["rk4 dt=0.05", "rk9 dt=0.05"]]}, ["unknown training discretization"]),
-        ({"environment": {"masss": 2.0}}, ["unknown argument 'masss'", "mass"]),
+        ({"environment": {"masss": 2.0}}, ["unexpected keyword argument 'masss'", "mass"]),
         ({"environment": {"mass": -2.0}}, ["`mass`", "above 0"]),
         (
             {"training": {"learning_rat": 1}},
