@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
+from copy import copy
 from operator import itemgetter
 from typing import Any, ClassVar
 
@@ -11,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from ..arithmetic import SCALAR, Components
 from ..episode import (
@@ -83,10 +86,22 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._terminated = self._warned = False
         self.status_code = quiet_status(self.setup)
         """The solver's status in the last step, as a code of `STATUS_NAMES`."""
+        self._spec: EnvSpec | None = None
         self._start: ScalarStart = plain_start(self.setup)
         self._step: ScalarStep = self._first_steps
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What ``gym.make`` made it from, with the decisions of an episode; None without it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self.setup = self.setup.limited(_asked_of_make())
+        self._start, self._step = plain_start(self.setup), self._first_steps
+        self._spec = with_horizon(spec, self.setup)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without traced functions and drawing surfaces, which are made again."""
@@ -254,6 +269,30 @@ def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     setup = build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
     check_starts(setup)
     return setup
+
+
+def with_horizon(spec: EnvSpec | None, setup: Setup) -> EnvSpec | None:
+    """A copy of what Gymnasium says of an environment, with the decisions of an episode."""
+    if spec is None:
+        return None
+    told = copy(spec)
+    told.max_episode_steps = setup.timing.horizon
+    return told
+
+
+def _asked_of_make() -> int | None:
+    """The `max_episode_steps` of the call of ``gym.make`` that is giving an environment its spec.
+
+    Gymnasium tells them to its `TimeLimit` alone, which could end an episode sooner than the
+    environment and never later: so they are read where ``gym.make`` keeps them.
+    """
+    caller = sys._getframe(2)
+    if caller.f_code is not gym.make.__code__:
+        return None
+    given: int | None = caller.f_locals["max_episode_steps"]
+    if given is None:
+        given = caller.f_locals["env_spec"].max_episode_steps
+    return given
 
 
 def frames_per_second(setup: Setup) -> int:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
@@ -36,6 +37,7 @@ from .environment import (
     frames_per_second,
     make_setup,
     observation_space,
+    with_horizon,
 )
 from .lanes import (
     Array,
@@ -65,6 +67,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             one of which each lane draws at every reset; all must have one control period.
             ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
+        max_episode_steps: decisions after which an episode is truncated, if sooner than by
+            `duration`.
         compiled: whether Numba compiles the step into a few loops over lanes, which takes one to
             five seconds at the second step, and gives the same numbers sooner.
         arguments: those of the single environment; a plant parameter may be an array of shape
@@ -89,6 +93,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         mixture: Sequence[Mapping[str, Any]] | None = None,
         render_mode: str | None = None,
+        max_episode_steps: int | None = None,
         compiled: bool = False,
         **arguments: Any,
     ) -> None:
@@ -97,7 +102,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
-        self.mixture = make_mixture(partial(make_setup, self.env_class), arguments, mixture)
+        drawn = make_mixture(partial(make_setup, self.env_class), arguments, mixture)
+        self.mixture = drawn.limited(max_episode_steps)
         self.setups = self.mixture.setups
         for setup in self.setups:
             check_lanes(setup, num_envs)
@@ -128,6 +134,16 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.status_codes = self._quiet[self._member]
         self.final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
+        self._spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What ``gym.make_vec`` made it from, with the decisions of an episode; None without it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_horizon(spec, self.setup)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without drawing surfaces, which are made again."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import accumulate
 from typing import Any
@@ -29,6 +29,10 @@ class Mixture:
 
     setups: tuple[Setup, ...]
     shares: tuple[Fraction, ...] = (Fraction(1),)
+
+    def limited(self, max_episode_steps: int | None) -> Mixture:
+        """The same with episodes of at most so many decisions; see :meth:`Setup.limited`."""
+        return replace(self, setups=tuple(s.limited(max_episode_steps) for s in self.setups))
 
     def member(self, number: float) -> int:
         """The member that a number drawn from [0, 1) stands for."""

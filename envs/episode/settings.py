@@ -125,6 +125,27 @@ class Setup:
         """SI unit of every constructor argument."""
         return {**units(self.settings), **units(self.plant), **units(self.task)}
 
+    def limited(self, max_episode_steps: int | None) -> Setup:
+        """The same setup with episodes of at most so many decisions, which shortens `duration`.
+
+        Raises:
+            ValueError: for more than `duration` has, or less than one.
+        """
+        settings, horizon = self.settings, self.timing.horizon
+        if max_episode_steps is None:
+            return self
+        whole = isinstance(max_episode_steps, (int, np.integer))
+        if not (whole and 1 <= max_episode_steps <= horizon):
+            raise ValueError(
+                f"`max_episode_steps` must be from 1 to {horizon}, the decisions in "
+                f"`duration`={settings.duration:g} s, got {max_episode_steps!r}; for longer "
+                "episodes give a longer `duration`"
+            )
+        if max_episode_steps == horizon:
+            return self
+        shorter = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
+        return replace(self, settings=shorter, timing=_timing(shorter))
+
     def with_values(
         self, plant: Plant, task: Task, timing: Timing, max_speed: Component | None
     ) -> Setup:
@@ -160,6 +181,11 @@ def build_setup(
     """
     names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
     for name in arguments:
+        if name == "max_episode_steps":
+            raise TypeError(
+                "the environment got an unexpected keyword argument 'max_episode_steps', which "
+                "gym.make and gym.make_vec take; here give `duration`, s"
+            )
         if name not in names:
             raise TypeError(
                 f"the environment got an unexpected keyword argument {name!r}. "
@@ -173,13 +199,7 @@ def build_setup(
     settings = replace(given, start=given.start or task.starts[0])
     if settings.start not in task.starts:
         raise ValueError(unknown_name("start", settings.start, task.starts))
-    timing = Timing.of(
-        settings.dt,
-        settings.control_period,
-        settings.action_latency,
-        settings.sensor_period,
-        settings.duration,
-    )
+    timing = _timing(settings)
     the_plant = _parse(plant, values)
     if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
         raise ValueError(
@@ -193,6 +213,16 @@ def build_setup(
     system = _system(the_plant, settings, settings.max_speed)
     engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _timing(settings: Settings) -> Timing:
+    return Timing.of(
+        settings.dt,
+        settings.control_period,
+        settings.action_latency,
+        settings.sensor_period,
+        settings.duration,
+    )
 
 
 def _is_scalar(value: Any) -> bool:

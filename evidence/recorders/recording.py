@@ -223,7 +223,8 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
     Raises:
         TypeError: if there is none, or a wrapper around it changes what a policy sees.
     """
-    wrapper = env
+    wrapper: Any = env
+    limits: list[int] = []
     while not isinstance(wrapper, kinds):
         if wrapper is env.unwrapped:
             raise TypeError(
@@ -236,7 +237,15 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
                 f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
                 "recorder around the environment first, and the other wrappers around the recorder"
             )
+        if isinstance(wrapper, gym.wrappers.TimeLimit):
+            limits.append(wrapper._max_episode_steps)
         wrapper = wrapper.env
+    horizon = wrapper.setup.timing.horizon
+    if any(limit < horizon for limit in limits):
+        raise TypeError(
+            f"a TimeLimit ends episodes after {min(limits)} steps, and their records would say "
+            f"{horizon}; give `max_episode_steps` or `duration` to gym.make instead"
+        )
     for space in spaces:
         own, changed = getattr(wrapper, space), getattr(env, space)
         if own != changed:

@@ -220,9 +220,9 @@ _TO_THE_BIT = {
     "where": lambda ops, x, y: ops.where(x > y, x, y),
     "minimum": lambda ops, x, y: ops.minimum(x, y),
     "maximum": lambda ops, x, y: ops.maximum(x, y),
-    "while_loop": lambda ops, x, y: (
-        ops.while_loop(lambda c: abs(c[0]) > 1.0, _halve, (x, 0.0 * x))[1]
-    ),
+    "while_loop": lambda ops, x, y: ops.while_loop(lambda c: abs(c[0]) > 1.0, _halve, (x, 0.0 * x))[
+        1
+    ],
     "repeat": lambda ops, x, y: ops.repeat(3, lambda i, c: (c[0] * 0.7 + y,), (x,))[0],
     "foreign": lambda ops, x, y: ops.foreign(lambda z: (z * 0.3,), (x,), (False,))[0],
     "%": lambda ops, x, y: x % 0.7,
@@ -236,7 +236,11 @@ def _halve(carry):
 
 
 def test_every_operation_has_a_sweep():
-    operations = {name for name in vars(Ops) if not name.startswith("_")} - {"any", "usually", "rarely"}
+    operations = {name for name in vars(Ops) if not name.startswith("_")} - {
+        "any",
+        "usually",
+        "rarely",
+    }
     assert operations <= set(_TO_THE_BIT)
 
 

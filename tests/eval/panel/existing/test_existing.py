@@ -156,7 +156,7 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
         (["--env", "IntegCartPole-v0", "--dt", "-1"], "above 0"),
         (["--env", "IntegCartPole-v0", "--dt", "nan"], "finite"),
         (["--env", "IntegCartPole-v0", "--dt", "0.013"], "not a whole multiple"),
-        (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unexpected keyword argument 'masss'"),
+        (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unexpected keyword argument"),
         (
             ["--env", "IntegCartPole-v0", "--env-arg", "integrator=rk4"],
             "what the evaluation varies",

@@ -1,0 +1,142 @@
+"""The limit in decisions: in specs, from Gymnasium's `max_episode_steps`, in every form."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeAwareObservation, TimeLimit
+from sb3_contrib.common.wrappers import TimeFeatureWrapper
+
+import integ_gym
+from integ_gym.envs import environment_setup
+from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordEvidence
+from integ_gym.train.sb3.vec_env import Sb3VecEnv
+
+IDS = tuple(integ_gym.ENVIRONMENTS)
+OWN_ID = "OwnLimit-v0"
+PENDULUM = "integ_gym.envs.catalogue.pendulum:IntegPendulum"
+SHORT = {"control_period": 0.1, "duration": 2.05, "dt": 0.05}
+"""Of 21 decisions."""
+
+
+@pytest.fixture
+def own_id():
+    gym.register(
+        OWN_ID, f"{PENDULUM}Env", vector_entry_point=f"{PENDULUM}VectorEnv", max_episode_steps=30
+    )
+    yield OWN_ID
+    del gym.registry[OWN_ID]
+
+
+def _decisions(env) -> int:
+    env.reset(seed=0)
+    for count in range(1, 1000):
+        *_, terminated, truncated, _ = env.step(env.action_space.sample())
+        if np.any(truncated):
+            return count
+        if np.any(terminated):
+            env.reset()
+    raise AssertionError("never truncated")
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_specs_say_after_how_many_decisions_an_episode_ends(env_id):
+    single, many = gym.make(env_id, **SHORT), gym.make_vec(env_id, 2, **SHORT)
+    for env in (single, single.unwrapped, many):
+        assert env.spec.max_episode_steps == 21
+    again = gym.make(EnvSpec.from_json(single.spec.to_json()))
+    assert again.spec == single.spec
+    assert gym.make(single.spec, max_episode_steps=5).spec.max_episode_steps == 5
+    assert gym.make_vec(many.spec).spec.max_episode_steps == 21
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_shorter_limit_is_a_shorter_duration(compiled):
+    asked = {"max_episode_steps": 50, "integrator": "rk4"}
+    single = gym.make("IntegPendulum-v0", **asked)
+    many = gym.make_vec("IntegPendulum-v0", 2, compiled=compiled, **asked)
+    lanes = gym.make_vec("IntegPendulum-v0", 2, "sync", **asked)
+    mixed = gym.make_vec(
+        "IntegPendulum-v0", 2, mixture=[{"integrator": "rk4"}], max_episode_steps=50
+    )
+    adapted = gym.make_vec("IntegPendulum-v0", 2, autoreset_mode="SameStep", **asked)
+    for env in (single, many, lanes, mixed):
+        assert _decisions(env) == 50
+    for env in (single, many, mixed):
+        assert env.unwrapped.setup.settings.duration == 2.5
+    adapted = Sb3VecEnv(adapted)
+    adapted.reset()
+    ends = [adapted.step(np.zeros((2, 1), dtype=np.float32))[2].all() for _ in range(50)]
+    assert ends == [False] * 49 + [True]
+    assert adapted.get_attr("spec")[0].max_episode_steps == 50
+
+
+def test_success_is_told_at_a_shorter_limit():
+    for make in (gym.make, partial(gym.make_vec, num_envs=1)):
+        env = make("IntegCartPole-v0", max_episode_steps=3)
+        env.reset(seed=0)
+        for _ in range(3):
+            *_, info = env.step(np.zeros(env.action_space.shape, dtype=np.int64))
+        assert np.all(info["success"])
+
+
+@pytest.mark.parametrize("asked", [201, 1000, 0, -1])
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_longer_limit_is_refused_with_the_remedy(make, asked):
+    with pytest.raises(ValueError, match=r"from 1 to 200, .* give a longer `duration`") as caught:
+        make("IntegPendulum-v0", max_episode_steps=asked)
+    assert f"got {asked}" in str(caught.value)
+    longer = make("IntegPendulum-v0", duration=50.0, max_episode_steps=1000)
+    assert longer.spec.max_episode_steps == 1000
+
+
+def test_no_other_form_passes_over_it():
+    words = r"unexpected keyword .* here give `duration`, s"
+    with pytest.raises(TypeError, match=words):
+        integ_gym.functional.make("IntegPendulum-v0", max_episode_steps=50)
+    with pytest.raises(TypeError, match=words):
+        environment_setup("IntegPendulum-v0", {"max_episode_steps": 50})
+
+
+def test_a_registration_of_ones_own_has_its_limit(own_id):
+    assert _decisions(gym.make(own_id)) == 30
+    assert _decisions(gym.make_vec(own_id, 2)) == 30
+    assert gym.make_vec(own_id, 2).spec.max_episode_steps == 30
+    assert gym.make(own_id, max_episode_steps=40).unwrapped.setup.timing.horizon == 40
+    with pytest.raises(ValueError, match="give a longer `duration`"):
+        gym.make(own_id, duration=1.0)
+
+
+@pytest.mark.parametrize("asked", [{}, {"max_episode_steps": 50}])
+def test_clocks_of_other_libraries_run_out_with_the_episode(asked):
+    aware = TimeAwareObservation(gym.make("IntegPendulum-v0", **asked), normalize_time=True)
+    feature = TimeFeatureWrapper(gym.make("IntegPendulum-v0", **asked))
+    for env, at_the_end in ((aware, 1.0), (feature, 0.0)):
+        env.reset(seed=0)
+        ended = False
+        while not ended:
+            observation, _, _, ended, _ = env.step(np.zeros(1))
+        assert observation[-1] == at_the_end
+
+
+def test_records_have_the_limit_that_held(tmp_path):
+    context = EpisodeContext(run_id="r", cell="c", phase="evaluation", policy_id="p")
+    env = gym.make("IntegPendulum-v0", max_episode_steps=50)
+    recorder = RecordEvidence(env, tmp_path, context)
+    assert _decisions(recorder) == 50
+    recorder.close()
+    (record,) = EvidenceStore(tmp_path).records()
+    assert (record["length"], record["truncated"], record["duration"]) == (50, True, 2.5)
+    with pytest.raises(TypeError, match=r"after 50 steps, .* 200; give `max_episode_steps`"):
+        RecordEvidence(TimeLimit(gym.make("IntegPendulum-v0"), 50), tmp_path / "b", context)
+
+
+def test_same_step_and_disabled_autoreset_end_there_too():
+    for mode in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
+        env = gym.make_vec("IntegPendulum-v0", 2, autoreset_mode=mode, max_episode_steps=7)
+        assert _decisions(env) == 7
