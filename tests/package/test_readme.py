@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import subprocess
@@ -76,6 +77,44 @@ def test_there_are_python_blocks_and_the_first_is_short():
     assert len([line for line in first.splitlines() if line.strip()]) <= 8
 
 
+def test_the_example_prints_what_is_shown_below_it():
+    found = re.search(
+        r"^```python\n(.*?)^```\s+^```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE
+    )
+    assert found is not None
+    done = subprocess.run(
+        [sys.executable, "-c", found[1]], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == found[2]
+
+
+def test_the_first_screen_answers_and_says_what_to_type():
+    """A question, a picture and the command that judges a policy, in so few lines; no long read."""
+    lines = README.splitlines()
+    first = "\n".join(lines[:45])
+    assert "**Is your result physics, or an artefact of dt?**" in "\n".join(lines[:5])
+    for command in ("evaluate policy.zip", "check --integrator symplectic_euler --dt 0.05"):
+        assert f"\ninteg-gym {command}" in first
+    assert "watch-it-fail.gif" in first
+    assert len(README.split()) <= 1300
+
+
+def test_what_the_quick_panel_found_is_what_was_saved():
+    summary = json.loads((ROOT / "docs" / "quick_panel.json").read_text(encoding="utf-8"))
+    rows = {row["row"]: row["cells"]["reference dt=0.05"]["success"] for row in summary["rows"]}
+    home = {row["row"]: row["home"][0] for row in summary["rows"]}
+    text = " ".join(README.split())
+    lossy, fine = "symplectic_euler dt=0.05", "explicit_euler dt=0.0125"
+    rate, low, high = (f"{100 * value:.0f}" for value in rows[lossy])
+    told = f"in {100 * home[lossy]:.0f} % of the episodes there and in {rate} % ({low} to {high} %)"
+    assert told in text
+    (failing,) = (one for one in summary["verdicts"] if one["verdict"] == "fails")
+    lost, low, high = failing["overfitting"]
+    assert f"lost {lost:.2f} ({low:.2f} to {high:.2f}) is overfitting" in text
+    assert f"succeed there in {100 * rows['reference dt=0.05'][0]:.0f} %" in text
+    assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
+
+
 def _commands() -> list[str]:
     lines = "\n".join(_blocks("sh")).splitlines()
     return [line.split("  #")[0].strip() for line in lines if line.strip()]
@@ -91,6 +130,8 @@ def test_shell_lines_name_what_exists(command):
         for word in words[2:]:
             if word.endswith(".toml"):
                 assert (ROOT / word).exists(), word
+    elif words[0] == "python":
+        assert (ROOT / words[1]).exists(), words[1]
     else:
         assert words[:2] == ["pip", "install"]
         extra = re.search(r"\[(\w+)\]", command)
