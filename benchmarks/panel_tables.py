@@ -37,7 +37,6 @@ def summary_of(panel: Panel) -> dict[str, Any]:
     """What the tables are made of, as plain data."""
     return {
         "command": panel.command,
-        "answer": panel.answer,
         "versions": panel.versions,
         "instruction_sets": list(panel.instruction_sets),
         "weights": panel.weights,

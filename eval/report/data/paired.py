@@ -8,9 +8,9 @@ from functools import partial
 from integ_gym.support import compact, fixed, percent
 
 from ...panel.model import Estimate, PairedEpisodes, Panel
-from ...verdict import ALPHA, p_text
+from ...verdict import ALPHA, EQUIVALENCE_MARGIN, p_text
 from .axes import Axis, difference_axis, value_axis
-from .forest import Block, Forest, Line, Mark
+from .forest import Block, Forest, Line, Mark, Tone
 
 _Compared = tuple[PairedEpisodes, Estimate, float]
 """Of one cell: what is held against what, the difference and its adjusted p-value."""
@@ -19,7 +19,8 @@ _Compared = tuple[PairedEpisodes, Estimate, float]
 def paired_success(panel: Panel) -> Forest | None:
     """What every given policy loses of its success in each cell; None without any."""
     found = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
-    return _forest(panel, "Success lost", found, difference_axis, partial(fixed, digits=2))
+    told = partial(fixed, digits=2)
+    return _forest(panel, "Success lost", found, difference_axis, told, EQUIVALENCE_MARGIN)
 
 
 def paired_return(panel: Panel) -> Forest | None:
@@ -38,37 +39,44 @@ def _forest(
     found: list[_Compared],
     axis: Callable[[Iterable[Estimate]], Axis],
     told: Callable[..., str],
+    margin: float | None = None,
 ) -> Forest | None:
     if not found:
         return None
-    rows = dict.fromkeys(one.row for one, _, _ in found)
-    blocks = [[compared for compared in found if compared[0].row == row] for row in rows]
+    blocks: dict[tuple[str, bool], list[_Compared]] = {}
+    for compared in found:
+        key = (compared[0].row, panel.cell(compared[0].cell).perturbation is not None)
+        blocks.setdefault(key, []).append(compared)
     levels = {value.level for _, value, _ in found if value.level is not None}
     level = f"{percent(levels.pop())}, " if len(levels) == 1 else ""
+    equal = f"; green: practically equal (within ±{margin})" if margin else ""
     return Forest(
         title,
         f"positive is worse; intervals over starts, {level}not adjusted; p adjusted over the "
-        f"cells; filled: below {ALPHA}",
+        f"cells; filled: below {ALPHA}{equal}",
         title.lower(),
         axis(value for _, value, _ in found),
         tuple(
             Block(
-                _heading(block[0][0]), [_line(panel, title, told, *compared) for compared in block]
+                _heading(block[0][0], perturbed),
+                [_line(panel, title, told, margin, *compared) for compared in block],
             )
-            for block in blocks
+            for (_, perturbed), block in blocks.items()
         ),
     )
 
 
-def _heading(one: PairedEpisodes) -> str:
+def _heading(one: PairedEpisodes, perturbed: bool) -> str:
     where = "at home" if one.against == "home" else "on the truth"
-    return f"{one.row}, {one.episodes} starts, against what it does {where}"
+    what = "perturbations" if perturbed else "discretizations"
+    return f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
 
 
 def _line(
     panel: Panel,
     title: str,
     told: Callable[..., str],
+    margin: float | None,
     one: PairedEpisodes,
     value: Estimate,
     p: float,
@@ -76,12 +84,16 @@ def _line(
     low, high = value.ends
     interval = f"{told(low)} to {told(high)}, " if value.bounded else ""
     number, shown = told(value.estimate, sign=True), p < ALPHA
+    equal = margin is not None and value.bounded and -margin <= low and high <= margin
+    tone: Tone = "transfers" if equal else "accent" if shown else "soft"
+    practically = ", practically equal" if equal else ""
     return Line(
         "",
         panel.called(one.cell),
         (one.row, one.cell),
-        (Mark(value, "accent" if shown else "soft", filled=shown),),
+        (Mark(value, tone, filled=shown),),
         number,
         f"{interval}{p_text(p)}",
-        f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}",
+        f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
+        f"{practically}",
     )

@@ -18,6 +18,7 @@ from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.specification.cells.cell import Cell
 from integ_gym.eval.panel.specification.cells.perturbations import Perturbation
+from integ_gym.eval.report.data.paired import paired_success
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)
 FINER = Discretization("symplectic_euler", 0.025, 0.05)
@@ -194,3 +195,16 @@ def test_the_file_and_the_page_say_the_same() -> None:
     assert tuple(panel.answer.splitlines()) == answer_lines(panel)
     assert panel.headline in repr(panel)
     assert replace(found(panel)).cell == TRUTH.name
+
+
+def test_the_page_has_perturbations_apart_and_marks_what_is_practically_equal() -> None:
+    panel = judged({HOME.name: 1.0, RK4.name: 0.2, f"{HOME.name}, {HEAVY}": 0.1})
+    forest = paired_success(panel)
+    assert forest is not None
+    cells, perturbed = forest.blocks
+    assert cells.title.endswith("discretizations against what it does at home")
+    assert perturbed.title.endswith("perturbations against what it does at home")
+    assert [line.cell for line in perturbed.lines] == [f"{HOME.name}, {HEAVY}"]
+    tones = {line.cell: line.marks[0].tone for line in cells.lines}
+    assert tones == {FINER.name: "transfers", RK4.name: "accent", "truth": "transfers"}
+    assert "green: practically equal (within ±0.1)" in forest.about

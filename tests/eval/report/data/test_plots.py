@@ -151,7 +151,7 @@ def test_a_given_policy_is_held_against_itself_cell_by_cell() -> None:
     assert not any(line.marks[0].filled for line in earned.blocks[0].lines)
     assert len(earned.blocks[0].lines) == sum(one.returns is not None for one in panel.paired)
     text = " ".join(page_of("given").text.split())
-    assert "my_policy.zip, 40 starts, against what it does on the truth" in text
+    assert "my_policy.zip, 40 starts: discretizations against what it does on the truth" in text
     assert paired_success(panel_of("full")) is None
     assert "paired" not in page_of("full").values("id")
 
