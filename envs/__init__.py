@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         RediscretizedEnv,
         functional,
         rediscretize,
+        time_limit,
     )
     from .episode import (
         DISCRETIZATION,

@@ -15,6 +15,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from integ_gym.envs import time_limit
+
 MOST_NUMBERS = 512
 """An observation or action of more numbers, such as an image, is left out of the trace."""
 
@@ -85,12 +87,15 @@ class _Setup:
         self, env: gym.Env[Any, Any], controls: tuple[tuple[str, str], ...], names: tuple[str, ...]
     ) -> None:
         spec = env.spec
-        limit = spec.max_episode_steps if spec else None
         self._given = dict(spec.kwargs) if spec else {}
         unknown = ("engine", "integrator", "observation_noise", "duration", "fallback", "max_speed")
         self.settings = SimpleNamespace(**dict.fromkeys((*unknown, "start")))
         self.timing = SimpleNamespace(
-            dt=None, control_period=None, substeps=None, horizon=limit or _HORIZON, known=False
+            dt=None,
+            control_period=None,
+            substeps=None,
+            horizon=time_limit(env) or _HORIZON,
+            known=False,
         )
         self.plant = SimpleNamespace(
             name=type(env.unwrapped).__name__, coordinates=(), coordinate_units=(), velocities=(),

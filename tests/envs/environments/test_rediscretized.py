@@ -9,7 +9,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import needs
+from gymnasium.envs.mujoco.inverted_pendulum_v5 import InvertedPendulumEnv
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import DiscretizeAction, RescaleAction, TimeLimit
 
 import integ_gym
 from integ_gym.envs.environments.sequential_vector import SequentialVectorEnv
@@ -310,3 +312,32 @@ def test_another_fault_of_a_picture_is_told_as_it_is(monkeypatch):
     monkeypatch.setattr(env.unwrapped.mujoco_renderer, "render", broken)
     with pytest.raises(ValueError, match="no such camera"):
         env.render()
+
+
+def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper():
+    env = integ_gym.rediscretize(TimeLimit(InvertedPendulumEnv(), 30), dt=0.01)
+    assert env.spec is None
+    assert env.setup.timing.horizon == 30
+
+
+def test_an_action_wrapper_stays_and_the_fallback_holds_what_it_takes():
+    """Bounds are those of the wrapper: ±1 here, where the motor has ±3."""
+    stock = RescaleAction(gym.make("InvertedPendulum-v5"), np.float32(-1.0), np.float32(1.0))
+    env = integ_gym.rediscretize(stock, dt=0.01)
+    env.reset(seed=0)
+    wide = RescaleAction(gym.make("InvertedPendulum-v5"), np.float32(-9.0), np.float32(9.0))
+    others = integ_gym.rediscretize(wide, dt=0.01)
+    others.reset(seed=0)
+    for one, action in ((env, 0.5), (others, 4.5)):
+        for given in (action, np.nan):
+            info = one.step(np.array([given], np.float32))[4]
+            told = [info[name] for name in info if name.endswith(("_commanded", "_applied"))]
+            assert told == pytest.approx([action, 1.5])
+
+
+def test_actions_other_than_a_number_for_each_actuator_are_refused():
+    stock = gym.make("InvertedPendulum-v5")
+    before = stock.unwrapped.model.opt.timestep
+    with pytest.raises(TypeError, match=r"one number for each of the model's 1 actuators, got Dis"):
+        integ_gym.rediscretize(DiscretizeAction(stock, 3), dt=0.01)
+    assert stock.unwrapped.model.opt.timestep == before

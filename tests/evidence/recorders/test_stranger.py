@@ -13,6 +13,7 @@ from gymnasium import spaces
 
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.recorders.stranger import Stranger
 from integ_gym.evidence.schema.json import json_schema
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.verification.recomputing import recompute
@@ -137,3 +138,8 @@ def test_all_kinds_stand_in_one_store(tmp_path, play):
     assert found.to_pylist() == [
         {"env_id": "CartPole-v1", "known": 0}, {"env_id": "IntegPendulum-v0", "known": 2}
     ]  # fmt: skip
+
+
+def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper():
+    env = gym.wrappers.TimeLimit(gym.envs.classic_control.CartPoleEnv(), 12)
+    assert Stranger(env).setup.timing.horizon == 12

@@ -73,3 +73,43 @@ def test_doubts_follow_from_the_records(upside_down, capsys):
     """So that verifying the run finds nothing to object to."""
     _, out = upside_down
     assert main(["evidence", "verify", str(out), "--no-progress"]) == 0, capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_a_panel_says_it_on_page_and_terminal_too(tmp_path, capsys):
+    spec = tmp_path / "car.toml"
+    spec.write_text(
+        """
+name = "car"
+env_id = "mountain_car:SilentScaledMountainCar"
+control_period = 1.0
+seeds = [0]
+episodes = 2
+trainer = "sb3"
+baselines = ["random", "zero"]
+
+[environment]
+success_return = 90.0
+
+[training]
+total_steps = 64
+n_envs = 2
+n_steps = 32
+batch_size = 32
+
+[[train]]
+integrator = "symplectic_euler"
+dt = 1.0
+
+[[evaluate]]
+integrator = "symplectic_euler"
+dt = [1.0, 0.5]
+""",
+        encoding="utf-8",
+    )
+    out = tmp_path / "out"
+    assert main(["panel", str(spec), "--out", str(out), "--no-progress", "--workers", "1"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "warning: rewards shrink with `dt` as amounts do that are scaled by it" in said
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "as amounts do that are scaled by it" in page
