@@ -6,6 +6,7 @@ dt is the cause. Everything is read from a :class:`Panel`; nothing is computed h
 
 from __future__ import annotations
 
+import json
 import math
 import shlex
 from collections import Counter
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
+from integ_gym.envs import NATIVE
 from integ_gym.support import fixed, percent, plural
 
 from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, WITHOUT_VERDICT
@@ -637,7 +639,7 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "home_decides" and panel.truth is None:
         finest = min(cell.dt for cell in panel.columns)
         return NextStep("Try a finer step", _again(panel, "finer", "--dt", f"{finest / 2.0:g}"))
-    if row.dt is None or finding.home is None or panel.cell(finding.home).engine != "native":
+    if row.dt is None or finding.home is None:
         return None
     if finding.status == "cause":
         return NextStep("Measure whether half the step is enough", _check(panel, row, 2))
@@ -661,11 +663,16 @@ def _next_of_trained(panel: Panel, finding: Finding) -> NextStep:
 def _check(panel: Panel, row: Row, finer: int) -> str:
     """`integ-gym check` with the environment of a panel, at a row's step or a finer one."""
     assert row.dt is not None
-    words = ["integ-gym", "check", "--env", str(panel.spec.get("env_id"))]
-    words += ["--integrator", str(row.integrator), "--dt", f"{row.dt / finer:g}"]
-    arguments = {"control_period": row.control_period, **panel.spec.get("environment", {})}
-    for name, value in arguments.items():
-        words += ["--env-arg", f"{name}={value}"]
+    env_id, engine = str(panel.spec.get("env_id")), panel.cell(str(row.home)).engine
+    words = ["integ-gym", "check", "--env", env_id, "--integrator", str(row.integrator)]
+    words += ["--dt", f"{row.dt / finer:g}"]
+    if panel.truth is not None:
+        words += (
+            [] if row.control_period is None else ["--control-period", f"{row.control_period:g}"]
+        )
+        words += [] if engine == NATIVE else ["--engine", engine]
+    for name, value in panel.spec.get("environment", {}).items():
+        words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
     return shlex.join(words)
 
 

@@ -179,7 +179,7 @@ def test_the_next_command_checks_the_step(there: float, step: str) -> None:
     assert following is not None
     assert following.command == (
         "integ-gym check --env IntegPendulum-v0 --integrator symplectic_euler "
-        f"--dt {step} --env-arg control_period=0.05 --env-arg max_torque=0.7"
+        f"--dt {step} --control-period 0.05 --env-arg max_torque=0.7"
     )
 
 
