@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from . import numerics
     from .arithmetic import ARRAY, SCALAR, Component, Components, Ops, jax, jnp
     from .catalogue import (
-        BRING_YOUR_OWN,
         ENVIRONMENTS,
+        OTHER_TESTBEDS,
+        OWN_ENVIRONMENT,
         environment_class,
         environment_setup,
         is_integ_environment,

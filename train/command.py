@@ -9,7 +9,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, PendulumSwingUp, Settings
+from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS, PendulumSwingUp, Settings
 from integ_gym.support import (
     CommandParser,
     add_named_values,
@@ -112,7 +112,7 @@ def training_parser(
     made.add_argument(
         "--env",
         dest="env_id",
-        help=f"one of {', '.join(ENVIRONMENTS)}, a MuJoCo task, or {BRING_YOUR_OWN}",
+        help=f"one of {', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}",
     )
     made.add_argument(
         "--out",

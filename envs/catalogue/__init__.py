@@ -9,7 +9,8 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .lookup import (
-        BRING_YOUR_OWN,
+        OTHER_TESTBEDS,
+        OWN_ENVIRONMENT,
         environment_class,
         environment_mixture,
         environment_setup,

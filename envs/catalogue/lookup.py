@@ -19,8 +19,14 @@ from .registration import ENVIRONMENTS
 
 _OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
 
-BRING_YOUR_OWN: Final = 'your own as "module:Id-v0", or as a testbed "module:Class"'
-"""What to say to somebody whose id is unknown."""
+OWN_ENVIRONMENT: Final = 'your own IntegEnv as "module:Id-v0"'
+"""What is taken beside :data:`ENVIRONMENTS` where the equations of motion are needed."""
+
+OTHER_TESTBEDS: Final = (
+    "a task of Gymnasium's such as Acrobot-v1 or Hopper-v5, one of another library's such as "
+    'brax:ant, your own as "module:Id-v0", or a testbed of your own as "module:Class"'
+)
+"""What is taken beside :data:`ENVIRONMENTS` where any testbed is."""
 
 
 def is_integ_environment(env_id: str) -> bool:
@@ -46,7 +52,13 @@ def environment_class(env_id: str) -> type[IntegEnv]:
         return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
     own = _own_class(env_id)
     if own is None:
-        raise ValueError(f"{unknown_name('environment', env_id, ENVIRONMENTS)}; {BRING_YOUR_OWN}")
+        if ":" not in env_id and env_id not in gym.registry:
+            unknown = unknown_name("environment", env_id, ENVIRONMENTS)
+            raise ValueError(f"{unknown}, or {OWN_ENVIRONMENT}")
+        raise ValueError(
+            f"{env_id!r} does not give its equations of motion, which are needed here; give "
+            f"{', '.join(sorted(ENVIRONMENTS))}, or {OWN_ENVIRONMENT}"
+        )
     return own
 
 

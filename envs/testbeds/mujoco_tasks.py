@@ -16,7 +16,7 @@ from integ_gym.support import (
     translate_errors,
 )
 
-from ..catalogue import BRING_YOUR_OWN, ENVIRONMENTS
+from ..catalogue import ENVIRONMENTS, OTHER_TESTBEDS
 from ..environments import DiscretizedVectorEnv
 from ..environments.rediscretized import (
     RediscretizedEnv,
@@ -95,7 +95,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         ValueError: for an environment that Gymnasium cannot make or that is no MuJoCo task, or one
             without a time limit.
     """
-    possible = f"give {', '.join(ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
+    possible = f"give {', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}"
     module, _, name = env_id.rpartition(":")
     if module:
         with translate_errors(f"{module} cannot be imported"):
@@ -105,7 +105,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     except gym.error.Error as error:
         raise ValueError(
             f"unknown environment: Gymnasium cannot make {env_id!r}: {describe_exception(error)}. "
-            f"{suggestion(env_id, ENVIRONMENTS)}, a MuJoCo task such as Hopper-v5, {BRING_YOUR_OWN}"
+            f"{suggestion(env_id, ENVIRONMENTS)}, {OTHER_TESTBEDS}"
         ) from error
     check_versions("robotics" if module else "mujoco")
     load("mujoco", "mujoco")

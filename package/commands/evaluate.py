@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS, is_integ_environment
+from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS, is_integ_environment
 from integ_gym.eval import evaluate
 from integ_gym.support import (
     CommandParser,
@@ -66,8 +66,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--env", required=True, metavar="ID",
-        help=f"{', '.join(ENVIRONMENTS)}, any MuJoCo task of Gymnasium's, such as Hopper-v5, or "
-        f"{BRING_YOUR_OWN}",
+        help=f"{', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}",
     )  # fmt: skip
     add("--out", required=True, type=run_place, metavar="DIR", help="where results go")
     add(

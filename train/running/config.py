@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS
+from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS
 from integ_gym.support import check_values, parameter, positive, text, unknown_name
 
 from .checks import ENV_ARGUMENTS, LONGEST, MOST_LANES, check_names, layer_sizes, whole
@@ -59,7 +59,7 @@ class TrainingConfig:
         known = (*ENVIRONMENTS, *gym.registry)
         if not (self.env_id in known or ":" in self.env_id):
             unknown = unknown_name("environment", self.env_id, ENVIRONMENTS)
-            raise ValueError(f"{unknown}; {BRING_YOUR_OWN}")
+            raise ValueError(f"{unknown}, {OTHER_TESTBEDS}")
         for name in _GIVEN_BY_THE_TRAINER:
             if name in self.env_arguments:
                 raise ValueError(f"`{name}` is not an environment argument; leave it out")
