@@ -170,6 +170,7 @@ if TYPE_CHECKING:
         plural,
         print_aligned,
         print_groups,
+        refuse_unused,
         report_errors,
         run_place,
         say,

@@ -9,7 +9,13 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS, PendulumSwingUp, Settings
+from integ_gym.envs import (
+    ENVIRONMENTS,
+    OTHER_TESTBEDS,
+    PendulumSwingUp,
+    Settings,
+    is_integ_environment,
+)
 from integ_gym.support import (
     CommandParser,
     add_named_values,
@@ -71,6 +77,11 @@ def _train(given: dict[str, Any]) -> int:
     if fleet:
         if not isinstance(config, PPOConfig):
             raise ValueError(f"the fleet trains PPO; train {config.algorithm} with --trainer sb3")
+        if not is_integ_environment(config.env_id):
+            raise ValueError(
+                f"the fleet compiles integ-gym's environments; train {config.env_id} with "
+                "--trainer sb3"
+            )
         from .fleet import train_fleet
 
         (trained,) = train_fleet([config], [folder], workers=0, **options)

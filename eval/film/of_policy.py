@@ -67,6 +67,11 @@ def side_by_side(
         arguments["control_period"] = existing.provenance.control_period
         homes = tuple(existing.home.shares) if existing.home is not None else ()
     else:
+        if own_code:
+            raise ValueError(
+                "own_code lets a side-car name classes, and a policy that is no file has none; "
+                "leave it out"
+            )
         if env_id is None:
             raise ValueError("a policy alone does not say what it acts in; give env_id as well")
         check_filmed(env_id)

@@ -97,10 +97,15 @@ def run_panel(
     check_spawning()
     _check_lease(lease)
     asked, taken = specified(spec), None if policies is None else Path(policies)
-    wanted = replace(resources or Resources(), workers=workers, memory_gib=asked.memory_gib)
+    wanted = _resources(resources, workers, asked.memory_gib)
     with ExitStack() as stack:
         cluster = stack.enter_context(cluster_of(executor, address, wanted))
         place = stack.enter_context(stored(out))
+        if lease != LEASE and not place.remote:
+            raise ValueError(
+                "a lease is for an object store or a --worker, and this run holds its directory by "
+                "a lock; leave --lease out"
+            )
         given = as_there(asked, place)
         directory = stack.enter_context(_opened(given, place, cluster, workers, taken, lease))
         shared = cluster.remote or place.remote
@@ -160,6 +165,16 @@ def _opened(
         policies=policies,
         lease=lease,
     )
+
+
+def _resources(given: Resources | None, workers: int | None, memory_gib: float | None) -> Resources:
+    """What is asked for, each thing in one place."""
+    for name, own in (("workers", workers), ("memory_gib", memory_gib)):
+        asked = getattr(given, name, None)
+        if asked is not None and asked != own:
+            place = "`workers`" if name == "workers" else "the specification"
+            raise ValueError(f"`{name}` of `resources` is said by {place}; leave it out there")
+    return replace(given or Resources(), workers=workers, memory_gib=memory_gib)
 
 
 def _check_lease(lease: float) -> None:
@@ -301,7 +316,7 @@ def evaluate(
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
     on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
-    asked = replace(resources or Resources(), workers=workers)
+    asked = _resources(resources, workers, None)
     with cluster_of(executor, address, asked) as cluster, stored(out) as place:
         return evaluate_existing(
             existing,

@@ -14,6 +14,7 @@ from integ_gym.support import (
     CommandParser,
     cores,
     print_aligned,
+    refuse_unused,
     require,
     say,
     told_command,
@@ -99,9 +100,8 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _example(given: argparse.Namespace) -> int:
-    for name in ("env", "plant", "integrator"):
-        if getattr(given, name):
-            raise ValueError(f"--example drift has its own plants; leave --{name} out")
+    why = "--example drift has its own plants and prints all of it in a moment"
+    refuse_unused(parser(), given, why, ("example", "dt", "out"))
     if len(given.dt) > 1:
         raise ValueError("--example drift takes one step; give --dt one number of seconds")
     pendulum, cart_pole, picture = drift_example(given.out, *given.dt)

@@ -109,6 +109,8 @@ def main(argv: Sequence[str]) -> int:
     given = parser().parse_args(argv)
     if (given.file is None) == (given.policy is None):
         raise ValueError("give either a policy's file or --policy MODULE:FUNCTION")
+    if given.policy is not None and given.own_code:
+        raise ValueError("--own-code is for what a side-car names, and --policy has none; omit it")
     if given.policy is not None and ":" not in given.policy:
         raise ValueError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
     if given.episodes < 1:

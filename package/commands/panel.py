@@ -27,6 +27,7 @@ from integ_gym.support import (
     beside,
     is_remote,
     plural,
+    refuse_unused,
     run_place,
     say,
     told_command,
@@ -139,7 +140,14 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
-    arguments = parser().parse_args(argv)
+    made = parser()
+    arguments = made.parse_args(argv)
+    if arguments.power:
+        used = ("power", "spec", "out", "seeds")
+        refuse_unused(made, arguments, "--power says what seeds can show and runs nothing", used)
+    elif arguments.plan:
+        used = ("plan", "spec", "trainer", "memory_gib", "seeds", "policies", "workers")
+        refuse_unused(made, arguments, "--plan says what a panel costs and runs nothing", used)
     spec = specified(arguments.spec or BUILT_IN[0])
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     if arguments.trainer:
@@ -149,6 +157,11 @@ def main(argv: Sequence[str]) -> int:
         if not 0.0 < arguments.memory_gib < math.inf:
             raise ValueError(
                 f"--memory-gib must be a finite number above 0, got {arguments.memory_gib}"
+            )
+        if not spec.fleet or arguments.policies:
+            raise ValueError(
+                "--memory-gib bounds the training of the fleet, and nothing is trained by it here; "
+                "leave it out"
             )
         spec = replace(spec, memory_gib=arguments.memory_gib)
     if arguments.seeds is not None:
@@ -233,6 +246,8 @@ def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> 
     for name in ("executor", "address"):
         if getattr(arguments, name) not in (None, "local"):
             raise ValueError(f"--{name} is not for --worker; leave one of them out")
+    if arguments.verbose:
+        raise ValueError("a --worker prints no verdicts; leave --verbose out")
     if arguments.cores_per_worker != 1:
         raise ValueError(
             "--cores-per-worker is asked of an engine, and a --worker has one core; leave it out"

@@ -62,7 +62,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     if given.record is None and (given.run / "evidence").is_dir():
-        if given.on or given.out or given.seed is not None:
+        if given.on or given.out or given.own_code or given.seed is not None:
             raise ValueError(
                 f"{given.run} is no trained policy; give the id of one of its records after it, "
                 f"such as `integ-gym watch {given.run}` lists"

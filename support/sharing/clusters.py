@@ -153,6 +153,11 @@ def _opened(
 def _own(reference: str, wanted: Resources) -> Iterator[tuple[int, Executor]]:
     """What a function of the user's own gives."""
     module, _, name = reference.partition(":")
+    if wanted.cores != 1:
+        raise ClusterError(
+            f"{reference!r} decides itself how many cores its processes have; leave "
+            "--cores-per-worker out"
+        )
     try:
         made = getattr(import_module(module), name)()
     except Exception as error:  # whatever the user's function does

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
         together,
         true_minus,
     )
-    from .options import add_named_values, by_name, named_value, run_place, whole_number
+    from .options import (
+        add_named_values,
+        by_name,
+        named_value,
+        refuse_unused,
+        run_place,
+        whole_number,
+    )
     from .text_table import (
         FITS,
         beside,

@@ -52,13 +52,37 @@ def by_name(
         options: of names that are given by themselves, as ``--dt`` of ``dt``.
 
     Raises:
-        ValueError: naming the first for which there is another option.
+        ValueError: naming the first for which there is another option, or two values.
     """
-    values = dict(pairs)
+    values: dict[str, Any] = {}
+    for name, value in pairs:
+        if values.setdefault(name, value) != value:
+            raise ValueError(f"{flag} says both {name}={values[name]} and {value}; give one")
     for name in values:
         if name in options:
             raise ValueError(f"give {options[name]} in place of {flag} {name}")
     return values
+
+
+def refuse_unused(
+    parser: argparse.ArgumentParser, given: argparse.Namespace, why: str, used: Iterable[str]
+) -> None:
+    """Refuse the options that a way of calling a command does not use.
+
+    Args:
+        parser: of the command.
+        given: its arguments.
+        why: the way, as the beginning of a sentence, such as "--plan runs nothing".
+        used: names of the arguments that it uses.
+
+    Raises:
+        ValueError: naming the first other one that was given.
+    """
+    known = {*used, "help"}
+    for action in parser._actions:
+        if action.dest not in known and getattr(given, action.dest) != action.default:
+            flag = next(iter(action.option_strings), action.metavar or action.dest)
+            raise ValueError(f"{why}, so {flag} says nothing; leave it out")
 
 
 def whole_number(word: str) -> int:

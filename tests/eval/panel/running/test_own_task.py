@@ -78,7 +78,7 @@ def test_a_specification_leaves_out_what_cannot_be(settle):
     [
         ("my_task:Settles-v0", "registers no environment 'Settles-v0'; call gymnasium.register"),
         ("no_task:Settle-v0", "cannot import 'no_task' of .*ModuleNotFoundError.*PYTHONPATH"),
-        ("Settle-v0", 'your own as "module:Id-v0", or as a testbed "module:Class"'),
+        ("Settle-v0", 'your own as "module:Id-v0", or a testbed of your own as "module:Class"'),
     ],
 )
 def test_an_id_that_is_unknown_is_told_how_to_bring_ones_own(settle, env_id, message):
