@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,6 +28,10 @@ _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
 """Fields that say how controls came about."""
 
 _ITERATIONS = "solver_iterations"
+
+_NUMBER = re.compile(r"[-+]?\d[\d.,e]*")
+"""A number in a sentence, which rounding changes; controls that are repeated saturate nothing, so
+that the sentence is compared where the policy decided again."""
 
 
 def drawn_again(record: EvidenceRecord) -> bool:
@@ -61,6 +66,10 @@ def differences(
         slack = 1.0 if tolerance and own.name.startswith(_ITERATIONS) else 0.0
         if not _alike(recorded, computed, moved, tolerance, slack):
             yield own.name, recorded, computed
+    reasons = [x.fields["failure_reason"] for x in (record, again, nudged or again)]
+    told, computed, moved = (_NUMBER.sub("#", str(reason)) for reason in reasons)
+    if decided and told != computed == moved:
+        yield "failure_reason", reasons[0], reasons[1]
     for column, values in record.trace.items():
         noisy = column.startswith("sensed_") and fields["observation_noise"]
         if noisy and not (decided or drawn_again(record)):

@@ -14,7 +14,7 @@ from integ_gym.evidence import EvidenceStore, Finding, broken_seals
 from ..model import FILE_NAME, Panel, read_panel
 from ..running import MANIFEST, RunDirectory, read_manifest
 from ..specification import names_code, planned_spec
-from .plan import planned
+from .plan import UNFIT, planned
 from .remaking import deviations
 from .sample import of_sample, refuse_first
 
@@ -71,7 +71,7 @@ def _recomputed(
 ) -> Iterator[Finding]:
     try:
         yield from deviations(directory, planned_spec(plan), panel, own_code)
-    except (LookupError, ValueError) as error:
+    except UNFIT as error:
         message = f"cannot be made again from plan and records: {error}"
         yield Finding(FILE_NAME, None, f"{message}; run the panel's command again")
 

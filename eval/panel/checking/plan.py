@@ -72,20 +72,21 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
         plan = manifest["specification"]
         spec = planned_spec(plan)
         policies = planned_policies(plan, spec)
+        units = {unit.policy: unit for unit in trained_units(spec)}
+        can_load = own_code or not names_code(plan)
     except SpecError as error:
         yield Finding(MANIFEST, None, f"{error}; restore it from a copy")
         return
-    except ValueError as error:
-        yield Finding(MANIFEST, None, str(error))
+    except UNFIT as error:
+        yield Finding(MANIFEST, None, unfit(error))
         return
     store = EvidenceStore(directory.evidence)
     found = evaluated(directory, lost=True)
     versions = manifest["versions"]
-    can_load = own_code or not names_code(plan)
     training = Trained(spec, versions, store, can_load)
-    units = {unit.policy: unit for unit in trained_units(spec)}
     parts = (
         of_files(directory),
+        _of_looks(directory, spec),
         _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
         _of_evaluations(directory, spec, plan, versions, can_load),
@@ -96,8 +97,20 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
     for part in parts:
         try:
             yield from part
-        except ValueError as error:  # what cannot be read ends its own part alone
-            yield Finding("evidence", None, str(error))
+        except UNFIT as error:  # what cannot be read ends its own part alone
+            yield Finding(MANIFEST, None, unfit(error))
+
+
+UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What values of a stranger's end in, where others were expected."""
+
+
+def unfit(error: Exception) -> str:
+    """What such an error says, in a sentence."""
+    if isinstance(error, ValueError):
+        return str(error)
+    told = f"{type(error).__name__}: {error}"
+    return f"the run cannot be held against its plan ({told}); restore it from a copy"
 
 
 class _Sound(RunDirectory):
@@ -105,6 +118,19 @@ class _Sound(RunDirectory):
 
     def markers(self, prefix: str) -> dict[str, Mapping[str, Any]]:
         return self.readable_markers(prefix)[0]
+
+
+def _of_looks(directory: RunDirectory, spec: PanelSpec) -> Iterator[Finding]:
+    """Looks at verdicts on more seeds than are planned, or on episodes that came at no time."""
+    seeds, episodes = directory.looks()
+    if any(count > len(spec.seeds) for count in seeds):
+        yield Finding(
+            MANIFEST, None, f"`looks` is {seeds}, and {len(spec.seeds)} seeds are planned"
+        )
+    planned_episodes = sorted({part.episodes for part in spec.parts()})
+    if not set(episodes) <= set(planned_episodes):
+        said = f"`episode_looks` is {episodes}"
+        yield Finding(MANIFEST, None, f"{said}, and episodes came up to {planned_episodes}")
 
 
 def of_files(directory: RunDirectory) -> Iterator[Finding]:

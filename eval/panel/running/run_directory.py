@@ -630,7 +630,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """
     remedy = "restore it from a copy, or give another directory with --out"
     kinds: Kinds = {"specification": dict, "versions": dict}
-    return _read(path, kinds, remedy)
+    held = _read(path, kinds, remedy)
+    for name in (_LOOKS, _EPISODE_LOOKS):
+        seen = held.get(name, [])
+        if not (isinstance(seen, list) and all(type(count) is int for count in seen)):
+            raise RunDirectoryError(f"{path} is damaged: {name!r} must be whole numbers; {remedy}")
+    return held
 
 
 def _is_cut_off(file: Path) -> bool:

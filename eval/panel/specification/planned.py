@@ -10,7 +10,7 @@ import msgspec
 from integ_gym.envs import WEIGHT, Discretization
 
 from .cells import UNNAMED, DiscretizationMixture, Home, Perturbation, Sweep
-from .panel_spec import PanelSpec
+from .panel_spec import TRAINERS, PanelSpec
 from .values import SpecError
 
 _CODE = ("env_id", "environment", "train", "grid")
@@ -56,6 +56,8 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
         told = msgspec.convert(dict(plan), _Plan)
         held = msgspec.structs.asdict(told)
         own: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in held.items()}
+        if told.trainer.get("name") not in TRAINERS:
+            raise SpecError("its specification is damaged: it names no trainer that there is")
         own |= {"trainer": str(told.trainer["name"]), "train": tuple(map(_home, told.train))}
         if told.episode_parts and sum(told.episode_parts) != told.episodes:
             raise SpecError("its specification is damaged: `episode_parts` do not add up")

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TypeVar
 
 from forgery import make_fit
 from leaves import (
@@ -33,7 +34,7 @@ from leaves import (
 from victim import Task
 
 from integ_gym.eval import FILE_NAME, acting_in, against_plan, read_panel
-from integ_gym.eval.panel.model import write_panel
+from integ_gym.eval.panel.model import Panel, write_panel
 from integ_gym.eval.panel.results import noted_call, panel_of
 from integ_gym.eval.panel.results.comparing import differences
 from integ_gym.eval.panel.running import RunDirectory
@@ -48,6 +49,8 @@ from integ_gym.evidence import (
     replay_some,
     seal,
 )
+
+T = TypeVar("T")
 
 SECURITY = Path(__file__).parents[3] / "SECURITY.md"
 
@@ -164,7 +167,7 @@ class Sweep:
 
     def __init__(self, run: Path, work: Path) -> None:
         self.run = shutil.copytree(run, work)
-        self._panel = read_panel(self.run / FILE_NAME)
+        self.panel = read_panel(self.run / FILE_NAME)
         self._files = {file: file.read_bytes() for file in work.rglob("*") if file.is_file()}
 
     def silent(self, leaves: Sequence[Leaf]) -> list[Leaf]:
@@ -208,40 +211,55 @@ class Sweep:
 
         A page is held against itself as it was, which is what `verify` makes of plan and records.
         """
+        return self.with_changed(leaves, lambda run: self._first_finding(run, leaves))
+
+    def with_changed(self, leaves: Sequence[Leaf], ask: Callable[[Path], T]) -> T:
+        """What is answered of the run while leaves are changed."""
         self._change(leaves)
         try:
-            if {leaf.file for leaf in leaves} == {FILE_NAME}:
-                try:
-                    found = differences(read_panel(self.run / FILE_NAME), self._panel)
-                    return next((str(x) for x in found), None)
-                except ValueError as error:
-                    return str(error)
-            return next((str(x) for x in self._findings(self.run)), None)
+            return ask(self.run)
         finally:
             self._restore()
 
+    def _first_finding(self, run: Path, leaves: Sequence[Leaf]) -> str | None:
+        if {leaf.file for leaf in leaves} != {FILE_NAME}:
+            return next((str(x) for x in self._findings(run)), None)
+        try:
+            found = differences(read_panel(run / FILE_NAME), self.panel)
+            return next((str(x) for x in found), None)
+        except ValueError as error:
+            return str(error)
+
     def _change(self, leaves: Sequence[Leaf]) -> dict[Leaf, dict[str, object]]:
-        """Change leaves, and make hashes, markers and seal fit."""
+        """Change leaves, and make hashes, markers, page and seal fit.
+
+        The page is made anew of changed records and markers, and not of a changed plan.
+        """
         rows = change_records(self.run, [x for x in leaves if x.file.startswith("records of ")])
-        for leaf in leaves:
-            if leaf in rows:
-                continue
+        others = [leaf for leaf in leaves if leaf not in rows and leaf.file != FILE_NAME]
+        for leaf in others:
             if leaf.file.endswith(".zip"):
                 change_zip(self.run, leaf)
             elif leaf.file.startswith("schema of "):
                 change_schema(self.run, leaf)
             else:
-                file = self.run / leaf.path
-                held = json.loads(file.read_text(encoding="utf-8"))
-                change_json(held, leaf.keys, leaf.change)
-                file.write_text(json.dumps(held), encoding="utf-8")
+                self._change_json(leaf)
         with suppress(AttributeError, KeyError, TypeError):  # of what has lost its form
             make_fit(self.run, panel=False)
-        if rows:
-            with suppress(Exception):  # records of which none can be made
-                _tell_again(self.run)
-            seal(self.run)
+        if rows or any(leaf.file.startswith("units/") for leaf in others):
+            with suppress(Exception):  # records of which no page can be made
+                write_panel(made(self.run), self.run)
+        for leaf in leaves:
+            if leaf.file == FILE_NAME:
+                self._change_json(leaf)
+        seal(self.run)
         return rows
+
+    def _change_json(self, leaf: Leaf) -> None:
+        file = self.run / leaf.path
+        held = json.loads(file.read_text(encoding="utf-8"))
+        change_json(held, leaf.keys, leaf.change)
+        file.write_text(json.dumps(held), encoding="utf-8")
 
     def _restore(self) -> None:
         for file, content in self._files.items():
@@ -267,11 +285,18 @@ class Sweep:
                 yield str(error)
 
 
-def _tell_again(run: Path) -> None:
-    """Have ``panel.json`` say what plan and records come to, as whoever forges them can."""
+def told_otherwise(sweep: Sweep, leaves: Sequence[Leaf]) -> list[str]:
+    """Places of ``panel.json`` that come out otherwise when leaves are changed together."""
+    return sweep.with_changed(
+        leaves, lambda run: [x for x, *_ in differences(made(run), sweep.panel)]
+    )
+
+
+def made(run: Path) -> Panel:
+    """What ``panel.json`` has to say of plan and records as they are."""
     directory = RunDirectory(run, {})
     spec = planned_spec(directory.manifest()["specification"])
-    write_panel(panel_of(spec, directory, noted_call(directory)), run)
+    return panel_of(spec, directory, noted_call(directory))
 
 
 def _names(finding: Finding | str, leaf: Leaf, row: dict[str, object]) -> bool:
