@@ -40,8 +40,8 @@ from ..specification import (
 from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
 from .trained import Trained, planned_key
 
-EVALUATION = "evaluate-"
-"""How the names of units of evaluation begin."""
+EVALUATION, TRIED = "evaluate-", "achieve-"
+"""How the names of units begin that evaluate policies, and that try cells."""
 
 _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
@@ -181,24 +181,27 @@ def _of_evaluations(
     versions: Mapping[str, str],
     can_load: bool,
 ) -> Iterator[Finding]:
-    """Units of evaluation that began with other episodes or inputs than the plan has."""
+    """Units that began with other episodes or inputs than the plan has."""
     homes = (*spec.train, None, *((planned_home(plan),) if "policy" in plan else ()))
     own = [cell for home in homes for cell in spec.cells_of(home)] if can_load else []
     cells = {cell.name: cell for cell in own}
     parts = {part.latest.start: part for part in spec.parts()}
-    for unit, marker in directory.markers(EVALUATION).items():
+    markers = {**directory.markers(EVALUATION), **directory.markers(TRIED)}
+    for unit, marker in markers.items():
         file, part = f"units/{unit}.json", parts.get(first_of(marker))
         if part is None:
             message = f"`first` is {first_of(marker)}, where the plan begins no episodes"
             yield Finding(file, None, message)
             continue
-        names = dict.fromkeys(name for own in marker["cells"].values() for name in own)
+        held = {"cell": [marker["cell"]]} if "cell" in marker else marker["cells"]
+        names = dict.fromkeys(name for own in held.values() for name in own)
         where = [cells[name] for name in names if name in cells]
         if len(where) < len(names):
             continue  # records of a cell that is not planned are found as such
         engines = engine_versions({cell.discretization.engine for cell in where})
         told = {**inputs(part, where), "trainer": plan["trainer"]}
-        wanted = planned_key(versions, engines, spec=told, policies=marker["policies"])
+        last = "cell" if "cell" in marker else "policies"
+        wanted = planned_key(versions, engines, **{"spec": told, last: marker[last]})
         if marker["key"] != wanted:
             message = f"`key` is recorded as {marker['key']!r}, and planned as {wanted!r}"
             yield Finding(file, None, message)
