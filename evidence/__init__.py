@@ -34,7 +34,14 @@ if TYPE_CHECKING:
         read_export,
     )
     from .recorders import RecordEvidence, RecordVectorEvidence, now
-    from .schema import SCHEMA_VERSION, EvidenceError, Finding
+    from .schema import (
+        ATTEMPT,
+        LATER_ATTEMPT,
+        SCHEMA_VERSION,
+        SECOND_HORIZON,
+        EvidenceError,
+        Finding,
+    )
     from .store import (
         ASCII_BARS,
         BARS,

@@ -118,7 +118,7 @@ def _possible(
     return cells
 
 
-_SAME = ("env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
+_SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
 """Fields that records of one policy from one start have in common."""
 
 

@@ -25,7 +25,7 @@ class EpisodeContext:
     Attributes:
         run_id: the run that the episodes belong to.
         cell: key of the panel cell or of the training run.
-        phase: ``"evaluation"`` or ``"training"``.
+        phase: one of :data:`integ_gym.evidence.schema.fields.PHASES`.
         policy_id: name of the policy.
         policy_hash: hash of everything that decides its actions.
         training_discretization: what the policy was trained on, or a list for a mixture; None for
@@ -104,5 +104,8 @@ class EpisodeContext:
 
     @cached_property
     def _identity(self) -> bytes:
-        """JSON of cell and policy, to be followed by the episode index."""
-        return json.dumps([self.cell, self.policy_id, self.policy_hash]).encode()[:-1]
+        """JSON of cell, policy and perhaps phase, to be followed by the episode index."""
+        own = [self.cell, self.policy_id, self.policy_hash]
+        if self.phase not in ("training", "evaluation"):
+            own.append(self.phase)
+        return json.dumps(own).encode()[:-1]

@@ -13,7 +13,16 @@ if TYPE_CHECKING:
     from .description import in_words, package_versions, staleness
     from .errors import BatchExistsError, EvidenceError, Finding
     from .extra import duckdb, parquet, pyarrow
-    from .fields import PHASES, SCHEMA_VERSION, SUMMARY_FIELDS, VOLATILE_NAMES, Field
+    from .fields import (
+        ATTEMPT,
+        LATER_ATTEMPT,
+        PHASES,
+        SCHEMA_VERSION,
+        SECOND_HORIZON,
+        SUMMARY_FIELDS,
+        VOLATILE_NAMES,
+        Field,
+    )
     from .trace_fields import CONTACT_TRACE, record_fields
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -1,4 +1,4 @@
-"""The EvidenceRecord, version 3: every field that is not part of the trace.
+"""The EvidenceRecord, version 4: every field that is not part of the trace.
 
 This table and :mod:`integ_gym.evidence.schema.trace_fields` are the definition of a record: what a
 column is, and where its values come from. The recorders, the Arrow schema, the JSON Schema, the
@@ -27,9 +27,13 @@ from .description import (
 )
 from .origins import Origin, context, first, head, last, most, rows, setup, total
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
-PHASES = ("training", "evaluation")
+SECOND_HORIZON, ATTEMPT, LATER_ATTEMPT = "second_horizon", "attempt", "attempt_second_horizon"
+
+PHASES = ("training", "evaluation", SECOND_HORIZON, ATTEMPT, LATER_ATTEMPT)
+"""A training; an evaluation, and the same with twice the time; a hand-made controller that tries a
+cell before any policy is judged in it, and the same with twice the time."""
 
 LABELS = (
     "none",
@@ -123,7 +127,8 @@ def _group(name: str, *fields: Field) -> tuple[Field, ...]:
 _IDENTITY = _group(
     "identity",
     _text(
-        "record_id", "hash of cell, policy and episode index",
+        "record_id",
+        "hash of cell, policy and episode index, and of a phase that is no training or evaluation",
         head(_record_ids),
     ),
     _count("schema_version", "version of this table", context(lambda _: SCHEMA_VERSION)),

@@ -19,7 +19,7 @@ _CELLS = """
 SELECT list(record_id ORDER BY episode_index) AS ids,
        coalesce(list(record_id) FILTER (reward IS NULL), []) AS untraced
 FROM records WHERE policy_hash <> ''
-GROUP BY env_id, policy_id, policy_hash, cell ORDER BY policy_hash, policy_id, cell
+GROUP BY env_id, policy_id, policy_hash, cell, phase ORDER BY policy_hash, policy_id, cell, phase
 """
 
 _HOPELESS = "SELECT record_id FROM records WHERE policy_hash = '' {condition}"

@@ -36,7 +36,9 @@ def check_finished(path: Path) -> None:
     refuse_first(path, against_plan(path), broken_seals(path), of_sample(directory))
 
 
-def against_plan(path: Path, own_code: bool = False) -> Iterator[Finding]:
+def against_plan(
+    path: Path, own_code: bool = False, all_searches: bool = False
+) -> Iterator[Finding]:
     """What of a run is not as it was planned, or told otherwise than its records say.
 
     Nothing for a directory that no panel was run in. Numbers of ``panel.json`` are computed again
@@ -46,9 +48,10 @@ def against_plan(path: Path, own_code: bool = False) -> Iterator[Finding]:
         path: the run's directory.
         own_code: whether code that the plan names as ``"module:Name"`` may be loaded; if not, of
             such a run counts and rates alone are compared.
+        all_searches: whether all searches over controls are made again, or some.
     """
     found = False
-    for finding in planned(path, own_code):
+    for finding in planned(path, own_code, all_searches):
         found = True
         yield finding
     file = path / FILE_NAME

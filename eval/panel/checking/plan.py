@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import EvidenceStore, Finding
+from integ_gym.evidence import SEAL_FILE, EvidenceStore, Finding
 from integ_gym.train import (
     WEIGHTS_FILE,
     policy_file,
@@ -27,6 +27,7 @@ from ..running import (
     is_card_of,
     read_manifest,
     trained_units,
+    unit_of_cell,
 )
 from ..specification import (
     PanelSpec,
@@ -39,6 +40,7 @@ from ..specification import (
 )
 from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
 from .trained import Trained, planned_key
+from .yardsticks import of_attempts, of_replays
 
 EVALUATION, TRIED = "evaluate-", "achieve-"
 """How the names of units begin that evaluate policies, and that try cells."""
@@ -55,12 +57,13 @@ FROM records GROUP BY ALL ORDER BY run_id, policy_id
 """
 
 
-def planned(path: Path, own_code: bool) -> Iterator[Finding]:
+def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[Finding]:
     """What of a run is not as it was planned; nothing for a directory that no panel was run in.
 
     Args:
         path: the run's directory.
         own_code: whether code that the plan names as ``"module:Name"`` may be loaded.
+        all_searches: whether all searches over controls are made again, or some.
     """
     directory = _Sound(path, {})
     if not (path / MANIFEST).exists():
@@ -84,15 +87,19 @@ def planned(path: Path, own_code: bool) -> Iterator[Finding]:
     found = evaluated(directory, lost=True)
     versions = manifest["versions"]
     training = Trained(spec, versions, store, can_load)
+    given = "policy" in plan
     parts = (
         of_files(directory),
         _of_looks(directory, spec),
+        _missing(directory, found, spec, policies) if can_load else iter(()),
         _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
         _of_evaluations(directory, spec, plan, versions, can_load),
         of_setups(spec, policies, store, can_load),
         of_training(spec, units, store, can_load),
         of_versions(versions, store),
+        of_replays(directory, found, spec, policies, given) if can_load else iter(()),
+        of_attempts(directory, spec, all_searches) if can_load else iter(()),
     )
     for part in parts:
         try:
@@ -131,6 +138,40 @@ def _of_looks(directory: RunDirectory, spec: PanelSpec) -> Iterator[Finding]:
     if not set(episodes) <= set(planned_episodes):
         said = f"`episode_looks` is {episodes}"
         yield Finding(MANIFEST, None, f"{said}, and episodes came up to {planned_episodes}")
+
+
+def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
+    """Whether all that is planned must be there: it was sealed, or verdicts on it were seen."""
+    return (directory.path / SEAL_FILE).exists() or len(spec.seeds) in directory.looks()[0]
+
+
+def _missing(
+    directory: RunDirectory,
+    found: Mapping[str, Evaluated],
+    spec: PanelSpec,
+    policies: Mapping[str, PlannedPolicy],
+) -> Iterator[Finding]:
+    """Units of a finished run that its plan has, and of which nothing is left."""
+    if not is_finished(directory, spec):
+        return
+    for unit in directory.lost_looks():
+        message = f"`looks` lacks looks at verdicts after which unit {unit} was finished"
+        yield Finding(MANIFEST, None, message)
+    units = directory.markers("")
+    for policy, own in policies.items():
+        if own.seed is not None and f"train-{policy}" not in units:
+            yield Finding("units", None, f"train-{policy}.json is missing, which the plan has")
+        cells = {cell.name for cell in spec.cells_of(own.home)}
+        if policy not in found:
+            yield Finding("units", None, f"policy {policy!r}, which the plan has, is not evaluated")
+        elif lost := sorted(cells - found[policy].cells):
+            message = f"policy {policy!r} is not evaluated in {len(lost)} cells of the plan"
+            yield Finding("units", None, f"{message}, {lost[0]!r} among them")
+    for part in spec.parts():
+        for cell in part.columns():
+            if unit_of_cell(part, cell) not in units:
+                name = f"{unit_of_cell(part, cell)}.json"
+                yield Finding("units", None, f"{name} is missing, which the plan has")
 
 
 def of_files(directory: RunDirectory) -> Iterator[Finding]:

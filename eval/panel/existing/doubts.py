@@ -248,7 +248,8 @@ def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
     success = spec.testbed.success
     if success.parameter is None or success.goal != SURVIVAL:
         return []
-    if records.query("SELECT record_id FROM records WHERE terminated LIMIT 1").num_rows:
+    ended = "SELECT record_id FROM records WHERE phase = 'evaluation' AND terminated LIMIT 1"
+    if records.query(ended).num_rows:
         return []
     solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
     suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"

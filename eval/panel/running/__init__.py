@@ -11,9 +11,11 @@ if TYPE_CHECKING:
     from .costs import ExpectedCost, fixed_cost, policy_costs, total_cost
     from .division import divide, memory_of, note_division, noted_division, waiting_chunks
     from .evaluation import (
+        HANDMADE,
         TRYING,
         Evaluated,
         Subject,
+        Successes,
         Tried,
         all_seconds,
         batches_of,
@@ -21,11 +23,14 @@ if TYPE_CHECKING:
         evaluate_batch,
         evaluated,
         expected_seconds,
+        has_controller,
         knowing_home,
         not_evaluated,
         not_tried,
+        search_of,
         statuses,
         tried,
+        tried_in,
         try_and_note,
         unit_of,
         unit_of_cell,

@@ -46,6 +46,9 @@ RECORDS = "records"
 ADOPTED = "adopted"
 """Of a marker: true where another run did the unit, whose time is not this run's."""
 
+AFTER = "after"
+"""Of a marker: hash of the looks at verdicts that there had been; not there before the first."""
+
 FIRST = "first"
 """Of a marker: the first episode of what was evaluated or tried."""
 
@@ -100,6 +103,9 @@ class RunDirectory:
         self._units = self.path / "units"
         self.desk = Desk(self.storage, DRIVEN)
         """Where units are claimed while it is open."""
+
+        self.looks_before: list[Any] | None = None
+        """Looks at verdicts of the run that units are done for; by default ``run.json`` tells."""
 
         self.is_ours: Callable[[], bool] = _always
         """Asked before anything is removed; False where another has taken over what this did."""
@@ -312,6 +318,19 @@ class RunDirectory:
         manifest = self.manifest()
         return manifest.get(_LOOKS, []), manifest.get(_EPISODE_LOOKS, [])
 
+    def lost_looks(self) -> Iterator[str]:
+        """Units that were finished after looks at verdicts which ``run.json`` does not tell."""
+        looks = self.noted_looks()
+        known = {hash_of_looks(looks[:count]) for count in range(1, len(looks) + 1)}
+        for unit, held in self.readable_markers("")[0].items():
+            if held.get(AFTER) not in (None, *known):
+                yield unit
+
+    def noted_looks(self) -> list[Any]:
+        """The looks at verdicts that ``run.json`` tells, in order."""
+        manifest = self.path / MANIFEST
+        return list(read_manifest(manifest).get(_LOOKS, [])) if manifest.exists() else []
+
     def manifest(self) -> dict[str, Any]:
         """What ``run.json`` says.
 
@@ -445,7 +464,8 @@ class RunDirectory:
 
     def readable_markers(self, prefix: str) -> tuple[dict[str, Mapping[str, Any]], dict[str, str]]:
         """The markers that can be read, and what is wrong with the others, by name."""
-        found, damaged = {}, {}
+        found: dict[str, Mapping[str, Any]] = {}
+        damaged: dict[str, str] = {}
         for path in sorted(self._units.glob(f"{prefix}*.json")):
             try:
                 found[path.stem] = _read_marker(path)
@@ -453,16 +473,13 @@ class RunDirectory:
                 damaged[path.stem] = str(error)
         return found, damaged
 
-    def finished(
-        self, unit: str, key: str, *files: Path, records: bool = True
-    ) -> Mapping[str, Any] | None:
+    def finished(self, unit: str, key: str, *files: Path) -> Mapping[str, Any] | None:
         """The marker of a finished unit, or None; one that has lost a file is done again, and said.
 
         Args:
             unit: name.
             key: of its inputs; see :func:`key_of`.
             files: what it wrote beside its records.
-            records: whether it writes records.
 
         Raises:
             RunDirectoryError: if the unit was finished under another key, or its records were
@@ -477,7 +494,7 @@ class RunDirectory:
         if held is None:
             return None
         lost = [file for file in files if not file.exists()]
-        if records and not self._whole_records(unit, held):
+        if not self._whole_records(unit, held):
             lost.append(self._records(unit))
         if lost:
             print(
@@ -538,10 +555,12 @@ class RunDirectory:
         """
         end = time.time()
         share = end - start if seconds is None else seconds
+        looks = self.noted_looks() if self.looks_before is None else self.looks_before
+        after = {AFTER: hash_of_looks(looks)} if looks else {}
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
         expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
-        write_json(self._marker(unit), {"key": key, **times, **found, **facts})
+        write_json(self._marker(unit), {"key": key, **times, **found, **after, **facts})
 
     def adopt_policy(self, other: RunDirectory, policy: str) -> None:
         """Take a policy's files from another directory, file by file, each in one step."""
@@ -556,7 +575,8 @@ class RunDirectory:
         """Take a finished unit's records, and then its marker, from another directory."""
         if other.has_records(unit):
             replace_file(self._records(unit), other._records(unit).read_bytes())
-        write_json(self._marker(unit), {**_read_marker(other._marker(unit)), ADOPTED: True})
+        held = {k: x for k, x in _read_marker(other._marker(unit)).items() if k != AFTER}
+        write_json(self._marker(unit), {**held, ADOPTED: True})
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that this run spent on finished units, added up, s."""
@@ -620,6 +640,11 @@ def key_of(engines: Mapping[str, str], **parts: Any) -> str:
     """Hash of a unit's inputs and of the versions of the packages and of foreign engines."""
     text = json.dumps({"versions": {**package_versions(), **engines}, **parts}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def hash_of_looks(looks: Sequence[Any]) -> str:
+    """What a marker keeps of the looks at verdicts before it."""
+    return hashlib.sha256(json.dumps(looks, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

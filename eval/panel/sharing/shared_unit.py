@@ -100,6 +100,7 @@ def _do(run: Storage, staged: Path, unit: SharedUnit, subjects: Sequence[Subject
     spec, directory = _opened(run)
     run.fetch(*_inputs(spec, run, unit))
     there = RunDirectory(staged, spec.to_json(), spec.engine_versions())
+    there.looks_before = directory.noted_looks()
     there.make_folders()
     if unit.kind == "train":
         _train(spec, directory, there, unit.policies)

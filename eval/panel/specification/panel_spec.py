@@ -131,6 +131,16 @@ class PanelSpec:
         """
         return self.episode_seed + STARTS_APART * starts + episode
 
+    def attempt(self, place: int, episode: int) -> int:
+        """Number of a hand-made controller's attempt: from which of the sets' starts, and which."""
+        return episode * len(self.start_sets) + place
+
+    @property
+    def twice_the_time(self) -> dict[str, float] | None:
+        """Constructor argument of a second horizon; None where the testbed's horizon is fixed."""
+        name = self.testbed.horizon
+        return None if name is None else {name: 2.0 * self.nominal.settings.duration}
+
     def seeds_of(self, home: Home) -> tuple[int, ...]:
         """Training seeds of a row: all, or the first of them where nothing declared names it."""
         named = {row for row, _ in self.family}

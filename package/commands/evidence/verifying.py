@@ -121,7 +121,7 @@ def _found(
     if any((run / name).exists() for name in _PLANNED):
         from integ_gym.eval import against_plan
 
-        _collect(found, against_plan(run, given.own_code))
+        _collect(found, against_plan(run, given.own_code, given.all))
     if given.depth != "whole":
         checking.begin("seal")
         _collect(found, broken_seals(run))
@@ -155,7 +155,10 @@ def _checked(
     count, files = store.count(), len(store.files())
     yield f"records: {count}, files: {files}, schema version {SCHEMA_VERSION}"
     if exported is None:
-        complete = "no episode is missing"
+        planned = any((store.run / name).exists() for name in _PLANNED)
+        whole = "no episode is missing"
+        part = "no episode is missing between those that are there (the run is not finished)"
+        complete = part if planned and sealed is None else whole
     else:
         complete = "nothing was changed since the export"
         yield (

@@ -11,8 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from forgery import make_fit
 
 from integ_gym.cli import main
+from integ_gym.eval.panel.running import RunDirectory
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
 from integ_gym.train.policy_files.own_hash import card_hash, hashed
@@ -210,6 +212,127 @@ NUMBERS = {
     ),
     "a warning": (lambda panel: panel.update(warnings=["All is well."]), "`len(warnings)` is"),
 }
+
+
+def test_a_unit_that_is_gone_with_its_marker_and_file_is_named(run, capsys):
+    gone = ["evaluate-random*", "achieve-rk4-dt-0.05*"]
+    for file in (x for name in gone for x in [*run.glob(f"*/{name}.json"), *run.glob(f"*/{name}")]):
+        file.unlink(missing_ok=True)
+    (run / "seal.json").unlink()
+    seal(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    told = capsys.readouterr().out
+    assert "units: policy 'random', which the plan has, is not evaluated" in told
+    assert "units: achieve-rk4-dt-0.05.json is missing, which the plan has" in told
+    assert "no episode is missing" not in told
+    assert main(["report", str(run)]) == 2
+
+
+def test_a_look_that_is_dropped_is_named(run, capsys):
+    """Units that are finished after a look say so."""
+    (marker,) = run.glob("units/evaluate-random*.json")
+    held = json.loads(marker.read_text())
+    assert "after" not in held, "this was before the first look"
+    directory = RunDirectory(run, {})
+    directory.note(looks=[1, 2])
+    directory.finish("train-late", "key", 0.0, policy="p")
+    late = json.loads((run / "units" / "train-late.json").read_text())
+    assert list(directory.lost_looks()) == []
+    (run / "units" / "train-late.json").unlink()
+    marker.write_text(json.dumps(held | {"after": late["after"]}))
+    directory.note(looks=[2])
+    (run / "seal.json").unlink()
+    seal(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    told = capsys.readouterr().out
+    assert f"run.json: `looks` lacks looks at verdicts after which unit {marker.stem} was" in told
+
+
+def _column(phase, name, value):
+    """A column of the records of a phase changed, with hashes, markers and seal that fit."""
+
+    def change(run):
+        for file in sorted(run.glob("evidence/*.parquet")):
+            table = pq.read_table(file)
+            if phase not in table.column("phase").to_pylist():
+                continue
+            rows = table.to_pylist()
+            own = [row for row in rows if row["phase"] == phase and row[name] is not None]
+            if not own:
+                continue
+            own[0][name] = value(own[0][name])
+            changed = pa.Table.from_pylist(rows, table.schema)
+            pq.write_table(with_hashes(changed.combine_chunks()), file)
+            return
+
+    return change
+
+
+def _attempts(run):
+    """Outcomes of attempts turned round in a marker: a cell that is solved where it is not."""
+    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    held = json.loads(file.read_text())
+    held["success"] = held["recovered"] = [1.0 - x for x in held["success"]]
+    file.write_text(json.dumps(held))
+
+
+def _search(run):
+    """A search that finds no way to the goal."""
+    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    held = json.loads(file.read_text())
+    held["search"]["highest"] = [0.1 for _ in held["search"]["highest"]]
+    file.write_text(json.dumps(held))
+
+
+def _no_attempts(run):
+    """Attempts taken away, and all that was said of them."""
+    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    held = json.loads(file.read_text())
+    (run / "evidence" / "achieve-rk4-dt-0.05.parquet").unlink()
+    del held["records"]
+    held["success"] = held["recovered"] = []
+    file.write_text(json.dumps(held))
+
+
+def _flip(value):
+    return not value
+
+
+YARDSTICKS = {
+    "attempts": (_attempts, "units/achieve-rk4-dt-0.05.json: `success` is recorded as"),
+    "a search": (_search, "units/achieve-rk4-dt-0.05.json: `search.highest` is recorded as"),
+    "no attempts": (_no_attempts, "attempt 0 in cell 'rk4 dt=0.05' is missing"),
+    "an attempt": (_column("attempt", "success", _flip), "`success` is recorded as"),
+    "its seed": (_column("attempt", "seed", lambda x: x + 1), "`seed` is recorded as"),
+    "a second horizon": (
+        _column("second_horizon", "success", _flip), "`replay_second_horizon` is recorded as"
+    ),
+    "its replay": (
+        _column("evaluation", "replay_second_horizon", _flip),
+        "`replay_second_horizon` is recorded as",
+    ),
+    "a replay at home": (
+        _column("evaluation", "replay_home", _flip), "`replay_home` is recorded as"
+    ),
+    "success at home": (
+        _column("evaluation", "home_success", lambda x: 1.0 - x), "`home_success` is recorded as"
+    ),
+    "a cell's state": (
+        _column("evaluation", "cell_status", lambda _: "unachievable"),
+        "`cell_status` is recorded as 'unachievable', and comes out as",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("yardstick", YARDSTICKS)
+def test_what_verdicts_rest_on_is_derived(run, yardstick, capsys):
+    """Each was believed once: hashes, markers and the seal are made to fit."""
+    change, message = YARDSTICKS[yardstick]
+    change(run)
+    make_fit(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    assert message in capsys.readouterr().out
+    assert main(["report", str(run)]) == 2
 
 
 @pytest.mark.parametrize("number", NUMBERS)

@@ -65,7 +65,7 @@ def both(old, play, context):
 
 def test_what_each_version_brought():
     """A field without its version would have files of earlier ones refused."""
-    assert SCHEMA_VERSION == 3
+    assert SCHEMA_VERSION == 4
     assert {field.since for field in SUMMARY_FIELDS} == {1, 2, 3}
     assert len(SUMMARY_FIELDS) - len(LATER) == 68
     assert LATER == (

@@ -9,13 +9,18 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .achievability import (
+        HANDMADE,
         TRYING,
         Tried,
+        has_controller,
         not_tried,
+        search_of,
         tried,
+        tried_in,
         try_and_note,
         unit_of_cell,
     )
+    from .replays import Successes
     from .subjects import Subject
     from .units import (
         Evaluated,

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
+from integ_gym.evidence import EvidenceStore
 from integ_gym.support import report_work
 from integ_gym.train import possible_baselines
 
@@ -33,7 +34,7 @@ from ..costs import trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..units import baseline_of
 from ..work import Work
-from .subjects import Subject, second_horizon, success_of
+from .subjects import attempts
 
 PREFIX = "achieve-"
 HANDMADE = "handmade"
@@ -56,6 +57,11 @@ class Tried:
     success: tuple[float, ...] = ()
     recovered: tuple[float, ...] = ()
     search: Search | None = None
+
+    @property
+    def solved(self) -> bool:
+        """Whether the hand-made controller shows that the goal can be reached."""
+        return bool(self.recovered) and float(np.mean(self.recovered)) >= ACHIEVED
 
     def achieved(self, *others: Attempt) -> Achieved:
         """Whether the cell can be solved.
@@ -89,7 +95,7 @@ def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec,
         (part, cell)
         for part in spec.parts()
         for cell in part.columns()
-        if directory.finished(unit_of_cell(part, cell), _key(part, cell), records=False) is None
+        if directory.finished(unit_of_cell(part, cell), _key(part, cell)) is None
     ]
 
 
@@ -104,25 +110,27 @@ def tried(directory: RunDirectory, episodes: float = math.inf) -> dict[str, Trie
     found: dict[str, list[Tried]] = {}
     for marker in markers:
         if first_of(marker) < episodes:
-            found.setdefault(marker["cell"], []).append(_read(marker))
+            found.setdefault(marker["cell"], []).append(tried_in(marker))
     return {cell: _together(parts) for cell, parts in found.items()}
 
 
-def try_cell(spec: PanelSpec, cell: Cell) -> Tried:
-    """What can be done in a cell, from the starts that came last."""
-    success, recovered = (), ()
-    if HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller):
-        controller = baseline_of(spec, HANDMADE)
-        subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
-        found = success_of(spec, cell, subjects, spec.latest)
-        later = second_horizon(spec, cell, subjects, spec.latest, found)
-        success = tuple(found.ravel().astype(float).tolist())
-        recovered = success if later is None else tuple(later.ravel().astype(float).tolist())
-    solved = bool(recovered) and float(np.mean(recovered)) >= ACHIEVED
-    return Tried(success, recovered, None if solved else _search(spec, cell))
+def try_cell(spec: PanelSpec, cell: Cell, store: EvidenceStore) -> tuple[Tried, list[Any]]:
+    """What can be done in a cell, from the starts that came last, and the records of that."""
+    success: tuple[float, ...] = ()
+    recovered, tables = success, list[Any]()
+    if has_controller(spec):
+        found, later, tables = attempts(spec, cell, baseline_of(spec, HANDMADE), store)
+        success, recovered = (tuple(x.ravel().astype(float).tolist()) for x in (found, later))
+    own = Tried(success, recovered)
+    return replace(own, search=None if own.solved else search_of(spec, cell)), tables
 
 
-def _search(spec: PanelSpec, cell: Cell) -> Search | None:
+def has_controller(spec: PanelSpec) -> bool:
+    """Whether a hand-made controller can try the cells of a panel."""
+    return HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller)
+
+
+def search_of(spec: PanelSpec, cell: Cell) -> Search | None:
     """What a search over controls reaches from the first starts; None where there is none."""
     if spec.testbed.horizon is None:
         return None
@@ -143,16 +151,21 @@ def _search(spec: PanelSpec, cell: Cell) -> Search | None:
 def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
     """Try a cell, and mark that as finished."""
     start = time.time()
-    found = try_cell(spec, cell)
+    store, unit = EvidenceStore(directory.evidence), unit_of_cell(spec, cell)
+    found, tables = try_cell(spec, cell, store)
     search = None if found.search is None else vars(found.search)
+    directory.discard_remains(unit)
+    if tables:
+        store.commit_all(unit, tables)
     directory.finish(
-        unit_of_cell(spec, cell), _key(spec, cell), start, first=spec.latest.start,
+        unit, _key(spec, cell), start, first=spec.latest.start,
         cell=cell.name, success=found.success, recovered=found.recovered, search=search,
     )  # fmt: skip
     report_work(trying_seconds(spec, cell))
 
 
-def _read(marker: Mapping[str, Any]) -> Tried:
+def tried_in(marker: Mapping[str, Any]) -> Tried:
+    """What a unit's marker says was tried."""
     search = marker["search"]
     return Tried(
         tuple(marker["success"]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -12,7 +12,14 @@ import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs import DiscretizedVectorEnv
-from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
+from integ_gym.evidence import (
+    ATTEMPT,
+    LATER_ATTEMPT,
+    SECOND_HORIZON,
+    EpisodeContext,
+    EvidenceStore,
+    RecordVectorEvidence,
+)
 from integ_gym.support import report_work
 from integ_gym.train import Policy, PolicyStack
 
@@ -22,6 +29,8 @@ from .replays import Successes, with_what_they_rest_on
 
 Array = npt.NDArray[Any]
 Flags = npt.NDArray[np.bool_]
+
+Numbers = Callable[[int, int], int]
 
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
@@ -121,15 +130,16 @@ def evaluate(
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
-        contexts = [context_of(spec, subjects[place], cell, latencies[place]) for place in places]
-        recorder = _recorder(spec, cell, contexts, episodes, store)
-        own = [subjects[place] for place in places]
-        success = roll_out(spec, recorder, own, episodes)
-        successes.note(cell, places, success, second_horizon(spec, cell, own, episodes, success))
-        recorder.close()
+        own, times = [subjects[place] for place in places], [latencies[place] for place in places]
+        contexts = [context_of(spec, *one, cell) for one in zip(own, times, strict=True)]
+        recorder, success = _recorded(spec, cell, own, episodes, contexts, store)
+        recovered, later = _second_horizon(spec, cell, own, episodes, success, times, store)
+        successes.note(cell, places, success, recovered)
         report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
         if cell.name not in recorded:
             waiting.append(_Played(cell, places, recorder))
+            if later is not None:
+                yield later.take()
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]
         for played in ready:
@@ -149,22 +159,40 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
     ]
 
 
-def _recorder(
+def _recorded(
     spec: PanelSpec,
     cell: Cell,
-    contexts: list[EpisodeContext],
+    subjects: Sequence[Subject],
     episodes: range,
+    contexts: Sequence[EpisodeContext],
     store: EvidenceStore,
-) -> RecordVectorEvidence:
-    """What runs the policies in a cell, and keeps their episodes."""
-    together = _together(spec, episodes)
-    return RecordVectorEvidence(
-        environments_of(spec.testbed, cell, len(contexts) * together),
+    numbers: Numbers | None = None,
+    **changed: Any,
+) -> tuple[RecordVectorEvidence, Flags]:
+    """Episodes of policies in a cell, and their success, shape (policies, episodes).
+
+    Args:
+        spec: the panel.
+        cell: where.
+        subjects: the policies.
+        episodes: those to run.
+        contexts: what they are for, one of each policy or one of all.
+        store: where the records are meant for; nothing is written.
+        numbers: from a policy's place and its episode to the record's episode index; by default
+            the latter.
+        changed: arguments that differ from the cell's.
+    """
+    lanes = len(subjects) * _together(spec, episodes)
+    recorder = RecordVectorEvidence(
+        environments_of(spec.testbed, cell, lanes, **changed),
         store,
         contexts,
-        episodes=[*range(together)] * len(contexts),
+        episodes=[*range(lanes // len(contexts))] * len(contexts),
         commit_on_close=False,
     )
+    success = roll_out(spec, recorder, subjects, episodes, numbers)
+    recorder.close()
+    return recorder, success
 
 
 def _together(spec: PanelSpec, episodes: range) -> int:
@@ -172,30 +200,12 @@ def _together(spec: PanelSpec, episodes: range) -> int:
     return len(episodes) if spec.testbed.batched else 1
 
 
-def success_of(
-    spec: PanelSpec, cell: Cell, subjects: Sequence[Subject], episodes: range, **changed: Any
-) -> Flags:
-    """Success of each policy's episode in a cell, shape (policies, episodes); no record is kept.
-
-    Args:
-        spec: the panel.
-        cell: where.
-        subjects: the policies.
-        episodes: those to run.
-        changed: arguments that differ from the cell's.
-    """
-    lanes = len(subjects) * _together(spec, episodes)
-    environments = environments_of(spec.testbed, cell, lanes, **changed)
-    success = roll_out(spec, environments, subjects, episodes)
-    environments.close()
-    return success
-
-
 def roll_out(
     spec: PanelSpec,
     environments: DiscretizedVectorEnv | RecordVectorEvidence,
     subjects: Sequence[Subject],
     episodes: range,
+    numbers: Numbers | None = None,
 ) -> Flags:
     """Success of each policy's episode from every start of its own, shape (policies, episodes).
 
@@ -207,7 +217,8 @@ def roll_out(
     for done in range(0, len(episodes), together):
         part = episodes[done : done + together]
         if isinstance(environments, RecordVectorEvidence):
-            environments.assign([*part] * len(subjects))
+            own = [(place, k) for place in range(len(subjects)) for k in part]
+            environments.assign([k if numbers is None else numbers(place, k) for place, k in own])
         seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in part]
         rounds.append(_round(environments, stack, seeds, len(subjects)))
     return np.concatenate(rounds, axis=1)
@@ -231,23 +242,64 @@ def _round(
     return success.reshape(policies, -1)
 
 
-def second_horizon(
-    spec: PanelSpec, cell: Cell, subjects: Sequence[Subject], episodes: range, success: Flags
-) -> Flags | None:
-    """Which episodes succeed within one horizon or two, shape (policies, episodes).
+def _second_horizon(
+    spec: PanelSpec,
+    cell: Cell,
+    subjects: Sequence[Subject],
+    episodes: range,
+    success: Flags,
+    latencies: Sequence[tuple[float, float]],
+    store: EvidenceStore,
+) -> tuple[Flags | None, RecordVectorEvidence | None]:
+    """Which episodes succeed within one horizon or two, shape (policies, episodes), and the second.
 
     Policies that failed once act again from all their starts, for twice the duration; None where
     the testbed's horizon is fixed.
     """
-    testbed = spec.testbed
-    if testbed.horizon is None:
-        return None
+    twice = spec.twice_the_time
+    if twice is None:
+        return None, None
     recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1)).tolist()
-    if failing:
-        twice = {testbed.horizon: 2.0 * spec.nominal.settings.duration}
-        own = [subjects[place] for place in failing]
-        recovered[failing] |= success_of(spec, cell, own, episodes, **twice)
-    return recovered
+    if not failing:
+        return recovered, None
+    own = [subjects[place] for place in failing]
+    contexts = [
+        context_of(spec, subjects[k], latencies[k], cell, SECOND_HORIZON, spec.episodes)
+        for k in failing
+    ]
+    recorder, later = _recorded(spec, cell, own, episodes, contexts, store, None, **twice)
+    recovered[failing] |= later
+    return recovered, recorder
+
+
+def attempts(
+    spec: PanelSpec, cell: Cell, controller: Policy, store: EvidenceStore
+) -> tuple[Flags, Flags, list[Any]]:
+    """What a controller does in a cell from the starts of several seeds that came last.
+
+    Returns:
+        Success within the horizon, and within one horizon or two, shape (sets of starts,
+        episodes), and the records as tables.
+    """
+    subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
+    every = len(subjects) * spec.episodes
+
+    def play(own: list[int], phase: str, **changed: Any) -> tuple[RecordVectorEvidence, Flags]:
+        context = context_of(spec, subjects[0], None, cell, phase, every)
+        trying = [subjects[place] for place in own]
+        return _recorded(
+            spec, cell, trying, spec.latest, [context], store,
+            lambda place, episode: spec.attempt(own[place], episode), **changed,
+        )  # fmt: skip
+
+    recorder, success = play([*range(len(subjects))], ATTEMPT)
+    tables, recovered = [recorder.take()], success.copy()
+    failing = np.flatnonzero(~success.all(axis=1)).tolist()
+    if failing and spec.twice_the_time is not None:
+        recorder, later = play(failing, LATER_ATTEMPT, **spec.twice_the_time)
+        tables.append(recorder.take())
+        recovered[failing] |= later
+    return success, recovered, tables
 
 
 def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
@@ -269,27 +321,34 @@ def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]
 
 
 def context_of(
-    spec: PanelSpec, subject: Subject, cell: Cell, latency: tuple[float, float]
+    spec: PanelSpec,
+    subject: Subject,
+    latency: tuple[float, float] | None,
+    cell: Cell,
+    phase: str = "evaluation",
+    trace_every: int | None = None,
 ) -> EpisodeContext:
     """What the episodes of one policy in one cell are for.
 
     Args:
         spec: the panel.
         subject: the policy.
+        latency: mean and 99th percentile of the time of a decision, ns; None: not measured.
         cell: where.
-        latency: mean and 99th percentile of the time of a decision, ns.
+        phase: of the records.
+        trace_every: episodes whose index is a multiple of it have a trace; by default the panel's.
     """
     return EpisodeContext(
         run_id=spec.name,
         cell=cell.name,
-        phase="evaluation",
+        phase=phase,
         policy_id=subject.policy.policy_id,
         policy_hash=subject.policy.content_hash,
         training_discretization=subject.home.arguments() if subject.home else None,
         training_seed=subject.seed,
         home_known=subject.home_known,
         perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
-        trace_every=spec.trace_every,
-        inference_latency_mean=latency[0],
-        inference_latency_p99=latency[1],
+        trace_every=trace_every or spec.trace_every,
+        inference_latency_mean=None if latency is None else latency[0],
+        inference_latency_p99=None if latency is None else latency[1],
     )

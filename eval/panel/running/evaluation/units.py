@@ -32,8 +32,9 @@ LONGEST = 60.0
 MEMORY = 1 << 30
 """What the episodes of a batch may take, bytes."""
 
-COPIES = 6
-"""How often a cell's rows are in memory: as they come, by episode, as a table, as a row group."""
+COPIES = 8
+"""How often a cell's rows are in memory: as they come, by episode, as a table, as a row group, and
+twice as many while those that failed have twice the time."""
 
 
 ENOUGH = 4
