@@ -120,7 +120,8 @@ def test_policies_of_a_run_decide_again_as_they_did(run, capsys):
     assert main(["evidence", "verify", str(run), "--all", "--exact", "--policy"]) == 0
     told = capsys.readouterr().out
     (line,) = (line for line in told.splitlines() if line.startswith("replayed: "))
-    evaluated = sum(pq.read_metadata(x).num_rows for x in run.glob("evidence/evaluate-*.parquet"))
+    files = [*run.glob("evidence/evaluate-*.parquet"), *run.glob("evidence/achieve-*.parquet")]
+    evaluated = sum(pq.read_metadata(file).num_rows for file in files)
     assert line.startswith(f"replayed: {evaluated} of ")
     assert f"{evaluated} of them to the last bit" in line
     assert "of training or of a policy without a hash" in told

@@ -100,14 +100,14 @@ def test_a_refused_unit_leaves_the_seal(directory):
     seal(directory.path)
     sealed = (directory.path / "seal.json").read_bytes()
     with pytest.raises(RunDirectoryError, match="belongs to another"), directory.opened():
-        directory.finished("train-a", "another key", records=False)
+        directory.finished("train-a", "another key")
     assert (directory.path / "seal.json").read_bytes() == sealed
 
 
 def test_keys_and_other_facts_are_kept(directory):
     marker = json.loads((directory.path / "units" / "train-a.json").read_text())
     assert directory.marker("train-a") == marker
-    assert directory.finished("train-a", "key", records=False) == marker
+    assert directory.finished("train-a", "key") == marker
     assert key_of({}, a=1) != key_of({}, a=2)
 
 
