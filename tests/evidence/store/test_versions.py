@@ -234,7 +234,7 @@ def test_a_file_of_any_version_has_what_its_version_had(tmp_path, table, version
     (field, *_) = [field.name for field in SUMMARY_FIELDS if field.since == version]
     for record, before in zip(store.records(), table.to_pylist(), strict=True):
         assert record[field] == before[field]
-        assert record["arrival_time"] is None
+        assert version >= 3 or record["arrival_time"] is None
 
 
 @pytest.mark.parametrize("name", LATER)

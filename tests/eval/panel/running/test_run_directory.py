@@ -107,6 +107,8 @@ def test_a_refused_unit_leaves_the_seal(directory):
 def test_keys_and_other_facts_are_kept(directory):
     marker = json.loads((directory.path / "units" / "train-a.json").read_text())
     assert directory.marker("train-a") == marker
+    marker["records"] = None  # no training episode came to its end
+    (directory.path / "units" / "train-a.json").write_text(json.dumps(marker))
     assert directory.finished("train-a", "key") == marker
     assert key_of({}, a=1) != key_of({}, a=2)
 
