@@ -17,6 +17,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from ..arithmetic import SCALAR, Components
 from ..episode import (
+    NOISE,
     STATUS_NAMES,
     WARM_UP,
     EnvState,
@@ -25,11 +26,13 @@ from ..episode import (
     Setup,
     build_setup,
     check_starts,
+    checked_episodes,
     draw_start,
     plain_start,
     plain_step,
     quiet_status,
     sensed,
+    stream_of_episode,
     top_speed,
     traced_start,
     traced_step,
@@ -80,6 +83,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
         self._in_order = _interleaved(len(self.setup.plant.coordinates))
+        self.episode = -1
+        """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
         self._control = 0.0
         self._sampled = True
@@ -144,17 +149,23 @@ class IntegEnv(gym.Env[Observation, Any]):
             seed: seeds the environment's generator.
             options: ``state``: the start in Gymnasium's order; or the bounds of the start
                 distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
+                ``episode``: the number of the episode since the seed, whose sensor noise is drawn.
 
         Raises:
             ValueError: for a bound or state that is not possible.
         """
         super().reset(seed=seed)
         options = options or {}
+        self.episode = 0 if seed is not None else self.episode + 1
+        if "episode" in options:
+            self.episode = int(checked_episodes(options["episode"], ()))
         q, v = split_state(draw_start(self.setup, self.np_random, options))
         if "state" not in options:
             q = self.setup.system.confined(SCALAR, q)
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
+        if self._noise:
+            self._noise_stream = stream_of_episode(self.np_random, NOISE, self.episode)
         self._control, self._sampled = 0.0, True
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
@@ -256,7 +267,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             return np.array(observation, dtype=np.float32)
         state = self._current()
         if self._sampled:
-            drawn = self.np_random.standard_normal(2 * len(state.q))
+            drawn = self._noise_stream.standard_normal(2 * len(state.q))
             self._sample_noise = tuple((self._noise * drawn).tolist())
         q, v = sensed(state, self._sample_noise)
         noisy = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)

@@ -16,18 +16,22 @@ from gymnasium.vector.utils import batch_space
 
 from ..arithmetic import ARRAY, Components, rows_of
 from ..episode import (
+    MEMBER,
+    NOISE,
     RESULTS,
     EnvState,
     LanesStep,
     LaneStarts,
     Setup,
     check_options,
+    checked_episodes,
     draw_start,
     initial_state,
     make_mixture,
     numbers_per_start,
     quiet_status,
     sensed,
+    stream_of_episode,
 )
 from ..plants import join_state, split_state
 from .discretized_vector import DiscretizedVectorEnv
@@ -125,6 +129,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
+        self.episodes = np.full(num_envs, -1)
+        """How many episodes each lane has begun since its last seed, before this one."""
+        self._noise_streams = dict[int, np.random.Generator]()
         self._starts: LaneStarts | None = None
         self._state: EnvState | None = None
         self._done = np.zeros(num_envs, dtype=bool)
@@ -180,7 +187,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         Args:
             seed: an int (lane i gets seed + i), one per lane, or None.
             options: as for the single environment; ``state`` has shape (num_envs, n). In a mixture
-                ``mixture_index``, shape (num_envs,), gives the members instead of drawing them.
+                ``mixture_index``, shape (num_envs,), gives the members instead of drawing them;
+                ``episode`` has that shape too.
 
         Raises:
             ValueError: for a mask, seed list, member or state of the wrong shape or value.
@@ -189,6 +197,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         mask = self._reset_mask(options.pop("reset_mask", None))
         if self.mixed and "mixture_index" in options:
             options["mixture_index"] = self._given_members(options["mixture_index"])
+        if "episode" in options:
+            options["episode"] = checked_episodes(options["episode"], (self.num_envs,))
         self._seed(seed, mask)
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
@@ -269,14 +279,13 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             return
         for lane in np.flatnonzero(mask).tolist():
             if seeds[lane] is not None:
+                self.episodes[lane] = -1
                 self._rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
                 if self._starts is not None:
                     self._starts.forget(lane)
 
     def _starts_ahead(self) -> LaneStarts | None:
-        """Starts drawn ahead, unless something else is drawn in between."""
-        if self.mixed or self.setup.settings.observation_noise:
-            return None
+        """Starts drawn ahead, where they are made of uniform numbers."""
         size = numbers_per_start(self.setup)
         return None if size is None else LaneStarts(self.setup, self._rngs, size)
 
@@ -304,6 +313,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _begin(self, lanes: Array, options: Mapping[str, Any], info: Info) -> None:
         """Start an episode in some lanes, and tell about it."""
+        self._count_episodes(lanes, options)
         starts = self._draw(lanes, options)
         q, v = split_state(tuple(starts.T))
         setup = self._for_lanes(self.setup, lanes)
@@ -321,10 +331,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _begin_again(self, lanes: Array, info: Info, observation: Array) -> None:
         """The same after a step, whose arrays and observation, without noise, are written into."""
-        if self._starts is None or self._lanes_differ:
+        if self._starts is None or self._lanes_differ or self.mixed:
             self._begin(lanes, {}, info)
             self._look_anew(observation, lanes)
             return
+        self._count_episodes(lanes, {})
         step = self._steps[0]
         begun = self._starts.begin(lanes, step.first)
         self._state = step.begin(self._current(), lanes, begun)
@@ -332,6 +343,25 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._done[lanes] = False
         self._control[lanes] = 0.0
         self._info.begin(info, lanes, begun.energy, begun.goal_since)
+
+    def _count_episodes(self, lanes: Array, options: Mapping[str, Any]) -> None:
+        """Number the episodes that begin in some lanes, and draw what each has of its own."""
+        self.episodes[lanes] += 1
+        if "episode" in options:
+            self.episodes[lanes] = options["episode"][lanes]
+        noisy = self.setup.settings.observation_noise > 0.0
+        if "mixture_index" in options:
+            self._member[lanes] = options["mixture_index"][lanes]
+        drawn = self.mixed and "mixture_index" not in options
+        if not (noisy or drawn):
+            return
+        for lane, episode in zip(lanes.tolist(), self.episodes[lanes].tolist(), strict=True):
+            rng = self._rngs[lane]
+            if noisy:
+                self._noise_streams[lane] = stream_of_episode(rng, NOISE, episode)
+            if drawn:
+                number = stream_of_episode(rng, MEMBER, episode).random()
+                self._member[lane] = self.mixture.member(number)
 
     def _draw(self, lanes: Array, options: Mapping[str, Any]) -> Array:
         """Starts of some lanes, shape (len(lanes), n)."""
@@ -341,12 +371,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return self._starts.draw(lanes, options)
 
     def _draw_one(self, lane: int, options: Mapping[str, Any]) -> Components:
-        rng = self._rngs[lane]
-        if self.mixed:
-            options = dict(options)
-            given = options.pop("mixture_index", None)
-            drawn = self.mixture.member(rng.random()) if given is None else given[lane]
-            self._member[lane] = drawn
+        options = {name: value for name, value in options.items() if name != "mixture_index"}
         if "state" in options:
             states: Any = options["state"]
             if not hasattr(states, "__len__") or len(states) != self.num_envs:
@@ -354,8 +379,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                     f"reset option `state` must have one row per lane ({self.num_envs}), "
                     f"got {states!r:.60}"
                 )
-            options = {**options, "state": states[lane]}
-        return draw_start(self.setup, rng, options)
+            options["state"] = states[lane]
+        return draw_start(self.setup, self._rngs[lane], options)
 
     def _read_actions(self, actions: Any, ignored: Array) -> Array:
         """Actions as floats; those of lanes that are being reset are not looked at."""
@@ -434,7 +459,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             return observation
         space = self.single_observation_space
         for lane in np.flatnonzero(sampled):
-            self._noise[lane] = noise * self._rngs[lane].standard_normal(self._noise.shape[1])
+            self._noise[lane] = noise * self._noise_streams[lane].standard_normal(
+                self._noise.shape[1]
+            )
         noisy = self._table(self._observed(tuple(self._noise.T)))
         return np.clip(noisy, space.low, space.high)  # type: ignore[attr-defined]
 

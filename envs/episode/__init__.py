@@ -30,13 +30,17 @@ if TYPE_CHECKING:
     from .script import Script, script_of
     from .settings import Settings, Setup, build_setup
     from .starts import (
+        MEMBER,
+        NOISE,
         GivenNumbers,
         check_options,
         check_starts,
+        checked_episodes,
         checked_state,
         draw_start,
         numbers_per_start,
         possible,
+        stream_of_episode,
     )
     from .steps import (
         RESULTS,

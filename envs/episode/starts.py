@@ -19,6 +19,28 @@ from .settings import Setup
 Array = npt.NDArray[Any]
 
 
+NOISE, MEMBER = 0x4E01, 0x4E02
+"""What streams beside that of the starts are for; apart from the numbers that ``spawn`` gives."""
+
+
+def stream_of_episode(starts: np.random.Generator, use: int, episode: int) -> np.random.Generator:
+    """A generator for one episode, beside the one that draws starts.
+
+    What is drawn from it leaves the starts as they are, however long an episode lasts, and can be
+    drawn again without the episodes before.
+
+    Args:
+        starts: whose seed it has; nothing is drawn from it.
+        use: `NOISE` or `MEMBER`.
+        episode: how many episodes have begun since the seed.
+    """
+    seeds: Any = starts.bit_generator.seed_seq
+    key = (*seeds.spawn_key, use, episode)
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence(seeds.entropy, spawn_key=key))
+    )
+
+
 def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any]) -> Components:
     """A start in state order, drawn or given as option ``state``."""
     check_options(setup, options)
@@ -39,10 +61,25 @@ def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...
     Raises:
         ValueError: for one that the task does not know, with those it does.
     """
-    known = ("state", "reset_mask", *setup.task.start_options, *more)
+    known = ("state", "episode", "reset_mask", *setup.task.start_options, *more)
     for name in options:
         if name not in known:
             raise ValueError(unknown_name("reset option", name, known))
+
+
+def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
+    """The reset option ``episode`` as whole numbers of a shape.
+
+    Raises:
+        ValueError: for what are none, or are below 0.
+    """
+    array = np.asarray(episodes)
+    if array.shape != shape or array.dtype.kind not in "iu" or (array < 0).any():
+        raise ValueError(
+            f"reset option `episode` must be whole numbers from 0, shape {shape}, got "
+            f"{episodes!r:.60}"
+        )
+    return array
 
 
 def possible(setup: Setup, start: Components) -> Component:

@@ -83,7 +83,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         observation, info = self.env.reset(seed=seed, options=options)
         if seed is not None:
             self._seed, self._draws = seed, -1
-        self._draws += 1
+        self._draws = getattr(self._inner, "episode", self._draws + 1)
         told = info if self._stranger is None else self._stranger.told()
         if self._note_contact(told):
             self._pack = struct.Struct(f"{len(self._layout)}d").pack

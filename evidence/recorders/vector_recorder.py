@@ -216,7 +216,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         rows = self._layout.start_rows(first, quiet)
         buffer.begin(lanes, rows, ~self._recorded[lanes])
         self._wall_start[lanes] = now()
-        self._draws[lanes] += 1
+        counted = getattr(self._inner, "episodes", None)
+        self._draws[lanes] = self._draws[lanes] + 1 if counted is None else counted[lanes]
 
     def _finish(self, buffer: LaneBuffer, lanes: Array) -> None:
         """Note the episodes that end in ``lanes``."""

@@ -34,6 +34,19 @@ _NUMBER = re.compile(r"[-+]?\d[\d.,e]*")
 that the sentence is compared where the policy decided again."""
 
 
+OWN_NOISE = 4
+"""Schema version since which an episode's noise is drawn apart from starts, and can be again."""
+
+
+def noise_source(record: EvidenceRecord) -> tuple[int, int] | None:
+    """Seed and episode that give a record's sensor noise again; None: it cannot be."""
+    entropy, _, episode = str(record.fields["rng_key"]).rpartition("/")
+    known = entropy.isdecimal() and episode.isdecimal()
+    if not known or record.fields["schema_version"] < OWN_NOISE:
+        return None
+    return int(entropy), int(episode)
+
+
 def drawn_again(record: EvidenceRecord) -> bool:
     """Whether its seed gives its start; lanes of a training may have drawn a discretization too."""
     return record.first_of_seed and record.fields["phase"] != "training"
@@ -72,7 +85,7 @@ def differences(
         yield "failure_reason", reasons[0], reasons[1]
     for column, values in record.trace.items():
         noisy = column.startswith("sensed_") and fields["observation_noise"]
-        if noisy and not (decided or drawn_again(record)):
+        if noisy and noise_source(record) is None:
             continue
         other = again.trace.get(column)
         moved = other if nudged is None else nudged.trace.get(column)

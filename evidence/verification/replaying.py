@@ -27,7 +27,7 @@ from ..episodes import (
 )
 from ..recorders import RecordVectorEvidence
 from ..schema import Finding
-from .differing import differences, drawn_again
+from .differing import differences, drawn_again, noise_source
 from .findings import deviation
 from .recomputing import UNFIT, is_home_known, replays_of
 
@@ -180,13 +180,18 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return "without a trace"
     if decided and not fields["policy_hash"]:
         return UNDECIDED
-    if decided and fields["observation_noise"] and not record.first_of_seed:
+    if decided and _has_lost_noise(record):
         return "whose noise cannot be drawn again"
     if fields["float_width"] != 64:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in str(value) for value in record.arguments().values()):
         return _OWN_CODE
     return None
+
+
+def _has_lost_noise(record: EvidenceRecord) -> bool:
+    """Whether it has sensor noise that cannot be drawn again."""
+    return bool(record.fields["observation_noise"]) and noise_source(record) is None
 
 
 def _play(
@@ -218,7 +223,7 @@ def _play(
     off = [item for item in alike if not _is_same(*item, played, exact, done, act is not None)]
     done.of_file.update(file for file, _ in alike)
     nudged: dict[str, EvidenceRecord] = {}
-    if off and not (exact or any(record.fields["observation_noise"] for _, record in off)):
+    if off and not (exact or any(_has_lost_noise(record) for _, record in off)):
         nudged = _simulated(_made(records), contexts, records, act, nudged=True)
     for file, record in off:
         name = str(record.fields["record_id"])
@@ -317,7 +322,9 @@ def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nu
         return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
     states = np.array([record.fields["initial_state"] for record in records])
     states = states + nudge * np.maximum(1.0, np.abs(states))
-    return recorder.reset(options={"state": states})[0]
+    noise = [noise_source(record) or (None, 0) for record in records]
+    options = {"state": states, "episode": np.array([episode for _, episode in noise])}
+    return recorder.reset(seed=[seed for seed, _ in noise], options=options)[0]
 
 
 def _made(records: Sequence[EvidenceRecord]) -> Any:

@@ -30,12 +30,22 @@ OF_A_RUN = {"closed_loops", "panel_tables"}
 OF_FILES = {"bounds"}
 EXPERIMENTS = {"control_periods", "curriculum", "fresh_points", "q_learning_periods"}
 """Tested beside the page that tells what they found."""
+OTHERS = {"other_libraries"}
+"""Runs libraries that are not installed here."""
 
 
 def test_every_benchmark_is_run():
-    assert {file.stem for file in FOLDER.glob("*.py")} == set(
-        SHORT
-    ) | OF_A_RUN | OF_FILES | EXPERIMENTS
+    known = set(SHORT) | OF_A_RUN | OF_FILES | EXPERIMENTS | OTHERS
+    assert {file.stem for file in FOLDER.glob("*.py")} == known
+
+
+@pytest.mark.slow
+def test_other_libraries_are_run_where_they_are_installed(tmp_path):
+    command = [sys.executable, str(FOLDER / "other_libraries.py"), "--only", "sb3-contrib", "sbx"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert "PASS  sb3-contrib" in done.stdout
+    assert "sbx is left out" in done.stdout
 
 
 @pytest.mark.slow

@@ -363,6 +363,41 @@ def test_a_policy_decides_again_without_a_trace_and_with_noise(settings, tmp_pat
     assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
 
 
+def _noisy(directory):
+    """Three episodes after one seed."""
+    context = EpisodeContext("run", "cell", policy_id="lean", policy_hash="1")
+    env = gym.make("IntegPendulum-v0", duration=2.0, observation_noise=0.05)
+    env = RecordEvidence(env, directory, context)
+    for episode in range(3):
+        observation, _ = env.reset(seed=4 if episode == 0 else None)
+        ended = False
+        while not ended:
+            observation, _, _, ended, _ = env.step(_lean(observation[None])[0])
+    env.close()
+    return EvidenceStore(directory)
+
+
+def test_the_noise_of_later_episodes_is_drawn_again(tmp_path):
+    store = _noisy(tmp_path)
+    for policy in (None, lambda record: _lean):
+        done = _replayed(store, exact=True, policy=policy)
+        assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
+    (sensed, *_) = [name for name in store.records()[2].trace if name.startswith("sensed_")]
+    _forge(store, sensed, lambda traces: [*traces[:2], [x + 1e-3 for x in traces[2]]])
+    (finding,) = _replayed(store).findings
+    assert sensed in str(finding)
+
+
+def test_the_noise_of_an_earlier_version_is_not_held_against_ours(tmp_path):
+    """It came from the generator of the starts."""
+    store = _noisy(tmp_path)
+    _forge(store, "schema_version", lambda values: [3 for _ in values])
+    done = _replayed(store)
+    assert (done.findings, done.records, done.exact) == ([], 3, 3)
+    done = _replayed(store, policy=lambda record: _lean)
+    assert done.skipped == {"whose noise cannot be drawn again": 3}
+
+
 def test_what_another_policy_did_is_named(tmp_path):
     store = _acted(tmp_path)
     done = _replayed(store, policy=lambda record: lambda x: 0.9 * _lean(x))
