@@ -98,7 +98,8 @@ def candidates(run: str | os.PathLike[str], limit: int = 10) -> list[dict[str, A
     Raises:
         EvidenceError: for a run that is not there.
     """
-    return open_run(Path(run)).query(_CANDIDATES.format(limit=limit)).to_pylist()
+    found = open_run(Path(run)).query(_CANDIDATES.format(limit=limit))
+    return list(found.to_pylist())
 
 
 def _possible(

@@ -240,7 +240,8 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
         if isinstance(wrapper, gym.wrappers.TimeLimit):
             limits.append(wrapper._max_episode_steps)
         wrapper = wrapper.env
-    horizon = wrapper.setup.timing.horizon
+    found: Any = wrapper
+    horizon = found.setup.timing.horizon
     if any(limit < horizon for limit in limits):
         raise TypeError(
             f"a TimeLimit ends episodes after {min(limits)} steps, and their records would say "

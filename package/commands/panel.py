@@ -142,6 +142,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     made = parser()
     arguments = made.parse_args(argv)
+    used: tuple[str, ...]
     if arguments.power:
         used = ("power", "spec", "out", "seeds")
         refuse_unused(made, arguments, "--power says what seeds can show and runs nothing", used)

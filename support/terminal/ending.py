@@ -48,9 +48,9 @@ def end_quietly(run: Callable[[], int]) -> int:
         if not unread:
             raise
         for stream in unread:  # what is still to be written goes nowhere
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, stream.fileno())
-            os.close(nowhere)
+            descriptor = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(descriptor, stream.fileno())
+            os.close(descriptor)
         return 0
 
 
