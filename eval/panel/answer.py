@@ -17,7 +17,15 @@ from typing import Final, Literal, TypeAlias
 from integ_gym.envs import NATIVE
 from integ_gym.support import fixed, percent, plural
 
-from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, WITHOUT_VERDICT
+from ..verdict import (
+    ALPHA,
+    EQUIVALENCE_MARGIN,
+    FAIL_MARGIN,
+    LEARNED,
+    WITHOUT_VERDICT,
+    adjust_for_look,
+    share_of_look,
+)
 from .model import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
 
 Status: TypeAlias = Literal[
@@ -108,7 +116,9 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
         status = "home_decides"
     else:
         p = found.p_success if measure == "success" else found.p_return
-        status = _status(lost, 1.0 if p is None else p, _margin(panel, row, measure))
+        share = share_of_look(max(1, len(panel.looks)))
+        known_p = adjust_for_look(1.0 if p is None else p, share)
+        status = _status(lost, known_p, _margin(panel, row, measure))
     name = None if cell is None else cell.name
     return Finding(row.name, home, name, measure, status, at_home, there, lost)
 

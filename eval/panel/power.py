@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..verdict import Power, fewest_seeds, verdict_chances
@@ -27,13 +28,18 @@ class FamilyPower:
     fewest: int
 
 
-def family_power(spec: PanelSpec) -> FamilyPower | None:
-    """Power of a panel's declared transfers, simulated; None without any."""
+def family_power(spec: PanelSpec, before: Sequence[int] = ()) -> FamilyPower | None:
+    """Power of a panel's declared transfers, simulated; None without any.
+
+    Args:
+        spec: the panel.
+        before: how many seeds there were at earlier looks at its verdicts.
+    """
     if not spec.family:
         return None
     cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
     seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
     natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
     family = len(spec.family)
-    found = verdict_chances(seeds, natives, spec.episodes, family)
-    return FamilyPower(family, seeds, natives, found, fewest_seeds(family))
+    found = verdict_chances(seeds, natives, spec.episodes, family, before)
+    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, before))

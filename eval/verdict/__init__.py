@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         compare_policies,
     )
     from .family import WITHOUT_VERDICT, Comparison, Judgement, Verdict, judge_family, postponed
+    from .looks import Shares, adjust_for_look, share_of_look, shares_of
     from .loss import Loss, Rates, split
     from .power import Power, fewest_seeds, seeds_wanted, verdict_chances
     from .reference import ReferenceClass, reference_class
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
         FAIL_MARGIN,
         LEARNED,
         MIN_SEEDS,
+        MIN_SEEDS_EQUIVALENCE,
         PASS,
         TAIL,
         UNSOLVED,

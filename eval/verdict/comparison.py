@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from ..statistics import Difference, Interval, RatesLike, holm, mean_rate, unpaired_difference
+from .looks import adjust_for_look, shares_of
 from .rules import ALPHA, MIN_SEEDS, UNSOLVED, p_text, require_unique
 
 CellRole: TypeAlias = Literal["quarter_step", "reference"]
@@ -55,10 +56,13 @@ class CellFinding:
         Success of A minus success of B, with its 95 % interval.
     p_win
         P-value for "A is better", not adjusted.
+    p_win_adjusted
+        The same for the share of the level that this look has; None if uninformative.
     p_reversal
         P-value for "B is better", not adjusted.
     p_reversal_adjusted
-        The same after Holm's procedure over the informative cells; None if uninformative.
+        The same after Holm's procedure over the informative cells and for this look's share; None
+        if uninformative.
     """
 
     name: str
@@ -66,6 +70,7 @@ class CellFinding:
     status: CellStatus
     difference: Interval
     p_win: float
+    p_win_adjusted: float | None
     p_reversal: float
     p_reversal_adjusted: float | None
 
@@ -79,7 +84,7 @@ class PolicyComparison:
     cells: tuple[CellFinding, ...]
 
 
-def compare_policies(cells: Sequence[PolicyCell]) -> PolicyComparison:
+def compare_policies(cells: Sequence[PolicyCell], before: Sequence[int] = ()) -> PolicyComparison:
     """Decide whether the claim "policy A beats policy B" survives refinement.
 
     A cell is uninformative where either policy has fewer than 5 training seeds, or where nobody
@@ -94,10 +99,14 @@ def compare_policies(cells: Sequence[PolicyCell]) -> PolicyComparison:
        to succeed (intersection-union test, Berger 1982).
     5. `accepted`.
 
+    P-values are divided by the share of the level that this look has (`shares_of`).
+
     Parameters
     ----------
     cells
         One entry for each discretization, at least one of each deciding role.
+    before
+        How many seeds there were at every earlier look.
 
     Raises
     ------
@@ -109,19 +118,22 @@ def compare_policies(cells: Sequence[PolicyCell]) -> PolicyComparison:
     for role in ("quarter_step", "reference"):
         if not any(cell.role == role for cell in cells):
             raise ValueError(f"expected a cell with role {role!r}; the claim is decided there")
-    findings = _find(cells)
+    findings = _find(cells, shares_of(MIN_SEEDS, before).exceeds)
     outcome, reason = _decide(findings)
     return PolicyComparison(outcome, reason, findings)
 
 
-def _find(cells: Sequence[PolicyCell]) -> tuple[CellFinding, ...]:
+def _find(cells: Sequence[PolicyCell], share: float) -> tuple[CellFinding, ...]:
     differences = [unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
     blocked = [_uninformative(cell) for cell in cells]
     informative = [i for i, status in enumerate(blocked) if status is None]
-    adjusted = holm([differences[i].p_less() for i in informative]).tolist()
-    by_cell = dict(zip(informative, adjusted, strict=True))
+    reversals = holm([differences[i].p_less() for i in informative])
+    adjusted = {
+        i: (adjust_for_look(differences[i].p_greater(), share), adjust_for_look(p, share))
+        for i, p in zip(informative, reversals.tolist(), strict=True)
+    }
     return tuple(
-        _finding(cell, difference, blocked[i], by_cell.get(i))
+        _finding(cell, difference, blocked[i], *adjusted.get(i, (None, None)))
         for i, (cell, difference) in enumerate(zip(cells, differences, strict=True))
     )
 
@@ -130,16 +142,23 @@ def _finding(
     cell: PolicyCell,
     difference: Difference,
     blocked: CellStatus | None,
+    p_win_adjusted: float | None,
     p_reversal_adjusted: float | None,
 ) -> CellFinding:
-    p_win, p_reversal = difference.p_greater(), difference.p_less()
     status: CellStatus = blocked or "undecided"
-    if blocked is None and p_win < ALPHA:
+    if p_win_adjusted is not None and p_win_adjusted < ALPHA:
         status = "win"
     elif p_reversal_adjusted is not None and p_reversal_adjusted < ALPHA:
         status = "reversal"
     return CellFinding(
-        cell.name, cell.role, status, difference.interval, p_win, p_reversal, p_reversal_adjusted
+        name=cell.name,
+        role=cell.role,
+        status=status,
+        difference=difference.interval,
+        p_win=difference.p_greater(),
+        p_win_adjusted=p_win_adjusted,
+        p_reversal=difference.p_less(),
+        p_reversal_adjusted=p_reversal_adjusted,
     )
 
 
@@ -183,9 +202,13 @@ def _list(findings: Sequence[CellFinding]) -> str:
     return "; ".join(
         f"in {f.name}, which nobody solves"
         if f.status == "unsolved"
-        else f"in {f.name}: A − B is {f.difference}, {p_text(f.p_win)}"
+        else f"in {f.name}: A − B is {f.difference}, adjusted {p_text(_adjusted_win(f))}"
         for f in findings
     )
+
+
+def _adjusted_win(finding: CellFinding) -> float:
+    return 1.0 if finding.p_win_adjusted is None else finding.p_win_adjusted
 
 
 def _adjusted_reversal(finding: CellFinding) -> float:

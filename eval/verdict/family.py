@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 from ..statistics import DRAWS, holm, mean_rate
 from .achievability import Achieved
+from .looks import adjust_for_look, shares_of
 from .loss import INTERVAL_DRAWS, Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split
 from .rules import (
     ALPHA,
@@ -15,6 +16,7 @@ from .rules import (
     FAIL_MARGIN,
     LEARNED,
     MIN_SEEDS,
+    MIN_SEEDS_EQUIVALENCE,
     p_text,
     require_unique,
 )
@@ -63,7 +65,8 @@ class Judgement:
     p_exceeds, p_equivalent
         P-values for "overfitting > 0.2" and for "overfitting within ±0.1"; None without a verdict.
     p_exceeds_adjusted, p_equivalent_adjusted
-        The same after Holm's procedure over the family; None without a verdict.
+        The same after Holm's procedure over the family and for the share of the level that this
+        look has; 1 where the test is not made with so few seeds, None without a verdict.
     reason
         One sentence with the numbers that led to the verdict.
     """
@@ -78,7 +81,9 @@ class Judgement:
     reason: str
 
 
-def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tuple[Judgement, ...]:
+def judge_family(
+    comparisons: Sequence[Comparison], before: Sequence[int] = (), *, draws: int = DRAWS
+) -> tuple[Judgement, ...]:
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
     - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
@@ -96,14 +101,20 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     level for seeds that are all or nothing as for those that are not; docs/reference/panel.md has
     what was simulated.
 
+    Whoever grows a run until it says something looks more than once. Every look has a share of the
+    level (`shares_of`), by which its p-values are divided after Holm's procedure, so that these
+    chances hold for all looks together.
+
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
     0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
-    30 seeds, one of four 43 and one of six 47.
+    33 seeds at the first look, one of four 46 and one of six 50.
 
     Parameters
     ----------
     comparisons
         The family. The error rates hold where it was chosen without a look at the results.
+    before
+        How many seeds there were at every earlier look at its verdicts.
     draws
         Draws of every test, and of intervals as far as these have as many.
 
@@ -122,7 +133,14 @@ def judge_family(comparisons: Sequence[Comparison], *, draws: int = DRAWS) -> tu
     exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
     equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
     untold = [1.0 for mark in marks if mark is not None and mark[0] == "undecided"]
-    adjusted = (holm([*found, *untold]).tolist()[: len(found)] for found in (exceeds, equivalent))
+    shares = [shares_of(len(rates.home), before) for rates in tested]
+    adjusted = [
+        [adjust_for_look(p, share) for p, share in zip(holm([*found, *untold]), own, strict=False)]
+        for found, own in (
+            (exceeds, [one.exceeds for one in shares]),
+            (equivalent, [one.equivalent for one in shares]),
+        )
+    ]
     p_values = zip(exceeds, equivalent, *adjusted, strict=True)
     splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
     return tuple(
@@ -174,10 +192,12 @@ def _judge(comparison: Comparison, loss: Loss, p: tuple[float, float, float, flo
             f"{seeds}): {change}."
         )
     else:
+        few = len(rates.home) < MIN_SEEDS_EQUIVALENCE
+        least = f"at least {MIN_SEEDS_EQUIVALENCE} seeds are needed"
+        within = least if few else f"adjusted {p_text(equivalent)}"
         reason = (
             f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {p_text(exceeds)}) "
-            f"nor to be within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}) with "
-            f"{seeds}: {change}."
+            f"nor to be within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
         )
     return Judgement(comparison.name, verdict, loss, *p, reason=reason)
 

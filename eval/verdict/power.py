@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from .looks import Shares, shares_of
 from .loss import Rates, p_overfitting_exceeds, p_overfitting_within
-from .rules import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, MIN_SEEDS
+from .rules import EQUIVALENCE_MARGIN, FAIL_MARGIN, MIN_SEEDS
 from .worlds import WORLDS, Draw, measured
 
 OVERFITTING: Final = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
@@ -49,12 +50,18 @@ class Power:
 
 
 def verdict_chances(
-    seeds: int, natives: int, starts: int, family: int, *, repeats: int = 100
+    seeds: int,
+    natives: int,
+    starts: int,
+    family: int,
+    before: Sequence[int] = (),
+    *,
+    repeats: int = 100,
 ) -> tuple[Power, ...]:
     """Chances of a verdict, simulated in the three worlds of `WORLDS`.
 
     Policies and natives succeed at home with 0.99, a hand-made controller always. Every verdict
-    is taken at a level that is divided by the size of the family: Holm's procedure is never
+    is taken at the level of its look, divided by the size of the family: Holm's procedure is never
     harder.
 
     Parameters
@@ -65,14 +72,16 @@ def verdict_chances(
         Of every seed.
     family
         How many transfers are declared.
+    before
+        How many seeds there were at earlier looks.
     repeats
         Simulated transfers for each chance.
     """
-    rng = np.random.default_rng(0)
+    rng, shares = np.random.default_rng(0), shares_of(seeds, before)
 
     def chances(draw: Draw, lost: float) -> tuple[float, float]:
         told = [
-            _verdicts(_simulated(rng, draw, lost, seeds, natives, starts), ALPHA / family)
+            _verdicts(_simulated(rng, draw, lost, seeds, natives, starts), shares, family)
             for _ in range(repeats)
         ]
         first, second = np.mean(told, axis=0)
@@ -85,17 +94,23 @@ def verdict_chances(
     return tuple(found)
 
 
-def fewest_seeds(family: int) -> int:
-    """With how many seeds, all of which always succeed, every member of a family `transfers`."""
+def fewest_seeds(family: int, before: Sequence[int] = ()) -> int:
+    """With how many seeds, all of which always succeed, every member of a family `transfers`.
+
+    At the look that follows those at ``before`` seeds.
+    """
 
     def shown(seeds: int) -> bool:
         rates = Rates(*(np.ones(seeds),) * 3)
-        return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_FINE) < ALPHA / family
+        _, level = shares_of(seeds, before).levels
+        return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_FINE) < level / family
 
     return _first(MIN_SEEDS, _MOST, shown)
 
 
-def seeds_wanted(rates: Rates, family: int, *, repeats: int = 60) -> int | None:
+def seeds_wanted(
+    rates: Rates, family: int, before: Sequence[int] = (), *, repeats: int = 60
+) -> int | None:
     """How many seeds would decide a transfer, if more were as those that there are.
 
     Parameters
@@ -104,6 +119,9 @@ def seeds_wanted(rates: Rates, family: int, *, repeats: int = 60) -> int | None:
         What was measured.
     family
         How many transfers are tested.
+    before
+        How many seeds there were at earlier looks, this one included: that at more seeds is the
+        next.
     repeats
         Resamples of the seeds for each number tried.
 
@@ -116,7 +134,8 @@ def seeds_wanted(rates: Rates, family: int, *, repeats: int = 60) -> int | None:
     seeds = now
     while seeds < FARTHEST * now:
         seeds = math.ceil(seeds * _GROWTH)
-        told = [_verdicts(_resampled(rng, rates, seeds), ALPHA / family) for _ in range(repeats)]
+        shares = shares_of(seeds, before)
+        told = [_verdicts(_resampled(rng, rates, seeds), shares, family) for _ in range(repeats)]
         if np.mean([any(one) for one in told]) >= WANTED:
             return seeds
     return None
@@ -130,11 +149,14 @@ def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
     return low
 
 
-def _verdicts(rates: Rates, level: float) -> tuple[bool, bool]:
+def _verdicts(rates: Rates, shares: Shares, family: int) -> tuple[bool, bool]:
     """Whether a transfer is said to hold, and whether to fail."""
-    if p_overfitting_exceeds(rates, FAIL_MARGIN, draws=_DRAWS) < level:
+    above, within = (level / family for level in shares.levels)
+    if above > 0.0 and p_overfitting_exceeds(rates, FAIL_MARGIN, draws=_DRAWS) < above:
         return False, True
-    return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_DRAWS) < level, False
+    if within == 0.0:
+        return False, False
+    return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_DRAWS) < within, False
 
 
 def _simulated(

@@ -11,7 +11,7 @@ from integ_gym.support import plural
 
 from ..existing import given_panel, other_facts
 from ..model import FILE_NAME, Panel
-from ..results import differences, noted_call, panel_of
+from ..results import differences, noted_call, panel_of, seen_now
 from ..running import MANIFEST, RunDirectory
 from ..specification import PanelSpec
 
@@ -50,7 +50,7 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
     Raises:
         ValueError: for one that tells of fewer seeds than were judged.
     """
-    if len(spec.seeds) in directory.looks()[0]:
+    if seen_now(spec) in directory.looks():
         return spec
     seeds = max((len(row.policies) for row in said.rows if row.kind == "trained"), default=0)
     if not 0 < seeds < len(spec.seeds):

@@ -29,6 +29,7 @@ from ..results import (
 from ..running import (
     GIVEN,
     RunDirectory,
+    Seen,
     Subject,
     all_seconds,
     as_there,
@@ -125,6 +126,7 @@ def _write(
     check_records(directory)
     begin(JUDGING)
     directory.note(**{GIVEN: facts_of(existing)})
+    directory.record_look(Seen(1, spec.episodes, 0))
     called = call_of(directory, command, processes)
     return write_outputs(directory, given_panel(spec, directory, called), called, begin)
 

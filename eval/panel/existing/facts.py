@@ -19,7 +19,7 @@ from integ_gym.train import unscaled
 
 from ..model import Panel
 from ..model import Policy as PanelPolicy
-from ..results import artefact_of, cost_of, given_rows, of_plan, reduced
+from ..results import artefact_of, cost_of, given_rows, look_warnings, of_plan, reduced
 from ..running import GIVEN, MANIFEST, RunDirectory
 from ..specification import PanelSpec, environments_of, planned_home
 from .doubts import doubts_of
@@ -103,7 +103,11 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, A
         policies,
         **of_plan(spec, directory, called),
         cost=cost_of(directory, layout, (), called),
-        warnings=doubts_of(existing, spec, layout, matrix, store),
+        looks=layout.looks,
+        warnings=(
+            *doubts_of(existing, spec, layout, matrix, store),
+            *look_warnings(layout),
+        ),
     )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from .files import FILE_NAME, read_panel, write_panel
     from .matrix import AppliedDiscretization, Cell, Entry, Policy, Row, RowKind
-    from .panel import Cost, Group, Panel
+    from .panel import Cost, Group, Look, Panel
     from .part import Estimate, build
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -24,8 +24,9 @@ class Verdict(Part, frozen=True, kw_only=True):
         overfitting: the rest, which the verdict is about.
         p_exceeds: p-value for "overfitting > 0.2".
         p_equivalent: p-value for "overfitting within ±0.1".
-        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family.
-        p_equivalent_adjusted: p-value for "overfitting within ±0.1" after Holm's procedure.
+        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family,
+            divided by the share of the level that this look has; 1 where it has none.
+        p_equivalent_adjusted: the same for "overfitting within ±0.1".
         reason: why, in one sentence with numbers.
         seeds_wanted: with how many training seeds four in five such panels would decide an
             `inconclusive` one; null where eight times as many would not, or there is no need.
@@ -61,11 +62,13 @@ class PairedEpisodes(Part, frozen=True, kw_only=True):
         episodes: how many paired starts.
         success: success there minus success here; positive is worse.
         p_success: two-sided p-value for "success differs", exact.
-        p_success_adjusted: the same after Holm's procedure over the row's cells.
+        p_success_adjusted: the same after Holm's procedure over the row's cells, divided by the
+            share of the level that this look has.
         returns: mean return there minus that here; positive is worse; null where a return is not
             finite.
         p_return: two-sided p-value for "the mean return differs"; null as the difference.
-        p_return_adjusted: the same after Holm's procedure over the row's cells.
+        p_return_adjusted: the same after Holm's procedure over the row's cells, divided by the
+            share of the level that this look has.
     """
 
     row: str
@@ -91,9 +94,11 @@ class CellFinding(Part, frozen=True, kw_only=True):
             uninformative.
         difference: success of A minus success of B.
         p_win: p-value for "A is better", not adjusted.
+        p_win_adjusted: p-value for "A is better", divided by the share of the level that this look
+            has; null in an uninformative cell.
         p_reversal: p-value for "B is better", not adjusted.
-        p_reversal_adjusted: p-value for "B is better" after Holm's procedure; null in an
-            uninformative cell.
+        p_reversal_adjusted: p-value for "B is better" after Holm's procedure, divided likewise;
+            null in an uninformative cell.
     """
 
     name: str
@@ -101,6 +106,7 @@ class CellFinding(Part, frozen=True, kw_only=True):
     status: CellStatus
     difference: Estimate
     p_win: float
+    p_win_adjusted: float | None
     p_reversal: float
     p_reversal_adjusted: float | None
 

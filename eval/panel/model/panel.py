@@ -49,6 +49,24 @@ class Cost(Part, frozen=True, kw_only=True):
     evaluate_seconds: float
 
 
+class Look(Part, frozen=True, kw_only=True):
+    """A look at the verdicts: what there was, and what it spends of the level of 0.05.
+
+    Attributes:
+        seeds: training seeds of the rows that the family names.
+        episodes: starts of each.
+        natives: declared transfers whose cell had policies trained in it.
+        level_exceeds: level of "overfitting > 0.2", and of comparisons of two rows.
+        level_equivalent: level of "overfitting within ±0.1".
+    """
+
+    seeds: int
+    episodes: int
+    natives: int
+    level_exceeds: float
+    level_equivalent: float
+
+
 class Group(NamedTuple):
     """Neighbouring columns: one integrator from its coarsest step to its finest."""
 
@@ -83,8 +101,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         paired: what given policies do in each cell, beside what they do at home or on the truth
             from the same starts.
         verdicts: verdicts on the declared family of transfers.
-        looks: numbers of seeds at which verdicts have been seen, the last is this one's; empty
-            before the first.
+        looks: every look at the verdicts, the last is this one; empty before the first.
         policy_comparisons: comparisons of declared pairs of rows.
         remedies: mixtures held against single discretizations.
         training_costs: what training cost, by row.
@@ -118,7 +135,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     matrix: tuple[Entry, ...]
     paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
-    looks: tuple[int, ...] = ()
+    looks: tuple[Look, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()
     remedies: tuple[Remedy, ...] = ()
     training_costs: dict[str, TrainingCost] = {}  # noqa: RUF012 (msgspec copies it)

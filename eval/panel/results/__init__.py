@@ -18,10 +18,12 @@ if TYPE_CHECKING:
         artefact_of,
         call_of,
         cost_of,
+        look_warnings,
         noted_call,
         of_plan,
         panel_of,
         reduced,
+        seen_now,
         write_artefact,
         write_outputs,
     )

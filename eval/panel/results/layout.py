@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, split
-from ..model import AppliedDiscretization
-from ..running import Tried
+import msgspec
+
+from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, shares_of, split
+from ..model import AppliedDiscretization, Look, build
+from ..running import Seen, Tried
 from ..specification import Cell, PanelSpec
 from .matrix import Matrix, Row
 
@@ -23,6 +25,7 @@ class PanelLayout:
         reference: name of the reference cell; None where the plant has no reference.
         family: declared comparisons (row, cell).
         compare: declared pairs of rows.
+        looks: every look at the verdicts so far, this one included.
         tried: what a hand-made controller and a search reach, by cell.
         applied: what the cells' environments really did, by cell.
     """
@@ -33,6 +36,7 @@ class PanelLayout:
     reference: str | None
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
+    looks: tuple[Look, ...] = ()
     tried: Mapping[str, Tried] = field(default_factory=dict)
     applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
 
@@ -43,6 +47,7 @@ class PanelLayout:
         rows: tuple[Row, ...],
         tried: Mapping[str, Tried],
         applied: Mapping[str, AppliedDiscretization],
+        looks: Sequence[Seen] = (),
     ) -> PanelLayout:
         """Rows of a panel with the cells that each is evaluated in."""
         own = {row.name: spec.cells_of(row.trained_on) for row in rows}
@@ -54,9 +59,15 @@ class PanelLayout:
             reference=next((c.name for c in every if c.kind == "reference"), None),
             family=spec.family,
             compare=spec.compare,
+            looks=looks_of(looks),
             tried=tried,
             applied=applied,
         )
+
+    @property
+    def looked_before(self) -> tuple[int, ...]:
+        """Seeds at the looks before this one."""
+        return tuple(look.seeds for look in self.looks[:-1])
 
     def native(self, cell: str) -> str | None:
         """The row that was trained in a cell alone, if there is one."""
@@ -122,3 +133,13 @@ class PanelLayout:
 
     def _tried(self, cell: str) -> Tried:
         return self.tried.get(cell, Tried())
+
+
+def looks_of(seen: Sequence[Seen]) -> tuple[Look, ...]:
+    """Looks with the levels that they spend, from what there was at each."""
+    seeds = [look.seeds for look in seen]
+    levels = [shares_of(count, seeds[:k]).levels for k, count in enumerate(seeds)]
+    return tuple(
+        build(Look, **msgspec.structs.asdict(look), level_exceeds=exceeds, level_equivalent=within)
+        for look, (exceeds, within) in zip(seen, levels, strict=True)
+    )

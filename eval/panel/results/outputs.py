@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
 
 from integ_gym.evidence import EvidenceStore, seal
-from integ_gym.support import limit_threads, told_path
+from integ_gym.support import limit_threads, plural, told_path
 from integ_gym.train import policy_file
 
 from ...report.figures import write_figures
 from ...report.page import write_report
+from ...verdict import ALPHA, share_of_look
 from ..checking import check_records
 from ..model import Cost, Panel, Policy, write_panel
 from ..running import (
     CALLED,
     MANIFEST,
     RunDirectory,
+    Seen,
     evaluated,
     training_config,
     tried,
@@ -56,8 +58,7 @@ def write_artefact(
     check_records(directory)
     begin(JUDGING)
     if of is None:
-        first = spec.parts()[0].episodes
-        directory.looked(len(spec.seeds), spec.episodes, first)
+        directory.record_look(seen_now(spec))
     called = call_of(directory, command, workers)
     made = panel_of(spec, directory, called, of)
     return write_outputs(directory, made, called, begin, decided=of is None)
@@ -78,7 +79,7 @@ def panel_of(
         of: the panel whose stage it is; nothing is decided then.
     """
     layout, matrix = reduced(spec, directory, rows_of(spec))
-    looked = _looks(spec, directory) if of is None else stage(spec, of)
+    looked = _looks(layout) if of is None else stage(spec, of)
     doubts = reward_doubts(spec.env_id, EvidenceStore(directory.evidence))
     return artefact_of(
         directory,
@@ -137,17 +138,42 @@ def trained(
     }
 
 
-def _looks(spec: PanelSpec, directory: RunDirectory) -> dict[str, Any]:
-    """Numbers of seeds at which verdicts have been seen, and a warning of every second look."""
-    seeds, episodes = directory.looks()
-    added = {"Seeds": (seeds, "of them"), "Episodes": (episodes, "of each seed")}
-    warnings = (
-        f"{what} were added after verdicts had been seen on {seen[-2]} {whose}: every look is a "
-        "chance of its own to be wrong."
-        for what, (seen, whose) in added.items()
-        if len(seen) > 1 and spec.family
+def seen_now(spec: PanelSpec) -> Seen:
+    """What verdicts rest on."""
+    trained = {home.name for home in spec.train}
+    natives = sum(cell in trained and cell != row for row, cell in spec.family)
+    return Seen(len(spec.seeds), spec.episodes, natives)
+
+
+def _looks(layout: PanelLayout) -> dict[str, Any]:
+    return {"looks": layout.looks, "warnings": tuple(look_warnings(layout))}
+
+
+def look_warnings(layout: PanelLayout) -> Iterator[str]:
+    """That what is concluded was seen before, with fewer seeds or starts."""
+    if len(layout.looks) < 2:
+        return
+    before, now = layout.looks[-2:]
+    number = len(layout.looks)
+    if any(row.kind == "given" for row in layout.rows):
+        yield (
+            f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
+            f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
+            f"by {1.0 / share_of_look(number):.0f} here."
+        )
+    if not (layout.family or layout.compare):
+        return
+    seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
+    levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
+    told = (
+        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`, with too few seeds"
+        for verdict, level in levels.items()
     )
-    return {"looks": tuple(seeds), "warnings": tuple(warnings)}
+    yield (
+        f"Verdicts were seen before, the last on {seen}; this is look {number}. Looks share the "
+        f"level of {ALPHA}: this one gives {' and '.join(told)}, and its p-values are multiplied "
+        "accordingly."
+    )
 
 
 def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
@@ -165,7 +191,7 @@ def reduced(
     """The rows' cells, and what the evaluation episodes on record came to."""
     store = EvidenceStore(directory.evidence)
     table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
-    layout = PanelLayout.of(spec, rows, tried(directory), applied_in(store))
+    layout = PanelLayout.of(spec, rows, tried(directory), applied_in(store), directory.looks())
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         PACKAGES,
         RunDirectory,
         RunDirectoryError,
+        Seen,
         first_of,
         key_of,
         package_versions,

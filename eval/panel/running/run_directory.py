@@ -13,6 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from integ_gym.evidence import SEAL_FILE, broken_seals, lift_seal, lower_seal
 from integ_gym.support import (
     LEASE,
@@ -56,8 +58,8 @@ CALLED, GIVEN = "called", "given"
 """Of a manifest: how the run was called when its page was written; what is known of a policy that
 was given."""
 
-_LOOKS, _EPISODE_LOOKS = "looks", "episode_looks"
-"""Of a manifest: numbers of seeds, and of episodes of each, at which verdicts were seen."""
+_LOOKS = "looks"
+"""Of a manifest: what there was at every look at verdicts, in order."""
 
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
@@ -75,6 +77,20 @@ class RunDirectoryError(ValueError):
 def package_versions() -> dict[str, str]:
     """Versions of Python and of the packages that every run's results depend on."""
     return installed_versions(PACKAGES)
+
+
+class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What there was at a look at verdicts.
+
+    Attributes:
+        seeds: training seeds of the rows that the family names.
+        episodes: starts of each.
+        natives: declared transfers whose cell had policies trained in it.
+    """
+
+    seeds: int
+    episodes: int
+    natives: int
 
 
 class RunDirectory:
@@ -295,28 +311,26 @@ class RunDirectory:
                 os.replace(self.path / SEAL_FILE, into / SEAL_FILE)
         self.storage.drop_missing()
 
-    def looked(self, seeds: int, episodes: int, first: int) -> tuple[list[int], list[int]]:
-        """Note that verdicts on so many seeds and episodes of each are about to be seen.
+    def record_look(self, seen: Seen) -> None:
+        """Note that verdicts are about to be seen, unless they were seen on the same."""
+        looks = self.looks()
+        if not looks or looks[-1] != seen:
+            self.note(**{_LOOKS: msgspec.to_builtins([*looks, seen])})
 
-        Args:
-            seeds: how many there are.
-            episodes: how many each has.
-            first: how many each had in the beginning, which were seen where only seeds are noted.
+    def looks(self) -> list[Seen]:
+        """What there was at every look at verdicts, in order.
 
-        Returns:
-            All numbers so far: of seeds, and of episodes.
+        Raises:
+            RunDirectoryError: if the manifest is damaged there.
         """
-        manifest = read_manifest(self.path / MANIFEST)
-        before = manifest.get(_LOOKS, [])
-        of_episodes = manifest.get(_EPISODE_LOOKS, [first] if before else [])
-        looks = sorted({*before, seeds}), sorted({*of_episodes, episodes})
-        self.note(**{_LOOKS: looks[0], _EPISODE_LOOKS: looks[1]})
-        return looks
-
-    def looks(self) -> tuple[list[int], list[int]]:
-        """Numbers of seeds, and of episodes of each, at which verdicts have been seen."""
-        manifest = self.manifest()
-        return manifest.get(_LOOKS, []), manifest.get(_EPISODE_LOOKS, [])
+        held = self.manifest().get(_LOOKS, [])
+        try:
+            return msgspec.convert(held, list[Seen])
+        except msgspec.ValidationError as error:
+            raise RunDirectoryError(
+                f"{self.path / MANIFEST} does not say at which seeds verdicts were seen ({error}); "
+                "restore it from a copy, or give another directory with --out"
+            ) from None
 
     def lost_looks(self) -> Iterator[str]:
         """Units that were finished after looks at verdicts which ``run.json`` does not tell."""

@@ -16,7 +16,9 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         spec: the panel.
         out: its directory; None without one.
     """
-    told = family_power(spec)
+    finished = read_panel(out / FILE_NAME) if out and (out / FILE_NAME).exists() else None
+    before = [] if finished is None else _seen_before(spec, finished)
+    told = family_power(spec, before)
     if told is None:
         say(f"Panel {spec.name} declares no transfers, so there is nothing to decide.", sys.stdout)
         return
@@ -40,8 +42,21 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         else f"`transfers` can be shown: it takes {told.fewest} seeds where all episodes succeed.",
         sys.stdout,
     )
-    if out is not None and (out / FILE_NAME).exists():
-        _print_wanted(read_panel(out / FILE_NAME))
+    if before:
+        looks = " and ".join(str(seeds) for seeds in before)
+        say(
+            f"Verdicts were seen with {looks} seeds before. Looks share the level of 0.05, which "
+            "these numbers take into account.",
+            sys.stdout,
+        )
+    if finished is not None:
+        _print_wanted(finished)
+
+
+def _seen_before(spec: PanelSpec, panel: Panel) -> list[int]:
+    """Seeds at looks at other seeds or episodes than these."""
+    now = (len(spec.seeds), spec.episodes)
+    return [look.seeds for look in panel.looks if (look.seeds, look.episodes) != now]
 
 
 def _print_wanted(panel: Panel) -> None:

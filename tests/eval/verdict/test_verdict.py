@@ -20,6 +20,7 @@ from integ_gym.eval.verdict.comparison import (
     compare_policies,
 )
 from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
+from integ_gym.eval.verdict.looks import FIRST_SHARE
 from integ_gym.eval.verdict.loss import (
     Rates,
     p_overfitting_exceeds,
@@ -148,10 +149,10 @@ def test_not_learned_gets_a_mark_and_leaves_the_family() -> None:
     assert not_learned.p_exceeds is None
     assert not_learned.p_equivalent_adjusted is None
     assert "0.49" in not_learned.reason
-    assert learned.p_exceeds_adjusted == learned.p_exceeds
     with_both = judge_family([Comparison("not", rates(GOOD, GOOD, MIDDLE), SOLVED), family[1]])
     assert learned.p_exceeds is not None
-    assert with_both[1].p_exceeds_adjusted == pytest.approx(2.0 * learned.p_exceeds)
+    assert learned.p_exceeds_adjusted == pytest.approx(learned.p_exceeds / FIRST_SHARE)
+    assert with_both[1].p_exceeds_adjusted == pytest.approx(2.0 * learned.p_exceeds / FIRST_SHARE)
 
 
 @pytest.mark.parametrize("status", ["too_slow", "unachievable", "undecided"])
@@ -169,7 +170,7 @@ def test_cells_that_are_not_achievable_are_marked_and_leave_the_family_if_known(
     assert judged.verdict == "fails"
     assert judged.p_exceeds is not None
     counted = 2.0 if status == "undecided" else 1.0
-    assert judged.p_exceeds_adjusted == pytest.approx(counted * judged.p_exceeds)
+    assert judged.p_exceeds_adjusted == pytest.approx(counted * judged.p_exceeds / FIRST_SHARE)
 
 
 def test_home_success_of_exactly_one_half_is_learned() -> None:
@@ -177,7 +178,7 @@ def test_home_success_of_exactly_one_half_is_learned() -> None:
 
 
 def test_each_test_is_corrected_over_the_family() -> None:
-    borderline = [0.5, 0.3, 0.6, 0.4] * 3
+    borderline = [0.5, 0.3, 0.55, 0.4] * 3
     family = [
         Comparison(f"c{k}", rates(GOOD + GOOD[:2], GOOD, borderline), SOLVED) for k in range(6)
     ]
@@ -186,10 +187,14 @@ def test_each_test_is_corrected_over_the_family() -> None:
     assert alone[0].verdict == "fails"
     assert found[0].verdict == "inconclusive"
     assert [f.name for f in found] == [c.name for c in family]
-    exceeds = [f.p_exceeds for f in found if f.p_exceeds is not None]
-    equivalent = [f.p_equivalent for f in found if f.p_equivalent is not None]
-    assert [f.p_exceeds_adjusted for f in found] == holm(exceeds).tolist()
-    assert [f.p_equivalent_adjusted for f in found] == holm(equivalent).tolist()
+    exceeds = holm([f.p_exceeds for f in found if f.p_exceeds is not None]) / FIRST_SHARE
+    assert [f.p_exceeds_adjusted for f in found] == [*np.minimum(exceeds[:-1], 1.0), 1.0]
+    many = judge_family(
+        [Comparison(f"c{k}", rates([1.0] * 40, None, [1.0] * 40), SOLVED) for k in range(3)]
+    )
+    equivalent = holm([f.p_equivalent for f in many if f.p_equivalent is not None]) / FIRST_SHARE
+    assert [f.p_equivalent_adjusted for f in many] == equivalent.tolist()
+    assert {f.p_equivalent_adjusted for f in found} == {1.0}, "12 seeds are too few to test it"
 
 
 def test_judgements_are_plain_data() -> None:
@@ -386,13 +391,26 @@ def test_reversals_are_corrected_over_the_informative_cells() -> None:
     """One borderline reversal rejects alone, but not as one of many cells looked at."""
     a, b = [0.55, 0.6, 0.5, 0.4, 0.5, 0.5, 0.5, 0.5], [0.9, 0.95, 0.8, 1.0, 0.9, 0.8, 0.9, 0.9]
     p = unpaired_difference(a, b).p_less()
-    assert 0.05 / 10 < p < 0.05 / 3
+    assert 0.05 / 10 < p / FIRST_SHARE < 0.05 / 3
     assert claim(cell("one", a, b)).outcome == "rejected"
     others = [cell(f"other{k}", GOOD, GOOD) for k in range(7)]
     found = claim(cell("one", a, b), *others, *[cell("dead", ZERO, ZERO)])
     assert found.outcome == "accepted"
     assert found.cells[0].p_reversal == p
-    assert found.cells[0].p_reversal_adjusted == pytest.approx(10 * p)
+    assert found.cells[0].p_reversal_adjusted == pytest.approx(10 * p / FIRST_SHARE)
+
+
+def test_a_win_that_is_seen_again_must_be_clearer() -> None:
+    a, b = [0.8, 0.9, 0.7, 0.9, 0.8, 0.85, 0.75, 0.9], [0.5, 0.45, 0.6, 0.5, 0.4, 0.55, 0.5, 0.6]
+    first, later = (
+        compare_policies(
+            [cell("fine", a, b, "quarter_step"), cell("truth", a, b, "reference")], seen
+        )
+        for seen in ((), (5, 6, 7))
+    )
+    assert (first.outcome, later.outcome) == ("accepted", "rejected")
+    assert later.cells[0].p_win == first.cells[0].p_win
+    assert later.cells[0].p_win_adjusted == pytest.approx(24 * (first.cells[0].p_win_adjusted or 0))
 
 
 def test_findings_are_plain_data() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....statistics import holm, paired_return, paired_success
+from ....verdict import adjust_for_look, share_of_look
 from ...model import Estimate, PairedEpisodes
 from ..layout import PanelLayout
 from ..matrix import Matrix, Row
@@ -32,7 +33,8 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
     earned = _mixed(matrix, row.name, "return", shares)
     rates = [paired_success(success, _of(matrix, row.name, "success", cell)) for cell in tested]
     means = [_return(earned, _of(matrix, row.name, "return", cell)) for cell in tested]
-    adjusted = holm([p for _, p in rates]).tolist()
+    share = share_of_look(max(1, len(layout.looks)))
+    adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
     corrected = iter(holm(known).tolist())
     for cell, (interval, p), own, p_adjusted in zip(tested, rates, means, adjusted, strict=True):
@@ -46,7 +48,7 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
             p_success_adjusted=p_adjusted,
             returns=own and own[0],
             p_return=own and own[1],
-            p_return_adjusted=own and next(corrected),
+            p_return_adjusted=own and adjust_for_look(next(corrected), share),
         )
 
 

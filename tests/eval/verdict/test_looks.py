@@ -1,0 +1,96 @@
+"""Looks at a run that grows share the level, whatever there is to see."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from integ_gym.eval.verdict.achievability import Achieved
+from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
+from integ_gym.eval.verdict.looks import adjust_for_look, share_of_look, shares_of
+from integ_gym.eval.verdict.loss import Rates
+from integ_gym.eval.verdict.power import fewest_seeds, seeds_wanted, verdict_chances
+
+SOLVED = Achieved("achievable", "It is solved.")
+
+
+def _judged(seeds: int, lost: int, before: tuple[int, ...]) -> Judgement:
+    """So many seeds of which some always fail elsewhere, and all others always succeed."""
+    there = np.r_[np.zeros(lost), np.ones(seeds - lost)]
+    rates = Rates(np.ones(seeds), there, there, np.ones(seeds), np.ones(100))
+    (judged,) = judge_family([Comparison("x", rates, SOLVED)], before, draws=20_000)
+    return judged
+
+
+def _wrong(looks: tuple[int, ...]) -> float:
+    """Chance of `transfers` at any look where one seed in ten is lost, exactly."""
+    chances, before, total = np.array([1.0]), 0, 0.0
+    for place, seeds in enumerate(looks):
+        added = binom.pmf(np.arange(seeds - before + 1), seeds - before, 0.1)
+        chances, before = np.convolve(chances, added), seeds
+        for lost in range(seeds + 1):
+            if _judged(seeds, lost, looks[:place]).verdict != "transfers":
+                break
+            total += float(chances[lost])
+            chances[lost] = 0.0
+    return total
+
+
+@pytest.mark.parametrize(
+    ("looks", "chance"),
+    [
+        ((42,), 0.012),
+        ((42, 52), 0.012),
+        ((30, 42, 52, 64), 0.012),
+        ((10, 23, 36, 49, 62, 75, 88, 100), 0.023),
+    ],
+)
+def test_a_wrong_verdict_at_any_look_is_as_rare_as_at_one(looks, chance):
+    """Without spending these are 0.012, 0.031, 0.072 and 0.063."""
+    assert _wrong(looks) == pytest.approx(chance, abs=0.006)
+
+
+def test_all_looks_together_have_the_level():
+    shares = [share_of_look(number) for number in range(1, 40)]
+    assert shares[:3] == [0.75, 0.125, 0.0625]
+    assert sum(shares) == pytest.approx(1.0)
+    assert all(later < before for before, later in pairwise(shares))
+
+
+def test_a_look_spends_nothing_on_a_test_that_is_not_made():
+    first = shares_of(42)
+    assert (first.exceeds, first.equivalent) == (0.75, 0.75)
+    assert shares_of(42, (4, 3)) == first
+    assert shares_of(42, (10, 32)).equivalent == first.equivalent
+    assert shares_of(42, (10, 32)).exceeds == share_of_look(3)
+    assert (shares_of(32).exceeds, shares_of(32).equivalent) == (0.75, 0.0)
+    assert shares_of(4).levels == (0.0, 0.0)
+
+
+def test_adjusted_p_values_are_held_against_the_whole_level():
+    assert adjust_for_look(0.02, 0.5) == 0.04
+    assert adjust_for_look(0.6, 0.5) == 1.0
+    assert adjust_for_look(0.0001, 0.0) == 1.0
+    first, later = _judged(50, 0, ()), _judged(50, 0, (42,))
+    assert first.p_equivalent == later.p_equivalent
+    assert first.p_equivalent_adjusted == pytest.approx((first.p_equivalent or 0.0) / 0.75)
+    assert later.p_equivalent_adjusted == pytest.approx((first.p_equivalent or 0.0) * 8.0)
+    few = _judged(32, 0, ())
+    assert few.p_equivalent_adjusted == 1.0
+    assert "at least 33 seeds are needed" in few.reason
+
+
+def test_what_more_seeds_can_show_counts_the_looks_before():
+    assert fewest_seeds(2, (42,)) > fewest_seeds(2) + 10
+    between = np.r_[np.zeros(1), np.ones(41)]
+    rates = Rates(np.ones(42), between, between)
+    first, third = seeds_wanted(rates, 1), seeds_wanted(rates, 1, (36, 42))
+    assert first is not None
+    assert third is not None
+    assert third > first
+    alone, later = (verdict_chances(44, 44, 20, 1, before, repeats=8) for before in ((), (42,)))
+    assert alone[0].transfers[1] > 0.7
+    assert later[0].transfers[1] == 0.0
