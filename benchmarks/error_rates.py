@@ -1,7 +1,7 @@
 """Do a panel's verdicts and intervals keep their promises?
 
     python benchmarks/error_rates.py [--seeds 10 20 48 64] [--family 4] [--starts 20]
-                                     [--repeats 400] [--looks 32 40] [--json FILE]
+                                     [--repeats 400] [--looks 32 40] [--wrong] [--json FILE]
 
 Simulates families of declared transfers in three worlds: seeds that succeed from every start or
 from none, seeds whose rates vary smoothly (Beta laws), and a mixture (half of what is missing to 1
@@ -10,7 +10,8 @@ hand-made controller has 100. It prints how often a family is given any wrong `f
 `transfers` where overfitting is exactly at a margin (at most 0.05 is promised), how often a
 comparison is given its right verdict where overfitting is far from the margins, and how often the
 95 % intervals of overfitting and of a plain success rate hold the truth. With `--looks`, verdicts
-are also seen at these numbers of seeds, and one counts that is given at any look.
+are also seen at these numbers of seeds, and one counts that is given at any look. `--wrong` leaves
+out the comparisons whose verdict would be right.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ def measure(
         looks = [count for count in given.looks if count < seeds]
         seen = [[_first(one, count) for one in family] for count in looks]
         told = [
-            [j.verdict == case.asked for j in judge_family(f, draws=DRAWS)] for f in (*seen, family)
+            [j.verdict == case.asked for j in judge_family(f, looks[:k], draws=DRAWS)]
+            for k, f in enumerate((*seen, family))
         ]
         verdicts.append(np.any(told, axis=0))
         found = split(family[0].rates, draws=DRAWS).overfitting
@@ -129,7 +131,8 @@ def measure(
 def simulate(given: argparse.Namespace) -> Iterator[dict[str, object]]:
     """All cases in all worlds."""
     rng = np.random.default_rng(given.seed)
-    plan = [(c, w, n) for n in given.seeds for c in CASES for w in WORLDS]
+    cases = [case for case in CASES if case.wrong or not given.wrong]
+    plan = [(case, world, seeds) for seeds in given.seeds for case in cases for world in WORLDS]
     for case, world, seeds in tqdm(plan, unit=" cases"):
         yield measure(case, world, seeds, given, rng)
 
@@ -146,12 +149,14 @@ def main() -> None:
     parser.add_argument(
         "--looks", type=int, nargs="*", default=[], help="seeds at which verdicts are seen before"
     )
+    parser.add_argument("--wrong", action="store_true", help="only wrong verdicts")
     parser.add_argument("--seed", type=int, default=0, help="of the simulation")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     found = list(simulate(given))
-    for wrong, title in ((True, "wrong verdicts at the margins"), (False, "right verdicts")):
-        print(f"\n{title}, families of {given.family}, {given.starts} starts per seed")
+    titles = {True: "wrong verdicts at the margins", False: "right verdicts"}
+    for wrong in sorted({bool(one["wrong"]) for one in found}, reverse=True):
+        print(f"\n{titles[wrong]}, families of {given.family}, {given.starts} starts per seed")
         chosen = [one for one in found if one["wrong"] is wrong]
         names = [name for name in chosen[0] if name != "wrong"]
         results.print_table(names, [[_cell(one[name]) for name in names] for one in chosen])

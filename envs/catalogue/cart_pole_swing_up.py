@@ -57,8 +57,9 @@ class IntegCartPoleSwingUpEnv(IntegEnv, Env[Any, Any]):
 
     ## Rewards
 
-    At most 1 per 0.02 s, taken at the start of the control period and proportional to
-    `control_period`: ½ (1 + cos θ) · (1 − ½ min(1, |x| / `track_limit`)²) · (1 − 0.1 (F / `max_force`)²).
+    At most 1 per 0.02 s, proportional to `control_period`, of the state at the start of the control
+    period and the mean over the period of the squared force applied (under `action_latency` that
+    of earlier decisions): ½ (1 + cos θ) · (1 − ½ min(1, |x| / `track_limit`)²) · (1 − 0.1 (F / `max_force`)²).
 
     ## Starting State
 

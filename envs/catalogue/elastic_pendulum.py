@@ -55,8 +55,9 @@ class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):
 
     ## Rewards
 
-    At most 1 per 0.02 s, taken at the start of the control period and proportional to
-    `control_period`: (1 − 0.1 (F / `max_force`)²) / (1 + (x / 0.1 m)² + (0.3 s · ẋ / 0.1 m)²).
+    At most 1 per 0.02 s, proportional to `control_period`, of the state at the start of the control
+    period and the mean over the period of the squared force applied (under `action_latency` that of
+    earlier decisions): (1 − 0.1 (F / `max_force`)²) / (1 + (x / 0.1 m)² + (0.3 s · ẋ / 0.1 m)²).
 
     ## Starting State
 

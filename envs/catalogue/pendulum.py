@@ -52,9 +52,10 @@ class IntegPendulumEnv(IntegEnv, Env[Any, Any]):
 
     ## Rewards
 
-    −(θ² + 0.1 θ̇² + 0.001 τ²) per 0.05 s, θ wrapped, taken at the start of the control period and
-    proportional to `control_period`: at 0.05 s it is that of ``Pendulum-v1``, and returns compare
-    across discretizations.
+    −(θ² + 0.1 θ̇² + 0.001 τ²) per 0.05 s, θ wrapped. θ and θ̇ are those at the start of the
+    control period; τ² is the mean over the period of the squared torque in force, under
+    `action_latency` that of earlier decisions. Proportional to `control_period`: at 0.05 s it is
+    that of ``Pendulum-v1``, and returns compare across discretizations.
 
     ## Starting State
 

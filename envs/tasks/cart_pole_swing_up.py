@@ -62,7 +62,7 @@ class CartPoleSwingUp(BoxTask):
         terminated: Component,
         control_period: float,
     ) -> Component:
-        """Product of height, centring and gentleness at the start of the control period."""
+        """Product of height and centring at the start of the period and gentleness in it."""
         height = 0.5 * (1.0 + ops.cos(q[1]))
         away = ops.minimum(abs(q[0]) / self.track_limit, 1.0)
         effort = mean_square_control / (self.max_force * self.max_force)

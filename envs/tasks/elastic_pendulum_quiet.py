@@ -60,7 +60,7 @@ class ElasticPendulumQuiet(BoxTask):
         terminated: Component,
         control_period: float,
     ) -> Component:
-        """Nearness to rest times gentleness at the start of the control period."""
+        """Nearness to rest at the start of the period times gentleness in it."""
         away, speed = q[0] / NEAR_PLUMB, SWING_TIME * v[0] / NEAR_PLUMB
         effort = mean_square_control / (self.max_force * self.max_force)
         share = (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)

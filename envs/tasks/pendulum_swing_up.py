@@ -57,7 +57,7 @@ class PendulumSwingUp(BoxTask):
         terminated: Component,
         control_period: float,
     ) -> Component:
-        """Quadratic cost at the start of the control period."""
+        """Quadratic cost of the state at the start of the period, and of the control in it."""
         angle = wrapped(ops, q[0])
         cost = angle * angle + 0.1 * (v[0] * v[0]) + 0.001 * mean_square_control
         return -cost * (control_period / GYMNASIUM_STEP)

@@ -274,7 +274,8 @@ _REPLAYS = _group(
     "replays",
     _replayed(
         "replay_home",
-        "whether the same policy succeeds from the same start at home; null: not run, or no other",
+        "whether the same policy succeeds from the same start at home, in a perturbed cell at home "
+        "under the same perturbation; null: not run, or no other",
     ),
     _replayed("replay_without_noise", "the same without observation noise; null: not run"),
     _replayed(
