@@ -318,19 +318,8 @@ class RunDirectory:
             self.note(**{_LOOKS: msgspec.to_builtins([*looks, seen])})
 
     def looks(self) -> list[Seen]:
-        """What there was at every look at verdicts, in order.
-
-        Raises:
-            RunDirectoryError: if the manifest is damaged there.
-        """
-        held = self.manifest().get(_LOOKS, [])
-        try:
-            return msgspec.convert(held, list[Seen])
-        except msgspec.ValidationError as error:
-            raise RunDirectoryError(
-                f"{self.path / MANIFEST} does not say at which seeds verdicts were seen ({error}); "
-                "restore it from a copy, or give another directory with --out"
-            ) from None
+        """What there was at every look at verdicts, in order."""
+        return _looks_in(self.manifest())
 
     def lost_looks(self) -> Iterator[str]:
         """Units that were finished after looks at verdicts which ``run.json`` does not tell."""
@@ -670,11 +659,15 @@ def read_manifest(path: Path) -> dict[str, Any]:
     remedy = "restore it from a copy, or give another directory with --out"
     kinds: Kinds = {"specification": dict, "versions": dict}
     held = _read(path, kinds, remedy)
-    for name in (_LOOKS, _EPISODE_LOOKS):
-        seen = held.get(name, [])
-        if not (isinstance(seen, list) and all(type(count) is int for count in seen)):
-            raise RunDirectoryError(f"{path} is damaged: {name!r} must be whole numbers; {remedy}")
+    try:
+        _looks_in(held)
+    except msgspec.ValidationError as error:
+        raise RunDirectoryError(f"{path} is damaged at {_LOOKS!r}: {error}; {remedy}") from None
     return held
+
+
+def _looks_in(manifest: Mapping[str, Any]) -> list[Seen]:
+    return msgspec.convert(manifest.get(_LOOKS, []), list[Seen])
 
 
 def _is_cut_off(file: Path) -> bool:

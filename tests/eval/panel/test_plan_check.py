@@ -235,13 +235,14 @@ def test_a_look_that_is_dropped_is_named(run, capsys):
     held = json.loads(marker.read_text())
     assert "after" not in held, "this was before the first look"
     directory = RunDirectory(run, {})
-    directory.note(looks=[1, 2])
+    looks = [{"seeds": seeds, "episodes": 2, "natives": 0} for seeds in (1, 2)]
+    directory.note(looks=looks)
     directory.finish("train-late", "key", 0.0, policy="p")
     late = json.loads((run / "units" / "train-late.json").read_text())
     assert list(directory.lost_looks()) == []
     (run / "units" / "train-late.json").unlink()
     marker.write_text(json.dumps(held | {"after": late["after"]}))
-    directory.note(looks=[2])
+    directory.note(looks=looks[1:])
     (run / "seal.json").unlink()
     seal(run)
     assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
