@@ -458,7 +458,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if not noise:
             return observation
         space = self.single_observation_space
-        for lane in np.flatnonzero(sampled):
+        for lane in np.flatnonzero(sampled).tolist():
             self._noise[lane] = noise * self._noise_streams[lane].standard_normal(
                 self._noise.shape[1]
             )
