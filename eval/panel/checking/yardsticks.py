@@ -53,6 +53,9 @@ _COLUMNS = (
     *("home_success", "cell_status"),
 )
 
+_PLAIN = " AND ".join(f"{{0}}{name} IS NULL" for name in _COLUMNS)
+"""Whether records say nothing of replays, as those of second horizons and attempts do."""
+
 _EVALUATED = f"""
 SELECT record_id, policy_id, cell, episode_index, success, schema_version, {", ".join(_COLUMNS)}
 FROM records WHERE phase = 'evaluation' ORDER BY policy_id, cell, episode_index
@@ -63,7 +66,9 @@ SELECT s.record_id, s.policy_id, s.cell, s.episode_index, s.success, s.trace_eve
        s.arguments, e.arguments AS own, s.seed IS NOT DISTINCT FROM e.seed
        AND s.policy_hash = e.policy_hash AND s.engine IS NOT DISTINCT FROM e.engine
        AND s.perturbation IS NOT DISTINCT FROM e.perturbation
-       AND s.training_discretization IS NOT DISTINCT FROM e.training_discretization AS same
+       AND s.training_discretization IS NOT DISTINCT FROM e.training_discretization
+       AND s.training_seed IS NOT DISTINCT FROM e.training_seed
+       AND {_PLAIN.format("s.")} AS same
 FROM records s LEFT JOIN (SELECT * FROM records WHERE phase = 'evaluation') e
 ON s.policy_id = e.policy_id AND s.cell = e.cell AND s.episode_index = e.episode_index
 WHERE s.phase = '{SECOND_HORIZON}'
@@ -71,7 +76,8 @@ WHERE s.phase = '{SECOND_HORIZON}'
 
 _ATTEMPTS = f"""
 SELECT record_id, phase, cell, policy_id, policy_hash, episode_index, seed, success, arguments,
-       trace_every, perturbation
+       trace_every, perturbation, training_discretization, training_seed,
+       {_PLAIN.format("")} AS plain
 FROM records WHERE phase IN ('{ATTEMPT}', '{LATER_ATTEMPT}')
 """
 
@@ -103,7 +109,8 @@ def of_replays(
         if not row["same"] or not _is_twice(spec, row["arguments"], row["own"]):
             message = "is no second horizon of an evaluation: seed, policy or setup is another"
             yield Finding("evidence", row["record_id"], message)
-        yield from _traced(row, spec.episodes)
+        parts = (one for one in spec.parts() if row["episode_index"] in one.latest)
+        yield from _of_row(row, {"trace_every": next(parts, spec).episodes})
         later[row["policy_id"], row["cell"]][row["episode_index"]] = row["success"]
     rows: dict[str, dict[str, list[dict[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     for row in store.query(_EVALUATED).to_pylist():
@@ -248,7 +255,7 @@ def _of_rows(
                 continue
             failed = failed or not row["success"]
             seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, len(spec.start_sets) * spec.episodes)
+            yield from _of_attempt(row, seed, controller, spec)
             if arguments is not None and argument_values(row["arguments"]) != argument_values(
                 arguments
             ):
@@ -262,27 +269,26 @@ def _of_rows(
                 yield Finding(file, None, message)
                 continue
             seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, len(spec.start_sets) * spec.episodes)
+            yield from _of_attempt(row, seed, controller, spec)
             if not _is_twice(spec, row["arguments"], arguments):
                 yield Finding(file, row["record_id"], "its setup is not that of its cell")
 
 
 def _of_attempt(
-    row: Mapping[str, Any], seed: int, controller: str, trace_every: int
+    row: Mapping[str, Any], seed: int, controller: str, spec: PanelSpec
 ) -> Iterator[Finding]:
-    wanted = {"seed": seed, "policy_hash": controller, "policy_id": HANDMADE, "perturbation": None}
+    """What an attempt's record says that is not as it was to be tried."""
+    wanted: dict[str, Any] = {"seed": seed, "policy_hash": controller, "policy_id": HANDMADE}
+    wanted |= {"perturbation": None, "training_discretization": None, "training_seed": None}
+    wanted |= {"plain": True, "trace_every": len(spec.start_sets) * spec.episodes}
+    yield from _of_row(row, wanted)
+
+
+def _of_row(row: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
     for name, value in wanted.items():
         if row[name] != value:
             message = f"`{name}` is recorded as {row[name]!r}, and planned as {value!r}"
             yield Finding("evidence", row["record_id"], message)
-    yield from _traced(row, trace_every)
-
-
-def _traced(row: Mapping[str, Any], most: int) -> Iterator[Finding]:
-    """That a record has another share of traces than it was to have, which grows with episodes."""
-    if not 0 < row["trace_every"] <= most or row["trace_every"] <= row["episode_index"]:
-        message = f"`trace_every` is recorded as {row['trace_every']!r}, of at most {most}"
-        yield Finding("evidence", row["record_id"], message)
 
 
 def _searched_again(
