@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .census import PUBLISHED, render_census, row, take_census
     from .diagnosis import DIAGNOSIS_PAGE, Request, diagnose, drift_example, print_diagnosis
     from .film import Film, candidates, check_writable, show_film, side_by_side, watch
+    from .loss_check import Check, CheckedCell, check
     from .panel import (
         BUILT_IN,
         FILE_NAME,

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         numerics,
         rediscretize,
     )
-    from integ_gym.eval import evaluate, read_panel, run_panel, side_by_side
+    from integ_gym.eval import check, evaluate, read_panel, run_panel, side_by_side
     from integ_gym.evidence import (
         EpisodeContext,
         EvidenceStore,
@@ -82,6 +82,7 @@ __all__ = [
     "Testbed",
     "TrainingEvidence",
     "along",
+    "check",
     "discretization_gap",
     "evaluate",
     "functional",

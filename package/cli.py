@@ -18,6 +18,7 @@ COMMANDS = {
     "panel": "train and evaluate a whole panel (the main job)",
     "train": "train one policy with PPO",
     "evaluate": "evaluate an existing policy",
+    "check": "measure what a discretization costs, in about a minute",
     "atlas": "run one panel at several limits of the control",
     "diagnose": "check integrators against theory",
     "engines": "tell what every engine really does",
@@ -33,6 +34,7 @@ NEEDS = {
     "panel": "panel",
     "train": "train",
     "evaluate": "report",
+    "check": "panel",
     "atlas": "panel",
     "diagnose": "report",
     "engines": "evidence",
@@ -49,6 +51,7 @@ examples:
   integ-gym panel --out runs/panel
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
+  integ-gym check --integrator symplectic_euler --dt 0.05 --env-arg max_torque=0.7
   integ-gym diagnose --plant pendulum --integrator rk4
   integ-gym engines
   integ-gym census --out runs/census

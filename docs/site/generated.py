@@ -47,7 +47,7 @@ API = {
     "judging": (
         "Judging",
         "Panels, policies that exist, and films.",
-        ("evaluate", "run_panel", "read_panel", "side_by_side"),
+        ("evaluate", "check", "run_panel", "read_panel", "side_by_side"),
     ),
     "evidence": (
         "Evidence",

@@ -66,6 +66,7 @@ def run_panel(
     address: str | None = None,
     resources: Resources | None = None,
     lease: float = LEASE,
+    staged: bool = True,
 ) -> Panel:
     """Train and evaluate all that is not finished yet, and write the panel's directory.
 
@@ -83,6 +84,7 @@ def run_panel(
         address: of a running cluster of Ray or Dask; by default one is started on this machine.
         resources: of each worker of such an engine.
         lease: in an object store, time of silence after which this call is taken for dead, s.
+        staged: whether pages are written before the last seed is there.
 
     Returns:
         What ``panel.json`` holds.
@@ -112,7 +114,7 @@ def run_panel(
         count = cluster.workers if shared else workers or cores()
         write = partial(_write, directory, command=command, workers=count, progress=progress)
         before = directory.markers("")
-        every = stages(given)
+        every = stages(given) if staged else (given,)
         for number, stage in enumerate(every, 1):
             label = f"panel {given.name}" + (f" {number}/{len(every)}" if len(every) > 1 else "")
             new = (

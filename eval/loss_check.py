@@ -1,0 +1,313 @@
+"""What a policy loses on the truth by the discretization it learned in, measured by a small panel.
+
+A few training seeds learn in one discretization and are judged there, at half and at a quarter of
+its step, and on the truth. The number of seeds grows until the interval of the loss is narrow.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+
+from integ_gym.envs import DISCRETIZATION, NATIVE, Discretization, is_integ_environment, testbed_of
+from integ_gym.support import require
+
+from .panel import Panel, PanelSpec, SpecError, grown, read_panel, run_panel
+from .panel.model.files import FILE_NAME
+from .panel.running.panel import check_spec
+from .panel.specification.cells.cell import file_name
+from .panel.specification.checks import check_parts
+from .statistics import Interval, paired_difference
+from .verdict import FAIL_MARGIN, LEARNED
+
+NARROW: Final = 0.2
+"""Half-width of the interval at which no more seeds are trained."""
+
+FIRST_SEEDS, MOST_SEEDS, SEEDS_TOGETHER = 12, 32, 4
+"""Seeds that are trained first, at most, and in multiples of which their number grows."""
+
+LEVEL: Final = 0.95
+"""Of the interval that is told."""
+
+NOMINAL: Final = 0.97
+"""Of the posterior interval that is taken for it, because a check stops by the interval's width:
+`benchmarks/check_coverage.py` simulates how often it holds the loss."""
+
+EPISODES = 20
+"""Starts of every seed, its own and the same in every cell."""
+
+_SWING_UP = {
+    "batch_size": 512,
+    "gae_lambda": 0.9,
+    "learning_rate": 2e-3,
+    "learning_rate_end": 0.0,
+}
+
+TRAINING: Final[Mapping[str, Mapping[str, Any]]] = {
+    "IntegPendulum-v0": {"total_steps": 300_000, **_SWING_UP},
+    "IntegCartPoleSwingUp-v0": {"total_steps": 800_000, **_SWING_UP},
+    "IntegElasticPendulum-v0": {"total_steps": 200_000, **_SWING_UP},
+}
+"""Hyperparameters where they are not the trainer's own, by environment."""
+
+
+@dataclass(frozen=True)
+class CheckedCell:
+    """What the policies did in one discretization.
+
+    Attributes:
+        name: of the cell.
+        success: rate over seeds and starts, in [0, 1].
+        recovered: the same within one horizon or two.
+        loss: success at home less that, with its interval; None at home.
+    """
+
+    name: str
+    success: float
+    recovered: float
+    loss: Interval | None
+
+
+@dataclass(frozen=True)
+class Check:
+    """What policies lose by the discretization that they learned in.
+
+    Attributes:
+        panel: what was run, as ``panel.json`` holds it.
+        directory: of the run.
+        seeds: training seeds.
+        starts: of each seed.
+        home: where they learned.
+        truth: what they are held against; without a reference the finest step.
+        exact: whether that is the reference.
+        cells: home first, then finer steps, the truth last.
+    """
+
+    panel: Panel
+    directory: Path
+    seeds: int
+    starts: int
+    home: CheckedCell
+    truth: CheckedCell
+    exact: bool
+    cells: tuple[CheckedCell, ...]
+
+    @property
+    def loss(self) -> Interval:
+        """Success at home less success on the truth, with its interval over seeds and starts."""
+        assert self.truth.loss is not None
+        return self.truth.loss
+
+    @property
+    def half_width(self) -> float:
+        """Of the interval of the loss."""
+        return 0.5 * (self.loss.high - self.loss.low)
+
+    @property
+    def learned(self) -> bool:
+        """Whether the task was learned at home."""
+        return self.home.success >= LEARNED
+
+    @property
+    def cause(self) -> Literal["yes", "no", "undecided"]:
+        """Whether the discretization costs success.
+
+        `yes` where the interval of the loss is above 0, `no` where it ends below 0.2.
+        """
+        if self.loss.low > 0.0:
+            return "yes"
+        return "no" if self.learned and self.loss.high < FAIL_MARGIN else "undecided"
+
+    @property
+    def seconds_per_seed(self) -> float:
+        """Time that one more seed takes with as many workers, s."""
+        return self.panel.cost.wall_seconds / self.seeds
+
+    def half_width_with(self, seeds: int) -> float:
+        """Of the interval that so many seeds in all are expected to give."""
+        return self.half_width * math.sqrt((self.seeds + 1) / (seeds + 1))
+
+    def __str__(self) -> str:
+        """The answer in one line."""
+        where = "on the truth" if self.exact else f"at {self.truth.name}"
+        lost, home = self.loss, self.home
+        told = (
+            f"At home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
+            f"{lost.estimate:z.2f} (95 % interval {lost.low:z.2f} to {lost.high:z.2f}): "
+        )
+        if not self.learned:
+            return f"{told}too little was learned on {home.name} to lose it."
+        if self.cause == "yes":
+            return f"{told}{home.name} is the cause."
+        if self.cause == "no":
+            most = max(lost.high, 0.0)
+            return f"{told}{home.name} is not a cause of losing more than {most:.2f}."
+        return f"{told}undecided whether {home.name} is a cause."
+
+
+def check(
+    env_id: str = "IntegPendulum-v0",
+    *,
+    integrator: str,
+    dt: float,
+    control_period: float | None = None,
+    engine: str | None = None,
+    environment: Mapping[str, Any] | None = None,
+    training: Mapping[str, Any] | None = None,
+    trainer: str | None = None,
+    seeds: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    command: str = "integ_gym.check",
+) -> Check:
+    """Measure what policies lose on the truth by the discretization that they learn in.
+
+    Args:
+        env_id: one of integ-gym's environments, a MuJoCo task of Gymnasium's, or a testbed.
+        integrator: that policies learn on.
+        dt: integration step that they learn with, s.
+        control_period: time between two decisions, s; by default the task's only one, or ``dt``.
+        engine: of the integrator; by default the task's own.
+        environment: other constructor arguments.
+        training: hyperparameters that differ from the check's own, such as ``total_steps``.
+        trainer: ``"fleet"`` or ``"sb3"``; by default the fleet where it can train the task.
+        seeds: how many train; by default 12, and up to 32 until the interval's half-width is 0.2.
+        out: directory of the run; by default one in ``runs/check``, named after what is checked.
+            What is finished there is not run again.
+        workers: processes; by default one per core.
+        progress: show a bar with the remaining time on stderr.
+        command: how to run this again, for the page.
+
+    Raises:
+        SpecError, TypeError, ValueError: for what cannot be run, before anything is.
+        PanelError, TrainingError: if a unit of work fails; what was finished stays.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("report", "evidence")
+    home = _home(env_id, integrator, dt, control_period, engine, environment or {})
+    spec = _specified(env_id, home, environment or {}, training or {}, trainer)
+    if seeds is not None:
+        spec = grown(spec, seeds)
+    place = Path(out) if out is not None else _folder(spec)
+    if seeds is None:
+        spec = grown(spec, _seeds_in(place))
+    while True:
+        panel = run_panel(
+            spec, place, workers=workers, progress=progress, command=command, staged=False
+        )
+        found = _measured(panel, place, home)
+        wanted = wanted_seeds(found.seeds, found.half_width)
+        if seeds is not None or wanted == found.seeds:
+            return found
+        spec = grown(spec, wanted)
+
+
+def _home(
+    env_id: str,
+    integrator: str,
+    dt: float,
+    control_period: float | None,
+    engine: str | None,
+    environment: Mapping[str, Any],
+) -> Discretization:
+    """What the policies learn in."""
+    for name in DISCRETIZATION:
+        if name in environment:
+            raise ValueError(f"`environment` gives `{name}`; give it as an argument of its own")
+    testbed = testbed_of(env_id, environment)
+    period = control_period or testbed.control_period or dt
+    home = Discretization(integrator, dt, period, engine or testbed.home.engine)
+    if home.integrator == "reference" and home.engine == NATIVE:
+        raise ValueError(
+            "`reference` is the truth itself, so that nothing can be lost on it; check another "
+            "integrator"
+        )
+    return home
+
+
+def _specified(
+    env_id: str,
+    home: Discretization,
+    environment: Mapping[str, Any],
+    training: Mapping[str, Any],
+    trainer: str | None,
+) -> PanelSpec:
+    """The panel with its first seeds, checked; trained by the fleet where that can."""
+    spec = PanelSpec(
+        name=f"check {home.name}",
+        question=f"What does a policy that learns on {home.name} lose on the truth?",
+        env_id=env_id,
+        control_period=home.control_period,
+        environment=dict(environment),
+        training={**TRAINING.get(env_id, {}), **training},
+        trainer=trainer or ("fleet" if is_integ_environment(env_id) else "sb3"),
+        train=(home,),
+        grid=tuple(replace(home, dt=home.dt / parts) for parts in (1, 2, 4)),
+        seeds=tuple(range(FIRST_SEEDS)),
+        ladder=False,
+        episodes=EPISODES,
+        trace_every=4,
+    )
+    check_parts(spec)
+    try:
+        check_spec(spec)
+    except SpecError:
+        if trainer is not None or not spec.fleet:
+            raise
+        spec = replace(spec, trainer="sb3")
+        check_spec(spec)
+    return spec
+
+
+def _folder(spec: PanelSpec) -> Path:
+    """A run's directory, named after all that it depends on but the number of seeds."""
+    told = {name: value for name, value in spec.to_json().items() if name != "seeds"}
+    plain = msgspec.json.encode(told, order="sorted")
+    name = file_name(f"{spec.env_id}-{spec.train[0].name}")
+    return Path("runs") / "check" / f"{name}-{hashlib.sha256(plain).hexdigest()[:8]}"
+
+
+def _seeds_in(place: Path) -> int:
+    """Seeds that a finished run there has; the first ones where there is none."""
+    file = place / FILE_NAME
+    return max(FIRST_SEEDS, read_panel(file).rows[0].seeds) if file.exists() else FIRST_SEEDS
+
+
+def _measured(panel: Panel, place: Path, home: Discretization) -> Check:
+    """What a panel of one row tells, all of it from ``panel.json``."""
+    row = panel.rows[0]
+    cells = tuple(_cells(panel, row.name, home.name))
+    exact = panel.truth is not None
+    starts = panel.spec["episodes"]
+    return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, cells)
+
+
+def _cells(panel: Panel, row: str, home: str) -> Iterator[CheckedCell]:
+    """Home first, the truth last."""
+    at_home = panel.entry(row, home)
+    assert at_home is not None
+    finer = sorted((c for c in panel.cells if not c.reference), key=lambda cell: -cell.dt)
+    for cell in (*finer, *(c for c in panel.cells if c.reference)):
+        entry = panel.entry(row, cell.name)
+        assert entry is not None
+        lost = None
+        if cell.name != home:
+            own = paired_difference(at_home.success_by_seed, entry.success_by_seed, NOMINAL)
+            lost = replace(own.interval, level=LEVEL)
+        yield CheckedCell(cell.name, entry.success.estimate, entry.recovered.estimate, lost)
+
+
+def wanted_seeds(seeds: int, half_width: float) -> int:
+    """How many seeds to go on with: the same where the interval is narrow, or they are enough."""
+    if half_width <= NARROW or seeds >= MOST_SEEDS:
+        return seeds
+    needed = math.ceil(seeds * (half_width / NARROW) ** 2 / SEEDS_TOGETHER) * SEEDS_TOGETHER
+    return min(MOST_SEEDS, max(needed, seeds + SEEDS_TOGETHER))

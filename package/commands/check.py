@@ -1,0 +1,140 @@
+"""``integ-gym check``: what a discretization costs, measured in about a minute."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS
+from integ_gym.eval import TRAINERS, Check, check
+from integ_gym.support import (
+    CommandParser,
+    add_named_values,
+    by_name,
+    fixed,
+    plural,
+    print_aligned,
+    say,
+    seconds,
+    told_command,
+    unbroken,
+    whole_number,
+)
+
+from .work_options import add_work, workers_of
+
+EXAMPLES = """\
+examples:
+  integ-gym check --integrator symplectic_euler --dt 0.05 \\
+                  --env-arg start=hanging --env-arg max_torque=0.7
+  integ-gym check --integrator explicit_euler --dt 0.025 --control-period 0.05 --seeds 24
+  integ-gym check --env IntegCartPole-v0 --integrator explicit_euler --dt 0.02 --out runs/balance
+  integ-gym check --env InvertedPendulum-v5 --integrator Euler --dt 0.02 \\
+                  --train-arg total_steps=60000
+
+The same command again goes on where it was interrupted, and answers at once when it is finished.
+"""
+_OPTIONS = {
+    "env_id": "--env", "integrator": "--integrator", "dt": "--dt",
+    "control_period": "--control-period", "engine": "--engine",
+}  # fmt: skip
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym check",
+        description="Measure what a discretization costs: train a few seeds in it, judge them "
+        "there, at half and at a quarter of the step, and on the truth (the integrator "
+        "`reference`; the finest step where there is none), and say what is lost, with its "
+        "interval over seeds and starts. About a minute for the pendulum on two idle cores. It "
+        "leaves a panel's directory with a record of every episode and a page.",
+        epilog=EXAMPLES,
+    )
+    add = made.add_argument
+    add(
+        "--env", metavar="ID", default="IntegPendulum-v0",
+        help=f"{', '.join(ENVIRONMENTS)}, any MuJoCo task of Gymnasium's, or {BRING_YOUR_OWN} "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    add("--integrator", required=True, metavar="NAME", help="that policies learn on")
+    add("--dt", required=True, type=float, metavar="S", help="integration step, s")
+    add(
+        "--control-period", type=float, metavar="S",
+        help="time between two decisions, s (default: the task's only one, or --dt)",
+    )  # fmt: skip
+    add("--engine", metavar="NAME", help="of the integrator (default: the task's own)")
+    add_named_values(made, "--env-arg", "another constructor argument")
+    add(
+        "--seeds", type=whole_number, metavar="N",
+        help="how many train (default: 12, and up to 32 until the interval's half-width is 0.2)",
+    )  # fmt: skip
+    add(
+        "--trainer", choices=TRAINERS,
+        help="the compiled fleet trainer or stable-baselines3 (default: the fleet where it can "
+        "train the task)",
+    )  # fmt: skip
+    add_named_values(made, "--train-arg", "a hyperparameter, such as total_steps=100000")
+    add(
+        "--out", type=Path, metavar="DIR",
+        help="directory of the run (default: one in runs/check, named after what is checked)",
+    )  # fmt: skip
+    add_work(made)
+    return made
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the command; returns its exit code."""
+    given = parser().parse_args(argv)
+    found = check(
+        given.env,
+        integrator=given.integrator,
+        dt=given.dt,
+        control_period=given.control_period,
+        engine=given.engine,
+        environment=by_name(given.env_arg, "--env-arg", _OPTIONS),
+        training=dict(given.train_arg),
+        trainer=given.trainer,
+        seeds=given.seeds,
+        out=given.out,
+        workers=workers_of(given),
+        progress=not given.no_progress,
+        command=told_command(["integ-gym", "check", *argv]),
+    )
+    say(str(found), sys.stdout)
+    say(_cost(found), sys.stdout)
+    if not found.learned:
+        say("Train longer with --train-arg total_steps=N, or make the task easier.", sys.stdout)
+    names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
+    print_aligned(names, list(_rows(found)), sys.stdout, right=(False, True, True, True, True))
+    print(f"Page: {(found.directory / 'report.html').resolve()}")
+    say(f"Next: {unbroken(f'integ-gym watch {found.directory}')}", sys.stdout)
+    return 0
+
+
+def _cost(found: Check) -> str:
+    """What was run, and what as many seeds again would cost and bring."""
+    home = found.panel.rows[0]
+    more = found.seeds
+    return (
+        f"{plural(found.seeds, 'seed')} of {home.training_steps:,} decisions each, a decision "
+        f"every {home.control_period:g} s, trained by {found.panel.spec['trainer']['name']}, "
+        f"judged from {found.starts} starts each, in {seconds(found.panel.cost.wall_seconds)}. "
+        f"{plural(more, 'more seed')} (--seeds {found.seeds + more}) would take about "
+        f"{seconds(more * found.seconds_per_seed)} and narrow the interval from "
+        f"±{found.half_width:.2f} to about ±{found.half_width_with(found.seeds + more):.2f}."
+    )
+
+
+def _rows(found: Check) -> Iterator[tuple[str, ...]]:
+    for cell in found.cells:
+        name = "home" if cell is found.home else ""
+        name = "truth" if found.exact and cell is found.truth else name
+        told = f"{name} ({cell.name})" if name == "home" else name or cell.name
+        lost = ("", "")
+        if cell.loss is not None:
+            ends = f"{cell.loss.low:z.2f} to {cell.loss.high:z.2f}"
+            lost = (f"{cell.loss.estimate:z.2f}", ends)
+        yield (told, fixed(cell.success), fixed(cell.recovered), *lost)

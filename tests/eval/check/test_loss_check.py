@@ -1,0 +1,199 @@
+"""What a discretization costs, measured: what is run, what is said, what is refused."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_panel import pictures_alone
+
+import integ_gym
+from integ_gym.cli import main
+from integ_gym.envs import Discretization
+from integ_gym.eval import loss_check
+from integ_gym.eval.loss_check import (
+    FIRST_SEEDS,
+    MOST_SEEDS,
+    NARROW,
+    NOMINAL,
+    Check,
+    CheckedCell,
+    wanted_seeds,
+)
+from integ_gym.eval.statistics import Interval
+from integ_gym.eval.statistics.posterior import paired_posterior
+
+SMALL = {"total_steps": 512, "n_envs": 4, "n_steps": 32, "batch_size": 64}
+
+
+def small(out, **changed):
+    given = {
+        "integrator": "explicit_euler", "dt": 0.05, "environment": {"duration": 3.0},
+        "training": SMALL, "trainer": "sb3", "seeds": 2, "out": out, "workers": 1,
+        "progress": False,
+    }  # fmt: skip
+    return integ_gym.check(**{**given, **changed})
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    with pictures_alone():
+        yield small(tmp_path_factory.mktemp("check") / "run")
+
+
+def test_it_is_judged_at_home_at_finer_steps_and_on_the_truth(finished):
+    assert [cell.name for cell in finished.cells] == [
+        "explicit_euler dt=0.05", "explicit_euler dt=0.025", "explicit_euler dt=0.0125",
+        "reference dt=0.05",
+    ]  # fmt: skip
+    assert finished.exact
+    assert finished.home is finished.cells[0]
+    assert finished.truth is finished.cells[-1]
+    home, truth = (finished.panel.entry("explicit_euler dt=0.05", cell.name).success_by_seed
+                   for cell in (finished.home, finished.truth))  # fmt: skip
+    assert finished.loss.estimate == pytest.approx(np.mean(home) - np.mean(truth))
+    assert finished.loss.low <= finished.loss.estimate <= finished.loss.high
+    assert {cell.control_period for cell in finished.panel.cells} == {0.05}
+
+
+def test_it_leaves_a_panel_and_what_is_finished_is_not_run_again(finished):
+    before = {file: file.stat().st_mtime_ns for file in (finished.directory / "units").iterdir()}
+    assert (finished.directory / "report.html").exists()
+    assert list((finished.directory / "evidence").rglob("*.parquet"))
+    with pictures_alone():
+        again = small(finished.directory)
+    assert again.cells == finished.cells
+    assert before == {f: f.stat().st_mtime_ns for f in (finished.directory / "units").iterdir()}
+
+
+def test_the_command_says_it_in_one_line_with_what_more_seeds_cost(finished, capsys):
+    words = ["check", "--integrator", "explicit_euler", "--dt", "0.05", "--trainer", "sb3"]
+    words += ["--env-arg", "duration=3.0", "--seeds", "2", "--workers", "1", "--no-progress"]
+    for name, value in SMALL.items():
+        words += ["--train-arg", f"{name}={value}"]
+    with pictures_alone():
+        assert main([*words, "--out", str(finished.directory)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == str(finished)
+    assert lines[1].startswith("2 seeds of 512 decisions each, a decision every 0.05 s, trained by")
+    assert "2 more seeds (--seeds 4) would take about" in lines[1]
+    assert any(line.startswith("home (explicit_euler dt=0.05)") for line in lines)
+    assert any(line.startswith("truth ") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--integrator symplectic_eulr --dt 0.05", "'symplectic_euler'"),
+        ("--integrator reference --dt 0.05", "`reference` is the truth itself"),
+        ("--integrator rk4 --dt 0.03 --control-period 0.05", "not a whole multiple of `dt`=0.03 s"),
+        ("--integrator rk4 --dt 0.05 --env-arg masss=1", "unknown argument 'masss'"),
+        ("--integrator rk4 --dt 0.05 --env-arg dt=0.1", "--dt"),
+        ("--integrator rk4 --dt 0.05 --train-arg total_step=1", "Did you mean 'total_steps'"),
+        ("--integrator rk4 --dt 0.05 --seeds 0", "1 to 10000 seeds, got 0"),
+        ("--integrator rk4 --dt 0.05 --env Nope-v0", "'Nope-v0'"),
+    ],
+)
+def test_bad_input_ends_in_one_sentence(words, said, capsys, tmp_path):
+    assert main(["check", *words.split(), "--out", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert "\n" not in error
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("env_id", "engine", "trainer"),
+    [
+        ("IntegPendulum-v0", "native", "fleet"),
+        ("IntegPendulum-v0", "mujoco", "sb3"),
+        ("InvertedPendulum-v5", "mujoco", "sb3"),
+    ],
+)
+def test_stable_baselines3_trains_what_the_fleet_cannot(env_id, engine, trainer):
+    home = Discretization("RK4" if engine == "mujoco" else "rk4", 0.02, 0.04, engine)
+    assert loss_check._specified(env_id, home, {}, {}, None).trainer == trainer
+
+
+@pytest.mark.slow
+def test_without_a_reference_the_finest_step_is_what_it_is_held_against(tmp_path):
+    found = small(tmp_path / "run", env_id="InvertedPendulum-v5", integrator="Euler", dt=0.02,
+                  environment={})  # fmt: skip
+    assert not found.exact
+    assert found.truth.name == "mujoco Euler dt=0.005"
+    assert "at mujoco Euler dt=0.005" in str(found)
+
+
+def planted(seeds, half_width, loss=0.4, home=1.0):
+    """A check that found so much."""
+    lost = Interval(loss, loss - half_width, loss + half_width, 0.95)
+    cells = (CheckedCell("home", home, home, None), CheckedCell("truth", home - loss, 0.9, lost))
+    cost = SimpleNamespace(wall_seconds=10.0 * seeds)
+    return Check(SimpleNamespace(cost=cost), None, seeds, 20, *cells, True, cells)
+
+
+def test_seeds_are_added_until_the_interval_is_narrow(monkeypatch, tmp_path):
+    asked, widths = [], itertools.chain([0.3, 0.21], itertools.repeat(0.19))
+    monkeypatch.setattr(loss_check, "run_panel", lambda spec, *_, **__: asked.append(spec.seeds))
+    monkeypatch.setattr(loss_check, "_measured", lambda *_: planted(len(asked[-1]), next(widths)))
+    found = integ_gym.check(integrator="rk4", dt=0.05, out=tmp_path)
+    assert [len(seeds) for seeds in asked] == [12, 28, 32]
+    assert all(seeds == asked[-1][: len(seeds)] for seeds in asked)
+    assert found.half_width <= NARROW
+    asked.clear()
+    integ_gym.check(integrator="rk4", dt=0.05, out=tmp_path, seeds=5)
+    assert [len(seeds) for seeds in asked] == [5]
+
+
+def test_more_seeds_have_a_price_and_a_use():
+    found = planted(12, 0.2)
+    assert found.seconds_per_seed == 10.0
+    assert found.half_width_with(12) == pytest.approx(0.2)
+    assert found.half_width_with(24) == pytest.approx(0.2 * np.sqrt(13 / 25))
+
+
+@pytest.mark.parametrize(
+    ("loss", "half_width", "home", "cause"),
+    [
+        (0.4, 0.2, 1.0, "yes"), (0.0, 0.15, 1.0, "no"), (0.1, 0.15, 1.0, "undecided"),
+        (0.0, 0.1, 0.3, "undecided"),
+    ],
+)  # fmt: skip
+def test_the_answer_says_whether_it_is_the_cause(loss, half_width, home, cause):
+    found = planted(12, half_width, loss, home)
+    assert found.cause == cause
+    words = {"yes": "home is the cause", "no": "not a cause", "undecided": "undecided whether"}
+    assert (words[cause] if home > 0.5 else "too little was learned") in str(found)
+
+
+@pytest.mark.parametrize(
+    ("mean", "draw"),
+    [
+        (0.3, lambda r: (r.random(MOST_SEEDS) < 0.3).astype(float)),
+        (0.5, lambda r: (r.random(MOST_SEEDS) < 0.5).astype(float)),
+        (0.5, lambda r: r.binomial(20, r.beta(1.5, 1.5, MOST_SEEDS)) / 20),
+        (0.1, lambda r: r.choice([-0.5, 0.0, 0.5, 1.0], MOST_SEEDS, p=[0.2, 0.5, 0.2, 0.1])),
+    ],
+)
+def test_the_interval_holds_the_loss_though_its_width_ends_the_check(mean, draw):
+    """In 0.93 to 1.00 of many more repeats; benchmarks/check_coverage.py has more worlds."""
+    generator, repeats, held = np.random.default_rng(5), 300, 0
+    for _ in range(repeats):
+        _, low, high = sequential(draw(generator), draws=2000)
+        held += low <= mean <= high
+    assert held / repeats > 0.91
+
+
+def sequential(losses, draws):
+    """Seeds that a check ends with, and its interval."""
+    seeds = FIRST_SEEDS
+    while True:
+        part = losses[:seeds]
+        own = paired_posterior(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=draws)
+        low, high = np.quantile(own, [(1 - NOMINAL) / 2, (1 + NOMINAL) / 2])
+        wanted = wanted_seeds(seeds, 0.5 * (high - low))
+        if wanted == seeds:
+            return seeds, min(low, part.mean()), max(high, part.mean())
+        seeds = wanted
