@@ -244,6 +244,8 @@ def test_transition_under_jax_equals_the_environment(env_id):
                 rtol=0, atol=1e-12,
             )  # fmt: skip
             assert bool(outcome.terminated) == terminated
+            if terminated:
+                break
 
 
 @pytest.mark.parametrize(
