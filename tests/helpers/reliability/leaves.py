@@ -344,7 +344,9 @@ def schema_leaves(run: Path) -> list[Leaf]:
             if not key.startswith(b"PARQUET:"):
                 of = "file" if not name else "trace" if is_trace(name) else "field"
                 place = f"{of}.{key.decode()}"
-                leaves += [Leaf(kind, place, x, path, (name, key)) for x in ("changed", "gone")]
+                about = (schema.field(name) if name else schema).metadata[key]
+                own = ("changed", "gone") if about else ("changed",)
+                leaves += [Leaf(kind, place, x, path, (name, key)) for x in own]
     return leaves
 
 
@@ -372,6 +374,9 @@ def change_schema(run: Path, leaf: Leaf) -> None:
 # Policies as stable-baselines3 saves them
 
 
+_SERIALIZED = ":serialized:"
+
+
 class _Evil:
     def __reduce__(self) -> Any:
         return print, ("run by whoever reads it",)
@@ -389,11 +394,11 @@ def zip_leaves(run: Path) -> list[Leaf]:
                 leaves.append(Leaf(kind, f"pickle in {name}", "pickle", path, (name,)))
         data = json.loads(held.read("data"))
     for keys, value in _walk(data):
-        if len(keys) > 1 and keys[-1] != ":serialized:":
+        if len(keys) > 1 and keys[-1] != _SERIALIZED:
             continue
         place = f"data:{_place(keys, ())}"
-        if keys[-1] == ":serialized:":
-            leaves.append(Leaf(kind, place, "pickle", path, ("data", *keys)))
+        if keys[-1] == _SERIALIZED:
+            leaves.append(Leaf(kind, f"pickle in {place}", "pickle", path, ("data", *keys)))
         leaves += [Leaf(kind, place, x, path, ("data", *keys)) for x in changes_of(value, keys)]
     return leaves
 
@@ -406,12 +411,12 @@ def change_zip(run: Path, leaf: Leaf) -> None:
     name, *keys = leaf.keys
     if keys:
         data = json.loads(members["data"])
-        if leaf.change == "pickle":
-            *before, last = keys
+        if keys[-1] == _SERIALIZED and leaf.change in ("pickle", "changed"):
             part = data
-            for key in before:
+            for key in keys[:-1]:
                 part = part[key]
-            part[last] = base64.b64encode(pickle.dumps(_Evil())).decode()
+            content = pickle.dumps(_Evil() if leaf.change == "pickle" else 7)
+            part[_SERIALIZED] = base64.b64encode(content).decode()
         else:
             change_json(data, tuple(keys), leaf.change)
         members["data"] = json.dumps(data).encode()
