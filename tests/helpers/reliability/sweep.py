@@ -242,7 +242,7 @@ class Sweep:
         """
         rows = change_records(self.run, [x for x in leaves if x.file.startswith("records of ")])
         others = [leaf for leaf in leaves if leaf not in rows and leaf.file != FILE_NAME]
-        for leaf in others:
+        for leaf in sorted(others, key=lambda leaf: -len(leaf.keys)):  # what is within, first
             if leaf.file.endswith(".zip"):
                 change_zip(self.run, leaf)
             elif leaf.file.startswith("schema of "):
