@@ -382,7 +382,7 @@ def test_the_noise_of_later_episodes_is_drawn_again(tmp_path):
     for policy in (None, lambda record: _lean):
         done = _replayed(store, exact=True, policy=policy)
         assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
-    (sensed, *_) = [name for name in store.records()[2].trace if name.startswith("sensed_")]
+    (sensed, *_) = [name for name in next(store.records()).trace if name.startswith("sensed_")]
     _forge(store, sensed, lambda traces: [*traces[:2], [x + 1e-3 for x in traces[2]]])
     (finding,) = _replayed(store).findings
     assert sensed in str(finding)
