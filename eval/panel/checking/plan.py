@@ -129,20 +129,21 @@ class _Sound(RunDirectory):
 
 def _of_looks(directory: RunDirectory, spec: PanelSpec) -> Iterator[Finding]:
     """Looks at verdicts on more seeds than are planned, or on episodes that came at no time."""
-    seeds, episodes = directory.looks()
-    if any(count > len(spec.seeds) for count in seeds):
-        yield Finding(
-            MANIFEST, None, f"`looks` is {seeds}, and {len(spec.seeds)} seeds are planned"
-        )
+    looks = directory.looks()
+    seeds, episodes = [look.seeds for look in looks], [look.episodes for look in looks]
+    if any(count > max(1, len(spec.seeds)) for count in seeds):
+        said = f"`looks` is on {seeds} seeds"
+        yield Finding(MANIFEST, None, f"{said}, and {len(spec.seeds)} are planned")
     planned_episodes = sorted({part.episodes for part in spec.parts()})
     if not set(episodes) <= set(planned_episodes):
-        said = f"`episode_looks` is {episodes}"
+        said = f"`looks` is on {episodes} episodes"
         yield Finding(MANIFEST, None, f"{said}, and episodes came up to {planned_episodes}")
 
 
 def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
     """Whether all that is planned must be there: it was sealed, or verdicts on it were seen."""
-    return (directory.path / SEAL_FILE).exists() or len(spec.seeds) in directory.looks()[0]
+    seen = [(look.seeds, look.episodes) for look in directory.looks()]
+    return (directory.path / SEAL_FILE).exists() or (len(spec.seeds), spec.episodes) in seen
 
 
 def _missing(
