@@ -139,7 +139,7 @@ class Check:
         where = "on the truth" if self.exact else f"at {self.truth.name}"
         lost, home = self.loss, self.home
         told = (
-            f"At home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
+            f"Success at home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
             f"{lost.estimate:z.2f} (95 % interval {lost.low:z.2f} to {lost.high:z.2f}): "
         )
         if not self.learned:

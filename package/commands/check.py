@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs import BRING_YOUR_OWN, ENVIRONMENTS
+from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS
 from integ_gym.eval import TRAINERS, Check, check
 from integ_gym.support import (
     CommandParser,
@@ -56,8 +56,7 @@ def parser() -> argparse.ArgumentParser:
     add = made.add_argument
     add(
         "--env", metavar="ID", default="IntegPendulum-v0",
-        help=f"{', '.join(ENVIRONMENTS)}, any MuJoCo task of Gymnasium's, or {BRING_YOUR_OWN} "
-        "(default: %(default)s)",
+        help=f"{', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS} (default: %(default)s)",
     )  # fmt: skip
     add("--integrator", required=True, metavar="NAME", help="that policies learn on")
     add("--dt", required=True, type=float, metavar="S", help="integration step, s")
