@@ -33,7 +33,7 @@ class RowPendulum(integ_gym.GymTestbed):
     def build(self, discretization, **arguments):
         env = gym.make("Pendulum-v1", max_episode_steps=20, **arguments)
         env.unwrapped.dt = discretization.dt
-        return Rows(self.held(env, discretization))
+        return Rows(self.held(env, discretization, rewards="rate"))
 
     def read(self, env):
         return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
