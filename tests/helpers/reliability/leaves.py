@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import copy
+import datetime as dt
 import hashlib
 import io
 import json
@@ -15,6 +16,7 @@ import pickle
 import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -168,6 +170,8 @@ def other(value: Any) -> Any:
     if isinstance(value, float):
         return value + 0.1 * max(1.0, abs(value))
     if isinstance(value, str):
+        with suppress(ValueError):
+            return (dt.datetime.fromisoformat(value) + dt.timedelta(days=1)).isoformat()
         return f"{value}x"
     raise TypeError(f"{value!r} is no leaf")
 
@@ -298,8 +302,6 @@ def change_row(row: dict[str, Any], keys: tuple[Any, ...], change: str, kind: An
 
 
 def _other(value: Any) -> Any:
-    import datetime as dt
-
     if value is None:
         return 1
     return value + dt.timedelta(seconds=7) if isinstance(value, dt.datetime) else other(value)
