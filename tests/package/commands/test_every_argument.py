@@ -417,6 +417,7 @@ PANELS: dict[str, Any] = {
     "progress": False,
     "policies": "x",
     "command": "mine",
+    "staged": False,
 }
 NOT_FOR_A_PANEL_HERE: dict[str, tuple[Any, str]] = {
     **{name: NOT_FOR_THIS[name] for name in ("executor", "address", "resources")},
