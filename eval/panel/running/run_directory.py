@@ -662,6 +662,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
     try:
         _looks_in(held)
     except msgspec.ValidationError as error:
+        if all(type(count) is int for count in held[_LOOKS]):
+            raise RunDirectoryError(
+                f"{path} keeps looks at verdicts as an earlier version did; go on with the version "
+                "that wrote it, or give another directory with --out and --policies"
+            ) from None
         raise RunDirectoryError(f"{path} is damaged at {_LOOKS!r}: {error}; {remedy}") from None
     return held
 
