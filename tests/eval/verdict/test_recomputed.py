@@ -1,0 +1,50 @@
+"""Code that was written from the documentation alone comes to the same p-values and shares."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from integ_gym.eval.verdict.looks import shares_of
+from integ_gym.eval.verdict.loss import Rates, p_overfitting_exceeds, p_overfitting_within
+
+SCRIPT = Path(__file__).parents[3] / "benchmarks" / "recomputed.py"
+_spec = importlib.util.spec_from_file_location("recomputed", SCRIPT)
+assert _spec is not None
+assert _spec.loader is not None
+recomputed = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recomputed)
+
+DRAWS = 20_000
+
+
+@pytest.mark.parametrize("handmade", [None, np.ones(50)])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_p_values_follow_from_the_documentation(loss, handmade):
+    rng = np.random.default_rng(3)
+    home, native = (rng.binomial(20, 0.97, 40) / 20 for _ in range(2))
+    there = rng.binomial(20, 0.97 - loss, 40) / 20
+    rates = Rates(home, there, there, native, handmade)
+    yardsticks = [native] if handmade is None else [native, handmade]
+    row = np.stack([home, there], axis=1)
+    for margin, weight in ((0.2, 0.6), (-0.1, 1.0)):
+        theirs = recomputed.p_exceeds(rng, row, yardsticks, margin, weight, DRAWS)
+        ours = p_overfitting_exceeds(rates, margin, weight, draws=DRAWS)
+        assert theirs == pytest.approx(ours, abs=0.01)
+    theirs = recomputed.p_within(rng, row, yardsticks, 0.1, DRAWS)
+    assert theirs == pytest.approx(p_overfitting_within(rates, 0.1, draws=DRAWS), abs=0.01)
+
+
+def test_shares_follow_from_the_documentation():
+    looks = (4, 10, 33, 42, 52, 64)
+    for now, seeds in enumerate(looks):
+        ours = shares_of(seeds, looks[:now])
+        assert recomputed.share_at(looks, now, 5) == ours.exceeds
+        assert recomputed.share_at(looks, now, 33) == ours.equivalent
+
+
+def test_the_script_imports_nothing_of_the_package():
+    assert "integ_gym" not in SCRIPT.read_text(encoding="utf-8")
