@@ -60,4 +60,4 @@ def shares_of(seeds: int, before: Sequence[int] = ()) -> Shares:
 
 def adjust_for_look(p: float, share: float) -> float:
     """A p-value to be held against the whole level where a look has a share of it."""
-    return min(1.0, p / share) if share > 0.0 else 1.0
+    return min(1.0, float(p) / share) if share > 0.0 else 1.0
