@@ -130,7 +130,10 @@ def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
             if not same(record.fields["time_to_success"], took, 1e-9):
                 yield told("time_to_success", record.fields["time_to_success"], took)
     elif record.fields["env_id"] in ENVIRONMENTS:
-        truncated = record.fields["length"] >= _setup(record.fields).timing.horizon
+        horizon = _setup(record.fields).timing.horizon
+        if record.fields["length"] > horizon:
+            yield told("length", record.fields["length"], horizon)
+        truncated = record.fields["length"] >= horizon
         if record.fields["truncated"] != truncated:
             yield told("truncated", record.fields["truncated"], truncated)
     if record.fields["schema_version"] > 1:  # which did not keep what its labels rest on
