@@ -151,6 +151,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = with_horizon(spec, self.setup)
+        if self._spec is not None:  # as gym.make_vec writes a limit that a spec has
+            limit = {"max_episode_steps": self._spec.max_episode_steps}
+            self._spec.kwargs = {**self._spec.kwargs, **limit}
 
     def __getstate__(self) -> dict[str, Any]:
         """Without drawing surfaces, which are made again."""

@@ -52,7 +52,7 @@ def test_specs_say_after_how_many_decisions_an_episode_ends(env_id):
     again = gym.make(EnvSpec.from_json(single.spec.to_json()))
     assert again.spec == single.spec
     assert gym.make(single.spec, max_episode_steps=5).spec.max_episode_steps == 5
-    assert gym.make_vec(many.spec).spec.max_episode_steps == 21
+    assert gym.make_vec(many.spec).spec == many.spec
 
 
 @pytest.mark.parametrize("compiled", [False, True])
