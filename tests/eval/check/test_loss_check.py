@@ -89,7 +89,7 @@ def test_the_command_says_it_in_one_line_with_what_more_seeds_cost(finished, cap
         ("--integrator symplectic_eulr --dt 0.05", "'symplectic_euler'"),
         ("--integrator reference --dt 0.05", "`reference` is the truth itself"),
         ("--integrator rk4 --dt 0.03 --control-period 0.05", "not a whole multiple of `dt`=0.03 s"),
-        ("--integrator rk4 --dt 0.05 --env-arg masss=1", "unknown argument 'masss'"),
+        ("--integrator rk4 --dt 0.05 --env-arg masss=1", "'masss'. Did you mean 'mass'"),
         ("--integrator rk4 --dt 0.05 --env-arg dt=0.1", "--dt"),
         ("--integrator rk4 --dt 0.05 --train-arg total_step=1", "Did you mean 'total_steps'"),
         ("--integrator rk4 --dt 0.05 --seeds 0", "1 to 10000 seeds, got 0"),
