@@ -316,8 +316,8 @@ def evaluate(
             )
         statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
-    on_home(str(existing.provenance))
     spec = plan(existing, env_id, integrators, dts, episodes)
+    on_home(str(existing.provenance))
     asked = _resources(resources, workers, None)
     with cluster_of(executor, address, asked) as cluster, stored(out) as place:
         return evaluate_existing(

@@ -198,7 +198,8 @@ def test_actions_that_are_no_finite_numbers_are_counted(policy, tmp_path):
         environment={"duration": 2.0}, workers=1, progress=False,
     )  # fmt: skip
     counts = "SELECT sum(fallback_count) AS n, sum(length) AS decisions FROM records"
-    rows = f"{counts} WHERE policy_id = '{panel.rows[0].name}' AND perturbation IS NULL"
+    judged = "phase = 'evaluation' AND perturbation IS NULL"
+    rows = f"{counts} WHERE policy_id = '{panel.rows[0].name}' AND {judged}"
     (found,) = EvidenceStore(tmp_path / "evidence").query(rows).to_pylist()
     share = (
         f"in {100 * found['n'] / found['decisions']:.0f} % of control periods the fallback acted"
