@@ -89,7 +89,14 @@ USES: dict[str, list[str | list[str]]] = {
         "integ-gym engines --engine native",
         "integ-gym census --published gymnasium --out census",
     ],
-    "panel": ["integ-gym panel small.toml --out run", "integ-gym evidence verify run"],
+    "panel": [
+        "integ-gym panel small.toml --out run",
+        "integ-gym evidence verify run",
+        "integ-gym evaluate run/policies/*/policy.safetensors --env IntegPendulum-v0 "
+        "--integrator rk4 --dt 0.05 --episodes 2 --out judged",
+        "integ-gym check --help",
+        "integ-gym diagnose --example drift --out drift",
+    ],
     "render": [_step(integrator="rk4", dt=0.05, render_mode="rgb_array")],
     "numba": [
         _python(
@@ -99,6 +106,15 @@ USES: dict[str, list[str | list[str]]] = {
             "print(envs.step(envs.action_space.sample())[0].shape)"
         )
     ],
+    "onnx": [_python("import onnx, onnxruntime, integ_gym")],
+    "sign": [_python("import cryptography, integ_gym")],
+    "ray": [_python("import ray, integ_gym")],
+    "dask": [_python("import dask, distributed, integ_gym")],
+    "storage": [_python("import obstore, fsspec, integ_gym")],
+    "robotics": [_python("import gymnasium_robotics, mujoco, integ_gym")],
+    "playground": [_python("import mujoco_playground, integ_gym")],
+    "brax": [_python("import brax, integ_gym")],
+    "all": [SB3, "integ-gym panel small.toml --out run"],
     "exchange": [
         _python(RECORD),
         "integ-gym evidence export run --to minari --out datasets",
@@ -135,6 +151,8 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every extra in the table")
     given = parser.parse_args()
     known = _extras()
+    if untold := known - set(USES):
+        parser.error(f"nothing says what is done with {', '.join(sorted(untold))}")
     if unknown := set(given.extras) - known - {""}:
         parser.error(f"no extra {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
     chosen = given.extras or (USES if given.all else FIRST)
@@ -164,7 +182,7 @@ def _use(extra: str) -> bool:
         print(f"{extra or 'no extra'}: installed in {time.monotonic() - begun:.0f} s", flush=True)
         path = f"{bin_}{os.pathsep}{os.environ['PATH']}"
         own = {**os.environ, "PATH": path, "SDL_VIDEODRIVER": "dummy"}
-        for use in USES.get(extra, []):
+        for use in USES[extra]:
             words = use if isinstance(use, list) else ["sh", "-c", use]
             done = subprocess.run(words, cwd=folder, env=own, capture_output=True, text=True)
             shown = use if isinstance(use, str) else "python -c …"

@@ -32,11 +32,11 @@ def test_storage_is_that_of_a_run(undisturbed, tmp_path):
 
 
 def test_the_command_tells_it_and_runs_nothing(tmp_path, capsys):
-    out = tmp_path / "out"
-    words = ["panel", str(specification(tmp_path)), "--plan", "--workers", "8", "--out", str(out)]
+    words = ["panel", str(specification(tmp_path)), "--plan", "--workers", "8"]
+    before = sorted(tmp_path.iterdir())
     assert main(words) == 0
     told = capsys.readouterr().out
-    assert not out.exists()
+    assert sorted(tmp_path.iterdir()) == before
     assert "4 policies and 1 baseline" in " ".join(told.split())
     for count in ("4 (this panel)", "10 ", "1,000", "100,000"):
         assert any(line.startswith(count) for line in told.splitlines()), count
