@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from house import ROOT
 from small_panel import pictures_alone
 
 import integ_gym
@@ -197,3 +199,16 @@ def sequential(losses, draws):
         if wanted == seeds:
             return seeds, min(low, part.mean()), max(high, part.mean())
         seeds = wanted
+
+
+def test_the_page_has_the_table_of_the_eight_settings(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import check_points
+
+    saved = (ROOT / "docs" / "atlas" / "check_points.json").read_text(encoding="utf-8")
+    results = json.loads(saved)
+    page = (ROOT / "docs" / "how-to" / "check.md").read_text(encoding="utf-8")
+    assert "\n".join(check_points.table(results)) in page
+    assert len(results) == 8
+    assert sum(map(check_points.held, results)) >= 7
+    assert all(0.5 * (one["high"] - one["low"]) <= NARROW for one in results)
