@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import sys
 from collections.abc import Callable, Mapping
 from copy import copy
 from operator import itemgetter
+from types import FrameType
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
 
 from ..arithmetic import SCALAR, Components
@@ -104,7 +107,9 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self.setup = self.setup.limited(_asked_of_make())
+        makers = running_makers()
+        if makers and makers[0] is sys._getframe(1):
+            self.setup = _limited_in_make(self.setup, type(self), makers)
         self._start, self._step = plain_start(self.setup), self._first_steps
         self._spec = with_horizon(spec, self.setup)
 
@@ -231,7 +236,9 @@ class IntegEnv(gym.Env[Observation, Any]):
         """The least that a step can pay; the first time with a warning."""
         if not self._warned:
             self._warned = True
-            gym.logger.warn("the episode has terminated; call reset(), further steps pay nothing")
+            gym.logger.warn(
+                "the episode has terminated; call reset(), further steps pay the least of a step"
+            )
         setup = self.setup
         period = setup.timing.control_period
         return float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
@@ -291,19 +298,69 @@ def with_horizon(spec: EnvSpec | None, setup: Setup) -> EnvSpec | None:
     return told
 
 
-def _asked_of_make() -> int | None:
-    """The `max_episode_steps` of the call of ``gym.make`` that is giving an environment its spec.
+def running_makers() -> list[FrameType]:
+    """The calls of Gymnasium's ``make`` and ``make_vec`` that are running, innermost first.
+
+    They are known by module and name, so that it does not matter who has wrapped ``gym.make``.
+    """
+    found = []
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        ours = frame.f_globals.get("__name__") == registration.__name__
+        if ours and frame.f_code.co_name in ("make", "make_vec"):
+            found.append(frame)
+        frame = frame.f_back
+    return found
+
+
+def is_own_horizon(
+    limit: int | None, makers: list[FrameType], horizon_of: Callable[[Mapping[str, Any]], int]
+) -> bool:
+    """Whether a limit is only what the spec of a made environment says, and nobody asked for it.
+
+    It is if it is the horizon of the arguments in that spec, and the id is not registered with it.
+
+    Args:
+        limit: decisions that the spec says.
+        makers: see :func:`running_makers`.
+        horizon_of: gives the horizon of those arguments of a spec that determine it.
+    """
+    given = [maker.f_locals.get("id") for maker in makers]
+    specs = [spec for spec in given if isinstance(spec, EnvSpec)]
+    if limit is None or not specs or not isinstance(given[0], EnvSpec):
+        return False
+    # make_vec gives make the arguments of the spec apart from it
+    spec = [spec for spec in specs if spec.id == specs[0].id][-1]
+    registered = gym.registry.get(spec.id)
+    if registered is not None and registered.max_episode_steps == limit:
+        return False
+    names = ("dt", "control_period", "duration", "mixture")
+    return limit == horizon_of({n: spec.kwargs[n] for n in names if n in spec.kwargs})
+
+
+def _limited_in_make(setup: Setup, env: type[IntegEnv], makers: list[FrameType]) -> Setup:
+    """A setup with the `max_episode_steps` of the ``gym.make`` that is making its environment.
 
     Gymnasium tells them to its `TimeLimit` alone, which could end an episode sooner than the
     environment and never later: so they are read where ``gym.make`` keeps them.
     """
-    caller = sys._getframe(2)
-    if caller.f_code is not gym.make.__code__:
-        return None
-    given: int | None = caller.f_locals["max_episode_steps"]
-    if given is None:
-        given = caller.f_locals["env_spec"].max_episode_steps
-    return given
+    making = makers[0].f_locals
+    asked: int | None = making.get("max_episode_steps")
+    spec: EnvSpec | None = making.get("env_spec")
+    if asked is not None or spec is None:
+        return setup.limited(asked)
+    limit, horizon = spec.max_episode_steps, setup.timing.horizon
+    if not is_own_horizon(limit, makers, lambda a: make_setup(env, a).timing.horizon):
+        return setup.limited(limit)
+    if limit == horizon:
+        return setup
+    if any(maker.f_locals.get("env_spec") is spec for maker in makers[1:]):
+        spec.max_episode_steps = horizon  # the copy that make_vec has made
+    else:
+        making["max_episode_steps"] = horizon  # of the `TimeLimit`; the spec is the user's
+        if sys.version_info < (3, 13):
+            ctypes.pythonapi.PyFrame_LocalsToFast(ctypes.py_object(makers[0]), ctypes.c_int(0))
+    return setup
 
 
 def frames_per_second(setup: Setup) -> int:

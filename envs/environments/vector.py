@@ -22,6 +22,7 @@ from ..episode import (
     EnvState,
     LanesStep,
     LaneStarts,
+    Mixture,
     Setup,
     check_options,
     checked_episodes,
@@ -39,8 +40,10 @@ from .environment import (
     IntegEnv,
     checked_render_mode,
     frames_per_second,
+    is_own_horizon,
     make_setup,
     observation_space,
+    running_makers,
     with_horizon,
 )
 from .lanes import (
@@ -106,8 +109,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
-        drawn = make_mixture(partial(make_setup, self.env_class), arguments, mixture)
-        self.mixture = drawn.limited(max_episode_steps)
+        self.mixture = _drawn(self.env_class, arguments, mixture)
+        if not self._of_a_spec(max_episode_steps):
+            self.mixture = self.mixture.limited(max_episode_steps)
         self.setups = self.mixture.setups
         for setup in self.setups:
             check_lanes(setup, num_envs)
@@ -154,6 +158,18 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self._spec is not None:  # as gym.make_vec writes a limit that a spec has
             limit = {"max_episode_steps": self._spec.max_episode_steps}
             self._spec.kwargs = {**self._spec.kwargs, **limit}
+
+    def _of_a_spec(self, limit: int | None) -> bool:
+        """Whether ``gym.make_vec`` has a limit from a spec that says its horizon alone."""
+        makers = running_makers()
+        if not makers or "max_episode_steps" in makers[0].f_locals.get("kwargs", {}):
+            return False
+
+        def horizon_of(arguments: Mapping[str, Any]) -> int:
+            others = {n: value for n, value in arguments.items() if n != "mixture"}
+            return _drawn(self.env_class, others, arguments.get("mixture")).setups[0].timing.horizon
+
+        return is_own_horizon(limit, makers, horizon_of)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without drawing surfaces, which are made again."""
@@ -492,6 +508,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _told(self, info: Info, mask: Array) -> dict[str, Any]:
         return self._info.told(self._arrays(info), mask)
+
+
+def _drawn(env: type[IntegEnv], arguments: Mapping[str, Any], mixture: Any) -> Mixture:
+    return make_mixture(partial(make_setup, env), arguments, mixture)
 
 
 def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import partial, wraps
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeAwareObservation, TimeLimit
@@ -50,7 +51,7 @@ def test_specs_say_after_how_many_decisions_an_episode_ends(env_id):
     for env in (single, single.unwrapped, many):
         assert env.spec.max_episode_steps == 21
     again = gym.make(EnvSpec.from_json(single.spec.to_json()))
-    assert again.spec == single.spec
+    assert again.spec == single.spec == single.spec.make().spec
     assert gym.make(single.spec, max_episode_steps=5).spec.max_episode_steps == 5
     assert gym.make_vec(many.spec).spec == many.spec
 
@@ -140,3 +141,108 @@ def test_same_step_and_disabled_autoreset_end_there_too():
     for mode in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
         env = gym.make_vec("IntegPendulum-v0", 2, autoreset_mode=mode, max_episode_steps=7)
         assert _decisions(env) == 7
+
+
+MAKES = {
+    "single": gym.make,
+    "lanes": partial(gym.make_vec, num_envs=2),
+    "sync": partial(gym.make_vec, num_envs=2, vectorization_mode="sync"),
+}
+FROM_SPECS = [("single", "single"), ("single", "lanes"), ("single", "sync"), ("lanes", "lanes")]
+"""The environment that has the spec, and the one that is made from it."""
+
+
+def _horizon(env) -> int:
+    """Of the environment, which its spec and any `TimeLimit` around it must have too."""
+    single = env.envs[0] if hasattr(env, "envs") else env
+    horizon = single.unwrapped.setup.timing.horizon
+    assert env.spec.max_episode_steps == single.spec.max_episode_steps == horizon
+    while isinstance(single, gym.Wrapper):
+        assert getattr(single, "_max_episode_steps", horizon) == horizon
+        single = single.env
+    return horizon
+
+
+@pytest.mark.parametrize("saved", [False, True])
+@pytest.mark.parametrize(("first", "then"), FROM_SPECS)
+@pytest.mark.parametrize("own", [{}, {"control_period": 0.2}])
+def test_the_horizon_in_a_spec_is_no_limit_that_was_asked_for(first, then, own, saved):
+    spec = MAKES[first]("IntegPendulum-v0", **own).spec
+    before = spec.to_json()
+    given = EnvSpec.from_json(before) if saved else spec
+    for change in (
+        *({"dt": 0.025}, {"dt": 0.1}, {"duration": 20.0}, {"duration": 5.0}),
+        *({"control_period": 0.1}, {"control_period": 0.4}, {}),
+    ):
+        made = MAKES[then](given, **change)
+        horizon = _horizon(gym.make("IntegPendulum-v0", **{**own, **change}))
+        assert _horizon(made) == horizon
+        assert _horizon(MAKES[then](made.spec)) == horizon
+        assert spec.to_json() == before
+    assert _decisions(MAKES[then](given, duration=20.0)) == (100 if own else 400)
+    assert _decisions(MAKES[then](given, dt=0.025, max_episode_steps=30)) == 30
+
+
+def test_a_horizon_in_a_spec_is_none_in_other_processes_either():
+    spec = gym.make("IntegPendulum-v0", control_period=0.1).spec
+    env = gym.make_vec(spec, 1, "async", duration=20.0)
+    assert env.spec.max_episode_steps == 200
+    assert _decisions(env) == 200
+    env.close()
+
+
+@pytest.mark.parametrize(("first", "then"), FROM_SPECS)
+def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
+    specs = (
+        (MAKES[first]("IntegPendulum-v0", max_episode_steps=50).spec, 50),
+        (MAKES[first](own_id).spec, 30),
+        (gym.spec(own_id), 30),
+    )
+    for spec, limit in specs:
+        for change in ({"dt": 0.025}, {"duration": 20.0}, {"duration": 5.0}, {}):
+            assert _horizon(MAKES[then](spec, **change)) == limit
+    gym.registry[own_id].max_episode_steps = 200  # as many as the defaults have
+    for spec in (own_id, MAKES[first](own_id).spec):
+        assert _horizon(MAKES[then](spec, dt=0.025)) == 200
+
+
+def test_a_mixture_has_no_limit_from_its_spec():
+    mixture = [{"dt": 0.05}, {"dt": 0.025}]
+    env = gym.make_vec("IntegPendulum-v0", 2, mixture=mixture, control_period=0.1)
+    longer = gym.make_vec(env.spec, duration=20.0)
+    assert (_horizon(env), _horizon(longer), _horizon(gym.make_vec(env.spec))) == (100, 200, 100)
+
+
+def test_a_limit_is_read_however_gym_make_is_wrapped(monkeypatch):
+    original = gym.make
+
+    @wraps(original)
+    def wrapped(*args, **kwargs):
+        return original(*args, **kwargs)
+
+    for make in (wrapped, partial(original, disable_env_checker=True)):
+        monkeypatch.setattr(gym, "make", make)
+        monkeypatch.setattr(registration, "make", make)
+        assert _horizon(gym.make("IntegPendulum-v0", max_episode_steps=50)) == 50
+        with pytest.raises(ValueError, match="got 1000"):
+            gym.make("IntegPendulum-v0", max_episode_steps=1000)
+
+
+def test_gymnasium_has_the_names_by_which_limits_are_read():
+    for maker, names in (
+        (registration.make, {"id", "max_episode_steps", "env_spec"}),
+        (registration.make_vec, {"id", "kwargs", "env_spec"}),
+    ):
+        code = maker.__code__
+        missing = names - {*code.co_varnames, *code.co_cellvars}
+        assert not missing, f"{maker.__name__} of this Gymnasium has no {missing}"
+        assert (maker.__module__, code.co_name) == (registration.__name__, maker.__name__)
+
+
+def test_the_warning_after_the_end_says_what_a_step_pays():
+    env = gym.make("IntegCartPole-v0", sutton_barto_reward=True).unwrapped
+    env.reset(seed=0)
+    while not env.step(1)[2]:
+        pass
+    with pytest.warns(UserWarning, match="further steps pay the least of a step"):
+        assert env.step(1)[1] == -1.0
