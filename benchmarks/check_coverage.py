@@ -15,8 +15,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.eval.loss_check import FIRST_SEEDS, MOST_SEEDS, NARROW, NOMINAL, wanted_seeds
-from integ_gym.eval.statistics import paired_posterior
+from integ_gym.eval.loss_check import (
+    FIRST_SEEDS,
+    MOST_SEEDS,
+    NARROW,
+    loss_interval,
+    wanted_seeds,
+)
 
 Floats = npt.NDArray[np.float64]
 Draw = Callable[[np.random.Generator], Floats]
@@ -50,12 +55,10 @@ def checked(losses: Floats) -> tuple[int, float, float]:
     seeds = FIRST_SEEDS
     while True:
         part = losses[:seeds]
-        drawn = paired_posterior(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=DRAWS)
-        low, high = np.quantile(drawn, [0.5 * (1.0 - NOMINAL), 0.5 * (1.0 + NOMINAL)])
-        low, high = min(float(low), part.mean()), max(float(high), part.mean())
-        wanted = wanted_seeds(seeds, 0.5 * (high - low))
+        lost = loss_interval(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=DRAWS)
+        wanted = wanted_seeds(seeds, 0.5 * (lost.high - lost.low))
         if wanted == seeds:
-            return seeds, low, high
+            return seeds, lost.low, lost.high
         seeds = wanted
 
 

@@ -15,17 +15,29 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
+import numpy as np
 
 from integ_gym.envs import DISCRETIZATION, NATIVE, Discretization, is_integ_environment, testbed_of
 from integ_gym.support import require
 
-from .panel import Panel, PanelSpec, SpecError, grown, read_panel, run_panel
-from .panel.model.files import FILE_NAME
+from .panel import (
+    MANIFEST,
+    Cause,
+    Estimate,
+    Panel,
+    PanelSpec,
+    SpecError,
+    cause_of,
+    closed_words,
+    grown,
+    read_manifest,
+    run_panel,
+)
 from .panel.running.panel import check_spec
 from .panel.specification.cells.cell import file_name
 from .panel.specification.checks import check_parts
-from .statistics import Interval, paired_difference
-from .verdict import FAIL_MARGIN, LEARNED
+from .statistics import DRAWS, Interval, RatesLike, equal_tailed, mean_of, paired_posterior
+from .verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, Achievability
 
 NARROW: Final = 0.2
 """Half-width of the interval at which no more seeds are trained."""
@@ -67,12 +79,14 @@ class CheckedCell:
         success: rate over seeds and starts, in [0, 1].
         recovered: the same within one horizon or two.
         loss: success at home less that, with its interval; None at home.
+        achievability: whether the cell can be solved in time; None where it was not asked.
     """
 
     name: str
     success: float
     recovered: float
     loss: Interval | None
+    achievability: Achievability | None = None
 
 
 @dataclass(frozen=True)
@@ -119,11 +133,24 @@ class Check:
     def cause(self) -> Literal["yes", "no", "undecided"]:
         """Whether the discretization costs success.
 
-        `yes` where the interval of the loss is above 0, `no` where it ends below 0.2.
+        `yes` where the interval of the loss is above 0 and reaches beyond 0.1; `no` where the loss
+        is practically equal, a gain, or below 0.2 and not shown. `undecided` otherwise, and where
+        too little was learned or the truth is not known to be solvable in time.
         """
-        if self.loss.low > 0.0:
+        status = self._status
+        if status == "cause":
             return "yes"
-        return "no" if self.learned and self.loss.high < FAIL_MARGIN else "undecided"
+        small = status == "undecided" and self.loss.high < FAIL_MARGIN
+        return "no" if small or status in ("not_cause", "gained") else "undecided"
+
+    @property
+    def _status(self) -> Cause:
+        return cause_of(
+            Estimate.of(self.loss),
+            shown=self.loss.low > 0.0 or self.loss.high < 0.0,
+            learned=self.learned,
+            achievability=self.truth.achievability,
+        )
 
     @property
     def seconds_per_seed(self) -> float:
@@ -142,8 +169,15 @@ class Check:
             f"Success at home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
             f"{lost.estimate:z.2f} (95 % interval {lost.low:z.2f} to {lost.high:z.2f}): "
         )
-        if not self.learned:
+        status = self._status
+        if status == "not_learned":
             return f"{told}too little was learned on {home.name} to lose it."
+        if status == "closed":
+            place = "the truth" if self.exact else self.truth.name
+            return f"{told}{closed_words(place, self.truth.achievability)}"
+        if status == "not_cause":
+            equal = f"practically equal (within ±{EQUIVALENCE_MARGIN})"
+            return f"{told}{equal}, {home.name} is not the cause."
         if self.cause == "yes":
             return f"{told}{home.name} is the cause."
         if self.cause == "no":
@@ -223,8 +257,13 @@ def _home(
         if name in environment:
             raise ValueError(f"`environment` gives `{name}`; give it as an argument of its own")
     testbed = testbed_of(env_id, environment)
-    period = control_period or testbed.control_period or dt
-    home = Discretization(integrator, dt, period, engine or testbed.home.engine)
+    period = testbed.control_period if control_period is None else control_period
+    home = Discretization(
+        integrator,
+        dt,
+        dt if period is None else period,
+        testbed.home.engine if engine is None else engine,
+    )
     if home.integrator == "reference" and home.engine == NATIVE:
         raise ValueError(
             "`reference` is the truth itself, so that nothing can be lost on it; check another "
@@ -248,7 +287,9 @@ def _specified(
         control_period=home.control_period,
         environment=dict(environment),
         training={**TRAINING.get(env_id, {}), **training},
-        trainer=trainer or ("fleet" if is_integ_environment(env_id) else "sb3"),
+        trainer=("fleet" if is_integ_environment(env_id) else "sb3")
+        if trainer is None
+        else trainer,
         train=(home,),
         grid=tuple(replace(home, dt=home.dt / parts) for parts in (1, 2, 4)),
         seeds=tuple(range(FIRST_SEEDS)),
@@ -276,9 +317,11 @@ def _folder(spec: PanelSpec) -> Path:
 
 
 def _seeds_in(place: Path) -> int:
-    """Seeds that a finished run there has; the first ones where there is none."""
-    file = place / FILE_NAME
-    return max(FIRST_SEEDS, read_panel(file).rows[0].seeds) if file.exists() else FIRST_SEEDS
+    """Seeds that a run there was last asked for; the first ones where there is none."""
+    file = place / MANIFEST
+    if not file.exists():
+        return FIRST_SEEDS
+    return max(FIRST_SEEDS, len(read_manifest(file)["specification"].get("seeds", ())))
 
 
 def _measured(panel: Panel, place: Path, home: Discretization) -> Check:
@@ -300,9 +343,27 @@ def _cells(panel: Panel, row: str, home: str) -> Iterator[CheckedCell]:
         assert entry is not None
         lost = None
         if cell.name != home:
-            own = paired_difference(at_home.success_by_seed, entry.success_by_seed, NOMINAL)
-            lost = replace(own.interval, level=LEVEL)
-        yield CheckedCell(cell.name, entry.success.estimate, entry.recovered.estimate, lost)
+            lost = loss_interval(at_home.success_by_seed, entry.success_by_seed)
+        yield CheckedCell(
+            cell.name,
+            entry.success.estimate,
+            entry.recovered.estimate,
+            lost,
+            cell.achievability,
+        )
+
+
+def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Interval:
+    """The loss of success, home − away, with the interval that a check tells.
+
+    Args:
+        home: success rate of every seed at home, in [0, 1].
+        away: the same of the same seeds in another cell.
+        draws: from the posterior.
+    """
+    drawn = paired_posterior(home, away, draws=draws)
+    loss = mean_of(np.asarray(home, float)) - mean_of(np.asarray(away, float))
+    return replace(equal_tailed(loss, drawn, NOMINAL), level=LEVEL)
 
 
 def wanted_seeds(seeds: int, half_width: float) -> int:

@@ -22,20 +22,27 @@ from ..verdict import (
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
+    UNSOLVABLE,
     WITHOUT_VERDICT,
+    Achievability,
     adjust_for_look,
     share_of_look,
 )
 from .model import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
 
-Status: TypeAlias = Literal[
-    "cause", "not_cause", "gained", "undecided", "home_unknown", "home_decides", "exploratory"
-]
+Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
 """Whether dt is the cause of a loss.
 
-`gained`: the policy does better where it is held against home. `home_unknown`: nothing states what
-it was trained on. `home_decides`: its home is the truth, or the finest step that was evaluated.
-`exploratory`: a loss of a panel that declared no family.
+`gained`: the policy does better where it is held against home. `closed`: it is held against a cell
+that cannot be solved in time, or of which that is not known. `not_learned`: too little success at
+home to lose any.
+"""
+
+Status: TypeAlias = Cause | Literal["home_unknown", "home_decides", "exploratory"]
+"""The same, and what else may be said of a row.
+
+`home_unknown`: nothing states what it was trained on. `home_decides`: its home is the truth, or the
+finest step that was evaluated. `exploratory`: a loss of a panel that declared no family.
 """
 
 RETURN_MARGIN: Final = 0.1
@@ -118,17 +125,49 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
         p = found.p_success if measure == "success" else found.p_return
         share = share_of_look(max(1, len(panel.looks)))
         known_p = adjust_for_look(1.0 if p is None else p, share)
-        status = _status(lost, known_p, _margin(panel, row, measure))
+        can = cell.achievability
+        if measure == "return" and can == "undecided":
+            can = None  # returns tell without a success
+        margin = _margin(panel, row, measure)
+        status = cause_of(lost, shown=known_p < ALPHA, margin=margin, achievability=can)
     name = None if cell is None else cell.name
     return Finding(row.name, home, name, measure, status, at_home, there, lost)
 
 
-def _status(lost: Estimate, p: float, margin: float) -> Status:
+def cause_of(
+    lost: Estimate,
+    *,
+    shown: bool,
+    margin: float = EQUIVALENCE_MARGIN,
+    learned: bool = True,
+    achievability: Achievability | None = None,
+) -> Cause:
+    """Whether dt is the cause of a loss.
+
+    Args:
+        lost: the loss with its interval.
+        shown: whether a test or the interval shows that it is not zero.
+        margin: losses within this are practically equal.
+        learned: whether the task was learned at home; a policy that was given is taken as it is.
+        achievability: of the cell in which it is lost; None where it was not asked, or does not
+            matter.
+    """
+    if not learned:
+        return "not_learned"
     if _within(lost, margin):
         return "not_cause"
-    if p >= ALPHA:
-        return "undecided"
-    return "cause" if lost.estimate > 0.0 else "gained"
+    if shown and lost.estimate < 0.0:
+        return "gained"
+    if achievability not in (None, "achievable"):
+        return "closed"
+    return "cause" if shown else "undecided"
+
+
+def closed_words(place: str, achievability: Achievability | None) -> str:
+    """Why a loss in a closed cell says nothing about dt, as the end of a sentence."""
+    if achievability in UNSOLVABLE:
+        return f"{place} cannot be solved in time, so the loss says nothing about dt."
+    return f"whether {place} can be solved in time is not known, so the loss says nothing about dt."
 
 
 def _within(lost: Estimate, margin: float) -> bool:
@@ -229,12 +268,20 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         "cause": "dt is the cause.",
         "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause.",
         "gained": "nothing is lost, and dt makes it look worse at home.",
+        "closed": _closed_end(panel, finding),
     }.get(
         finding.status,
         f"{plural(_starts(panel, row), 'start')} do not show whether dt is the cause.",
     )
     there = f"{where} {told.number(finding.there)}"
     return f"{at_home}, {there}, {_lost(panel, finding, row)}: {end}"
+
+
+def _closed_end(panel: Panel, finding: Finding) -> str:
+    if finding.cell is None:
+        return ""
+    place = f"the finest step ({finding.cell})" if panel.truth is None else "the truth"
+    return closed_words(place, panel.cell(finding.cell).achievability)
 
 
 _MEASURES: Final = {"success": "Success", "return": "Mean return"}
@@ -347,7 +394,7 @@ def _split(overfitting: Estimate, deadline: Estimate, difficulty: Estimate) -> s
 
 def _compared(panel: Panel, finding: Finding, row: Row) -> list[str]:
     """Every other discretization, then every perturbation, beside home or the truth."""
-    columns = {cell.name for cell in panel.columns if cell.achievability not in _CLOSED}
+    columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
     own = [one for one in panel.paired if one.row == row.name]
     others = [one for one in own if one.cell in columns and one.cell != finding.cell]
     perturbed = [one for one in own if panel.cell(one.cell).perturbation is not None]
@@ -367,7 +414,7 @@ def _tally(
     changed: list[tuple[float, str]] = []
     for one in found:
         lost, p = _difference_of(one, finding.measure) or (Estimate(0.0), 1.0)
-        status = _status(lost, p, margin)
+        status = cause_of(lost, shown=p < ALPHA, margin=margin)
         counts[status] += 1
         if status in ("cause", "gained"):
             changed.append((abs(lost.estimate), f"{one.cell} {told.difference(lost)}"))
@@ -419,8 +466,6 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
 
 
 # Policies that a panel trained.
-
-_CLOSED: Final = ("unachievable", "too_slow")
 
 
 def _judged(panel: Panel) -> list[Verdict]:
@@ -649,7 +694,7 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "home_decides" and panel.truth is None:
         finest = min(cell.dt for cell in panel.columns)
         return NextStep("Try a finer step", _again(panel, "finer", "--dt", f"{finest / 2.0:g}"))
-    if row.dt is None or finding.home is None:
+    if row.dt is None or finding.home is None or finding.status == "closed":
         return None
     if finding.status == "cause":
         return NextStep("Measure whether half the step is enough", _check(panel, row, 2))

@@ -16,15 +16,20 @@ from integ_gym.eval.panel.model.panel import Cost
 from integ_gym.eval.panel.results.artefact import build_artefact
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
+from integ_gym.eval.panel.running import Tried
 from integ_gym.eval.panel.specification.cells.cell import Cell
 from integ_gym.eval.panel.specification.cells.perturbations import Perturbation
 from integ_gym.eval.report.data.paired import paired_success
+from integ_gym.eval.report.page.page import _headline
+from integ_gym.eval.verdict import Search
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)
 FINER = Discretization("symplectic_euler", 0.025, 0.05)
 RK4 = Discretization("rk4", 0.05, 0.05)
 TRUTH = Discretization("reference", 0.05, 0.05)
 HEAVY = "mass +20 %"
+SOLVED = Tried((1.0,), (1.0,))
+UNREACHED = Tried((0.0,), (0.0,), Search(20.0, 10.0, (1.0,), "planted"))
 
 
 def judged(
@@ -35,8 +40,12 @@ def judged(
     truth: bool = True,
     starts: int = 50,
     command: str = "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine",
+    tried: Tried = SOLVED,
 ) -> Panel:
-    """An evaluation of one policy; what is not given is as at home."""
+    """An evaluation of one policy; what is not given is as at home.
+
+    ``tried`` is what others reach on the truth.
+    """
     discretizations = [HOME, FINER, RK4, *([TRUTH] if truth else [])]
     cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in discretizations}
     heavy = Cell(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
@@ -61,8 +70,9 @@ def judged(
         for k in range(starts)
     ]  # fmt: skip
     layout = PanelLayout(
-        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name if truth else None
-    )
+        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name if truth else None,
+        tried={TRUTH.name: tried},
+    )  # fmt: skip
     return build_artefact(
         layout, Matrix(rows, records, starts), {i: Policy(id=i) for i in ("mine", "random")},
         {"mine": (), "random": ()},
@@ -106,6 +116,32 @@ def test_a_loss_on_the_truth_is_put_down_to_dt() -> None:
         and "50 % of its lead over random" in line
         for line in answer_lines(panel)
     )
+
+
+@pytest.mark.parametrize(
+    ("tried", "end"),
+    [
+        (UNREACHED, "the truth cannot be solved in time, so the loss says nothing about dt."),
+        (Tried((0.0,), (1.0,)),
+         "the truth cannot be solved in time, so the loss says nothing about dt."),
+        (Tried(), "whether the truth can be solved in time is not known, so the loss says nothing "
+         "about dt."),
+    ],
+)  # fmt: skip
+def test_a_loss_on_a_truth_that_nobody_solves_says_nothing_about_dt(tried: Tried, end: str) -> None:
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.1}, tried=tried)
+    assert found(panel).status == "closed"
+    assert panel.headline.startswith("Success at home 1.00, on the truth 0.10, lost 0.90 (95 %")
+    assert _headline(panel)[1] == end
+    assert "No conclusion is drawn from some cells" in panel.answer.splitlines()[-1]
+    assert next_step(panel) is None
+
+
+def test_a_loss_of_return_needs_no_success_on_the_truth() -> None:
+    """But none is put down to dt where a search rules the goal out."""
+    lost = {TRUTH.name: -60.0}
+    assert found(judged({HOME.name: 0.0}, lost, tried=Tried())).status == "cause"
+    assert found(judged({HOME.name: 0.0}, lost, tried=UNREACHED)).status == "closed"
 
 
 def test_a_small_loss_that_is_shown_is_practically_equal() -> None:
