@@ -369,7 +369,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if "episode" in options:
             self.episodes[lanes] = options["episode"][lanes]
         noisy = self.setup.settings.observation_noise > 0.0
-        if "mixture_index" in options:
+        if self.mixed and "mixture_index" in options:
             self._member[lanes] = options["mixture_index"][lanes]
         drawn = self.mixed and "mixture_index" not in options
         if not (noisy or drawn):

@@ -103,9 +103,10 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     try:
         gym.spec(name)
     except gym.error.Error as error:
+        own = suggestion(env_id, ENVIRONMENTS)
+        meant = "" if own.startswith("Did you mean") else f" {error}"
         raise ValueError(
-            f"unknown environment: Gymnasium cannot make {env_id!r}: {describe_exception(error)}. "
-            f"{suggestion(env_id, ENVIRONMENTS)}, {OTHER_TESTBEDS}"
+            f"unknown environment: {env_id!r}.{meant} {own}, {OTHER_TESTBEDS}"
         ) from error
     check_versions("robotics" if module else "mujoco")
     load("mujoco", "mujoco")

@@ -278,7 +278,7 @@ def test_other_evidence_is_not_overwritten(tmp_path, capsys):
         (["--env", "IntegPendulum-v0", "--plant", "pendulum"], "not both"),
         (["--plant", "pendulum", "--dt", "0.05", "0.03"], "not a whole multiple"),
         (["--plant", "pendulum", "--workers", "0"], "--workers must be 1 or above"),
-        (["--example", "drift", "--plant", "pendulum"], "leave --plant out"),
+        (["--example", "drift", "--plant", "pendulum"], "--plant says nothing; leave it out"),
         (["--plant", "pendulum", "--dt", "0"], "--dt must be a finite number"),
         (["--plant", "pendulum", "--integrator", "planted:Missing"], "cannot load integrator"),
         (["--plant", "pendulum", "--integrator", "planted:NoPlant"], "is not an integrator"),

@@ -90,7 +90,8 @@ def test_matrix_is_what_the_records_say(panel_directory):
         ids = ", ".join(f"'{policy['id']}'" for policy in row["policies"])
         (truth,) = store.query(
             'SELECT avg(success::INT) AS success, avg("return") AS mean_return, count(*) AS n '
-            f"FROM records WHERE cell = '{entry['cell']}' AND policy_id IN ({ids})"
+            "FROM records WHERE phase = 'evaluation' "
+            f"AND cell = '{entry['cell']}' AND policy_id IN ({ids})"
         ).to_pylist()
         assert entry["success"]["estimate"] == pytest.approx(truth["success"])
         assert entry["episodes"] == truth["n"]
