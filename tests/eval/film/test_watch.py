@@ -32,7 +32,8 @@ def played_again(record, success, run, on_doubt):
     return of_record._episode(cell, record, success, policy, on_doubt)
 
 
-TRAINED = "policy_id LIKE '%rk4%' AND cell = 'explicit_euler dt=0.05'"
+EVALUATED = "phase = 'evaluation'"
+TRAINED = f"{EVALUATED} AND policy_id LIKE '%rk4%' AND cell = 'explicit_euler dt=0.05'"
 
 
 def test_a_record_with_a_trace_is_shown_as_it_was_recorded(panel_directory):
@@ -56,7 +57,8 @@ def test_what_is_played_again_is_what_was_recorded(panel_directory, policy, pert
     """Trained policies to the last bits of their actions, baselines exactly."""
     record = record_where(
         panel_directory,
-        f"policy_id LIKE '{policy}' AND integrator = 'reference' AND energy IS NOT NULL "
+        f"{EVALUATED} AND policy_id LIKE '{policy}' AND integrator = 'reference' "
+        "AND energy IS NOT NULL "
         f"AND perturbation {perturbation}",
     )
     again = played_again(record, record["success"], panel_directory, pytest.fail)

@@ -358,7 +358,8 @@ def test_another_home_is_named_whatever_was_made_to_fit(run, capsys):
     seal(run)
     assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
     told = capsys.readouterr().out
-    assert f"policies/{file.parent.name}/policy.json: `config.env_arguments` is recorded as" in told
+    place = f"policies/{file.parent.name}/policy.json: `config.env_arguments.max_torque`"
+    assert f"{place} is recorded as" in told
     assert main(["report", str(run)]) == 2
 
 
