@@ -52,7 +52,8 @@ def test_json_of_a_record_that_is_none_is_found_with_all_else(run, column, text,
     touched = []
 
     def change(rows):
-        traced = [row for row in rows if row["reward"] is not None]
+        judged = [row for row in rows if row["phase"] == "evaluation"]
+        traced = [row for row in judged if row["reward"] is not None]
         first, second = traced[0], traced[-1]
         first[column] = text
         second["return"] += 1.0

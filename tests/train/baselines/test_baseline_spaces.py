@@ -51,7 +51,6 @@ def test_the_hash_covers_seed_and_bounds() -> None:
     [
         spaces.MultiBinary(2),
         spaces.Box(-np.inf, np.inf, (1,), np.float32),
-        spaces.Box(-1.0, 1.0, (2, 2), np.float32),
     ],
 )
 @pytest.mark.parametrize("policy", [RandomPolicy, ZeroPolicy])

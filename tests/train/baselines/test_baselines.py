@@ -163,10 +163,12 @@ def test_zero_never_acts(env_id: str, fallback: str, latency: float) -> None:
     observation, _ = env.reset(seed=0)
     for _ in range(30):
         action = policy.act(observation[None])[0]
-        observation, _, _, _, info = env.step(action)
+        observation, _, terminated, _, info = env.step(action)
         assert info["control"] == 0.0
         assert info["fallback_used"] is True or env_id != CART_POLE
         assert info["actuator_work"] == 0.0
+        if terminated:
+            observation, _ = env.reset()
 
 
 @pytest.mark.parametrize("name", ["random", "zero"])
