@@ -152,14 +152,12 @@ def listed(text: str) -> list[tuple[str, str]]:
 def is_listed(leaf: Leaf, patterns: Sequence[tuple[str, str]]) -> bool:
     """Whether a document says that nothing proves a leaf, or what holds it."""
     place = leaf.place.replace("[", "(").replace("]", ")")
-    return any(
-        fnmatchcase(leaf.file, file)
-        and (
-            fnmatchcase(place, own.replace("[", "(").replace("]", ")"))
-            or fnmatchcase(place, own.replace("[", "(").replace("]", ")") + ".*")
-        )
-        for file, own in patterns
-    )
+    for file, listed_place in patterns:
+        own = listed_place.replace("[", "(").replace("]", ")")
+        inside = (own, f"{own}.*", f"{own}(*")
+        if fnmatchcase(leaf.file, file) and any(fnmatchcase(place, one) for one in inside):
+            return True
+    return False
 
 
 class Sweep:
