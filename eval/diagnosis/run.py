@@ -176,6 +176,7 @@ def diagnose(
         replace_file(directory / RESULT, text.encode())
         write_diagnosis_figures(result, directory / "figures")
         write_page(result, directory)
+        bar.set_postfix_str("", refresh=False)
     return result
 
 

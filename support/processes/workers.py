@@ -173,7 +173,6 @@ def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
             """Show that the work is done."""
             self.filled = True
             if not self.disable:
-                self.set_postfix_str("", refresh=False)
                 self.update(self.total - self.n)
                 self.refresh()
 

@@ -44,3 +44,4 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
             bar.set_postfix_str(phase)
 
         yield begin
+        bar.set_postfix_str("", refresh=False)

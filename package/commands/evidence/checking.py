@@ -39,6 +39,7 @@ class Checking:
     def close(self) -> None:
         """Leave the bar as a full one: what was expected of it is a guess."""
         if self._bar is not None:
+            self._bar.set_postfix_str("", refresh=False)
             self._bar.fill()
             self._bar.close()
 

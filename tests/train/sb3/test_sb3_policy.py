@@ -240,5 +240,5 @@ def test_action_bounds_replace_the_printed_ones(scratch: Path) -> None:
     assert "does not spell out 1200 numbers; pass action_bounds" in refusal(scratch / "many.zip")
     policy = read_sb3_zip(scratch / "many.zip", action_bounds=(-high, high))
     assert policy.actions.space == env.action_space
-    message = refusal(scratch / "many.zip", action_bounds=([-1.0], [1.0]))
-    assert "action_bounds have length 1 and the action space 1200" in message
+    message = refusal(scratch / "many.zip", action_bounds=([-1.0, -1.0], [1.0, 1.0]))
+    assert "action_bounds have length 2 and the action space 1200" in message
