@@ -11,6 +11,7 @@ from integ_gym.support import plural
 from ..episodes import told_setup
 from ..schema import (
     ENV_KEY,
+    LATER_ATTEMPT,
     SCHEMA_VERSION,
     SECOND_HORIZON,
     VERSION_KEY,
@@ -28,6 +29,10 @@ ORDER BY phase, cell, policy_id, policy_hash
 """
 
 
+_OF_FAILURES = (SECOND_HORIZON, LATER_ATTEMPT)
+"""Phases that hold the episodes alone that failed within one horizon."""
+
+
 def missing_episodes(store: EvidenceStore, part: bool = False) -> Iterator[Finding]:
     """Cells in which episodes between the first and the last are missing, or there twice.
 
@@ -36,7 +41,7 @@ def missing_episodes(store: EvidenceStore, part: bool = False) -> Iterator[Findi
         part: whether they are a part of a run's, of which some may be missing.
     """
     for row in store.query(_COUNTED).to_pylist():
-        some = part or row["phase"] == SECOND_HORIZON  # of parts in which a policy failed
+        some = part or row["phase"] in _OF_FAILURES
         missing = 0 if some else row["last"] - row["first"] + 1 - row["present"]
         twice = row["records"] - row["present"]
         episodes = f"of episodes {row['first']} to {row['last']}"
