@@ -85,7 +85,9 @@ def _judged(out: Path, **arguments) -> tuple[dict, list[dict]]:
         environment={"start": "hanging", "duration": 3.0}, workers=1, progress=False, **arguments,
     )  # fmt: skip
     query = "SELECT cell, training_discretization AS home, failure_label AS label FROM records"
-    records = EvidenceStore(out / "evidence").query(f"{query} WHERE policy_id = 'lazy'")
+    records = EvidenceStore(out / "evidence").query(
+        f"{query} WHERE policy_id = 'lazy' AND phase = 'evaluation'"
+    )
     written = json.loads((out / "panel.json").read_text(encoding="utf-8"))
     assert panel.row("lazy").home == written["rows"][0]["home"]
     return written, records.to_pylist()
@@ -152,7 +154,7 @@ def test_what_succeeds_where_energy_is_pumped_in_fails_by_the_discretization(hom
     )  # fmt: skip
     query = (
         "SELECT cell, success, failure_label AS label FROM records "
-        "WHERE policy_id = 'weak' AND perturbation IS NULL"
+        "WHERE policy_id = 'weak' AND phase = 'evaluation' AND perturbation IS NULL"
     )
     records = EvidenceStore(tmp_path / "o" / "evidence").query(query).to_pylist()
     at_home = [one for one in records if one["cell"] == "explicit_euler dt=0.05"]

@@ -96,6 +96,7 @@ def test_writes_the_usual_directory_without_a_truth(run, balancing):
 def _column(out: Path, name: str, policy: str, cell: str) -> list:
     query = (
         f"SELECT \"{name}\" AS x FROM records WHERE policy_id = '{policy}' AND cell = '{cell}' "
+        "AND phase = 'evaluation' "
         "ORDER BY episode_index"
     )
     return EvidenceStore(out / "evidence").query(query).column("x").to_pylist()
