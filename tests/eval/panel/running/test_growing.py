@@ -151,7 +151,7 @@ SELECT episode_index >= 6 AS later, count(DISTINCT episode_index) AS episodes,
        count(*) FILTER (success AND cell = 'explicit_euler dt=0.02') AS succeeded,
        min(home_success) AS low, max(home_success) AS high,
        count(*) FILTER (failure_label = 'not_learned') > 0 AS not_learned
-FROM records WHERE policy_id = 'leaning' GROUP BY ALL ORDER BY later
+FROM records WHERE policy_id = 'leaning' AND phase = 'evaluation' GROUP BY ALL ORDER BY later
 """
 
 
