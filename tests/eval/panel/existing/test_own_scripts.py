@@ -63,7 +63,8 @@ def _evaluate(policy: Path, out: Path, *more: str) -> EvidenceStore:
 
 
 def _own(store: EvidenceStore) -> list:
-    records = [record for record in store.records() if record["policy_id"] == "own"]
+    evaluated = [record for record in store.records() if record["phase"] == "evaluation"]
+    records = [record for record in evaluated if record["policy_id"] == "own"]
     return sorted(records, key=lambda record: (record["cell"], record["episode_index"]))
 
 
