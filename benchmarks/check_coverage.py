@@ -50,12 +50,12 @@ def laws() -> Iterator[tuple[str, float, Draw]]:
     yield "total gains and losses", 0.0, lambda r: r.choice(all_, MOST_SEEDS, p=[0.15, 0.7, 0.15])
 
 
-def checked(losses: Floats) -> tuple[int, float, float]:
+def checked(losses: Floats, draws: int = DRAWS) -> tuple[int, float, float]:
     """Seeds that a check ends with, and the ends of its interval."""
     seeds = FIRST_SEEDS
     while True:
         part = losses[:seeds]
-        lost = loss_interval(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=DRAWS)
+        lost = loss_interval(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=draws)
         wanted = wanted_seeds(seeds, 0.5 * (lost.high - lost.low))
         if wanted == seeds:
             return seeds, lost.low, lost.high

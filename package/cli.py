@@ -7,44 +7,36 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from integ_gym.support import CommandParser, end_quietly, missing, report_errors
 
 LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 """What an interruption leaves, of commands where that is not what was finished."""
 
-COMMANDS = {
-    "panel": "train and evaluate a whole panel (the main job)",
-    "train": "train one policy with PPO",
-    "evaluate": "evaluate an existing policy",
-    "check": "measure what a discretization costs, in about a minute",
-    "atlas": "run one panel at several limits of the control",
-    "diagnose": "check integrators against theory",
-    "engines": "tell what every engine really does",
-    "census": "tell what every pendulum and cart-pole of the name really does",
-    "report": "write a panel's page and figures again",
-    "watch": "show a policy in several discretizations, side by side",
-    "play": "drive a plant by hand and change its discretization while it moves",
-    "evidence": "show, query, verify, seal, export and merge records",
-}
-"""Command, which the module of its name in ``commands`` runs, to what it is for."""
 
-NEEDS = {
-    "panel": "panel",
-    "train": "train",
-    "evaluate": "report",
-    "check": "panel",
-    "atlas": "panel",
-    "diagnose": "report",
-    "engines": "evidence",
-    "census": "report",
-    "report": "report",
-    "watch": "render",
-    "play": "render",
-    "evidence": "evidence",
+class Command(NamedTuple):
+    """What a command is for, and the smallest extra that it runs with."""
+
+    purpose: str
+    extra: str
+
+
+COMMANDS = {
+    "panel": Command("train and evaluate a whole panel (the main job)", "panel"),
+    "train": Command("train one policy with PPO", "train"),
+    "evaluate": Command("evaluate an existing policy", "report"),
+    "check": Command("measure what a discretization costs, in about a minute", "panel"),
+    "atlas": Command("run one panel at several limits of the control", "panel"),
+    "diagnose": Command("check integrators against theory", "report"),
+    "engines": Command("tell what every engine really does", "evidence"),
+    "census": Command("tell what every pendulum and cart-pole of the name really does", "report"),
+    "report": Command("write a panel's page and figures again", "report"),
+    "watch": Command("show a policy in several discretizations, side by side", "render"),
+    "play": Command("drive a plant by hand and change its discretization while it moves", "render"),
+    "evidence": Command("show, query, verify, seal, export and merge records", "evidence"),
 }
-"""Command to the smallest extra that it runs with."""
+"""Command, which the module of its name in ``commands`` runs."""
 
 EXAMPLES = """\
 examples:
@@ -101,12 +93,12 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     try:
         command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
-        raise missing(str(error.name), NEEDS[name]) from error
+        raise missing(str(error.name), COMMANDS[name].extra) from error
     return int(command.main(arguments))
 
 
 def _commands() -> str:
-    lines = [f"  {name:<10} {purpose}" for name, purpose in COMMANDS.items()]
+    lines = [f"  {name:<10} {command.purpose}" for name, command in COMMANDS.items()]
     return "\n".join(["commands (each has its own --help):", *lines, "", ""])
 
 
