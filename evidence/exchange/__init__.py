@@ -9,6 +9,6 @@ from integ_gym.support import lazy_door
 
 if TYPE_CHECKING:
     from .exporting import EXPORT_FORMATS, TEXT_FORMATS, Exported, export
-    from .parquet_export import changed_since_export, read_export
+    from .parquet_dataset import changed_since_export, read_export
 else:
     __getattr__, __dir__ = lazy_door(__name__)

@@ -12,10 +12,9 @@ from integ_gym.support import cannot_write, load, new_path, work_bar
 from ..episodes import EvidenceRecord
 from ..schema import EvidenceError
 from ..store import EvidenceStore
-from .lerobot_dataset import write_lerobot
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
-from .parquet_export import write_parquet
+from .parquet_dataset import write_parquet
 from .selection import Selection, select
 from .text import write_csv, write_jsonl
 
@@ -26,11 +25,10 @@ _TEXTS: dict[str, Callable[[Episodes, TextIO], int]] = {"csv": write_csv, "jsonl
 _FOLDERS: dict[str, Callable[[Selection, Path], int]] = {
     "parquet": write_parquet,
     "minari": write_minari,
-    "lerobot": write_lerobot,
     "mcap": write_mcap,
 }
 
-_OF_TRACES = ("minari", "lerobot", "mcap")
+_OF_TRACES = ("minari", "mcap")
 """Formats of what happened step by step."""
 
 TEXT_FORMATS = tuple(_TEXTS)

@@ -17,9 +17,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add(
         "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
-        help="csv, jsonl: all fields but the trace, in one file; parquet: records as they are, "
-        "with a data card and a Croissant description; minari, lerobot: data sets of episodes; "
-        "mcap: a log of ROS 2 messages for each episode (default: csv)",
+        help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
+        "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
+        "episode (default: csv)",
     )  # fmt: skip
     add(
         "--out", metavar="PATH", type=Path,
