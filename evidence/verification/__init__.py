@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .sampling import replay_some
     from .sealing import (
         SEAL_FILE,
+        SIGNATURE_FILE,
         broken_seals,
         lift_seal,
         lower_seal,
@@ -21,6 +22,6 @@ if TYPE_CHECKING:
         seal,
         unbroken_seal,
     )
-    from .signing import Signature, broken_signature, read_key, read_signature, sign
+    from .signing import broken_signature, can_check_signatures, check_key, sign, signer_of
 else:
     __getattr__, __dir__ = lazy_door(__name__)

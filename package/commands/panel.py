@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from integ_gym.eval import (
     BUILT_IN,
@@ -20,7 +19,7 @@ from integ_gym.eval import (
     specified,
     work_on_panel,
 )
-from integ_gym.evidence import read_key, read_seal, sign
+from integ_gym.evidence import check_key, read_seal, sign
 from integ_gym.support import (
     LEASE,
     CommandParser,
@@ -120,7 +119,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--sign", type=Path, metavar="KEY",
-        help="sign the seal with this private key, as ssh-keygen -t ed25519 makes them",
+        help="sign the seal with this private key through ssh-keygen",
     )  # fmt: skip
     add_work(made)
     add_engine(made)
@@ -194,11 +193,12 @@ def main(argv: Sequence[str]) -> int:
             f"--sign signs a run on this machine, and {arguments.out} is none; copy it here once "
             "it is finished, `integ-gym evidence seal --sign` the copy, and send seal.json.sig back"
         )
-    key = None if arguments.sign is None else read_key(arguments.sign)
+    if arguments.sign is not None:
+        check_key(arguments.sign)
     command = told_command([*words, "--out", str(arguments.out)])
     if arguments.worker:
         _take_part(spec, arguments, command)
-        _sign(arguments.out, key)
+        _sign(arguments.out, arguments.sign)
         return 0
     panel = run_panel(
         spec,
@@ -232,14 +232,14 @@ def main(argv: Sequence[str]) -> int:
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
-    _sign(arguments.out, key)
+    _sign(arguments.out, arguments.sign)
     return 0
 
 
-def _sign(out: Path, key: Any) -> None:
+def _sign(out: Path, key: Path | None) -> None:
     """Sign the seal of a finished panel, if there is a key to do it with."""
     if key is not None:
-        print(f"Signed by {sign(out, key).fingerprint}")
+        print(f"Signed by {sign(out, key)}")
 
 
 def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> None:

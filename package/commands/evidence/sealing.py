@@ -10,7 +10,7 @@ from integ_gym.evidence import (
     EvidenceError,
     EvidenceStore,
     broken_seals,
-    read_key,
+    check_key,
     seal,
     sign,
 )
@@ -20,7 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The options of `seal`."""
     command.add_argument(
         "--sign", type=Path, metavar="KEY",
-        help="sign it with this private key, as ssh-keygen -t ed25519 makes them",
+        help="sign it with this private key through ssh-keygen",
     )  # fmt: skip
 
 
@@ -31,13 +31,14 @@ def seal_run(store: EvidenceStore, given: argparse.Namespace) -> int:
         EvidenceError: if the run has a seal that does not hold, or the key cannot sign.
     """
     run = store.run
-    key = None if given.sign is None else read_key(given.sign)
+    if given.sign is not None:
+        check_key(given.sign)
     for broken in broken_seals(run):
         raise EvidenceError(
             f"{run} has a seal that does not hold: {broken}; find out why, and remove "
             f"{run / SEAL_FILE} to seal what is there now"
         )
     print(f"Seal: {seal(run)}")
-    if key is not None:
-        print(f"Signed by {sign(run, key).fingerprint}")
+    if given.sign is not None:
+        print(f"Signed by {sign(run, given.sign)}")
     return 0

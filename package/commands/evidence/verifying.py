@@ -12,18 +12,20 @@ from integ_gym.evidence import (
     ELSEWHERE,
     SCHEMA_VERSION,
     SEAL_FILE,
+    SIGNATURE_FILE,
     EvidenceError,
     EvidenceStore,
     Finding,
     broken_seals,
     broken_signature,
+    can_check_signatures,
     changed_since_export,
     missing_episodes,
     other_columns,
     read_export,
     read_seal,
-    read_signature,
     recompute,
+    signer_of,
 )
 from integ_gym.support import plural, whole_number
 
@@ -68,7 +70,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     add("--own-code", action="store_true", help="load classes that records name as module:Class")
     add(
         "--public-key", type=Path, metavar="FILE",
-        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub",
+        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "
+        "ssh-keygen",
     )  # fmt: skip
     add_progress(command)
 
@@ -127,7 +130,7 @@ def _found(
         _collect(found, broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
             found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
-    if given.public_key is not None:
+    if given.public_key is not None or (given.depth != "whole" and can_check_signatures()):
         found += map(str, broken_signature(run, given.public_key))
     if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
         return found, []
@@ -172,11 +175,14 @@ def _checked(
     if sealed is None or given.depth == "whole":
         return
     yield f"sealed: {sealed['seal']}"
-    signature = read_signature(store.run)
-    if signature is not None:
-        key = given.public_key
-        how = "not checked without --public-key" if key is None else f"of {key}"
-        yield f"signed: by {signature.fingerprint}, {how}"
+    if not (store.run / SIGNATURE_FILE).exists():
+        return
+    if not can_check_signatures():
+        yield "signed: not checked, because ssh-keygen is not installed"
+    elif given.public_key is None:
+        yield f"signed: by {signer_of(store.run)}; --public-key FILE checks whose key that is"
+    else:
+        yield f"signed: by {signer_of(store.run)}, of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:
