@@ -59,7 +59,6 @@ if TYPE_CHECKING:
         SIGNATURE_FILE,
         Acting,
         Replayed,
-        Signature,
         broken_seals,
         broken_signature,
         can_check_signatures,

@@ -14,7 +14,8 @@ from integ_gym.support import read_bounded
 
 from ....policy import ObservationStatistics
 from ...error import PolicyFileError
-from ..vec_normalize import looks_pickled, read_vec_normalize
+from ..pickles import looks_pickled
+from ..vec_normalize import read_vec_normalize
 from . import limits
 from .data import Json, json_object
 
