@@ -25,7 +25,8 @@ _NOT_REPLAYED = VOLATILE_NAMES | {
 """Fields that say how starts came about, or that a replay is told."""
 
 _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))
-"""Fields that say how controls came about."""
+"""Fields that say how controls came about. A control that is repeated tells them too, unless it may
+have been the fallback's."""
 
 _ITERATIONS = "solver_iterations"
 
@@ -70,7 +71,8 @@ def differences(
             those that this makes are let pass.
     """
     fields = record.fields
-    left_out = _NOT_REPLAYED if decided else _NOT_REPLAYED | _OF_ACTIONS
+    decided_here = decided or not _may_have_fallen_back(record)
+    left_out = _NOT_REPLAYED if decided_here else _NOT_REPLAYED | _OF_ACTIONS
     for own in SUMMARY_FIELDS:
         if own.name in left_out or own.since > fields["schema_version"]:
             continue
@@ -100,6 +102,15 @@ def differences(
         place = _first_difference(values, other, moved, tolerance, slack)
         if place is not None:
             yield f"{column}[{place}]", values[place].item(), other[place].item()
+
+
+def _may_have_fallen_back(record: EvidenceRecord) -> bool:
+    """Whether some control is what the fallback gives where a decision was no number."""
+    for column, asked in record.trace.items():
+        if column.endswith("_commanded"):
+            before = np.append(0.0, asked[:-1]) if record["fallback"] == "hold" else 0.0
+            return bool(np.any(asked == before))
+    return True
 
 
 def _alike(recorded: Any, computed: Any, moved: Any, tolerance: float, slack: float) -> bool:

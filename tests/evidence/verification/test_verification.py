@@ -270,6 +270,13 @@ def test_a_column_that_is_gone_from_one_trace_is_named(column, tmp_path, play):
     assert "is recorded as None" in found.message
 
 
+@pytest.mark.parametrize("column", ["fallback_count", "recovery_count", "saturated_share"])
+def test_how_controls_came_about_is_told_by_a_replay(column, tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=2, **SETTINGS["late"])
+    _forge(store, column, lambda values: [values[0] + 1, *values[1:]])
+    assert any(f"`{column}`" in x.message for x in _replayed(store).findings)
+
+
 def test_another_machine_s_rounding_is_told_from_a_forgery(tmp_path, play, monkeypatch):
     """Recorded controls leave a pendulum to itself: an ulp grows with every swing."""
     context = EpisodeContext("run", "cell", replays=Replays(home=False))
