@@ -1,34 +1,51 @@
-"""Every leaf of a run's JSON files and schemas is held against something, or listed as not proven.
+"""Every leaf of finished runs is held against something, or listed as not proven.
 
-``python tests/helpers/reliability/sweep.py --every`` changes those of records too, which takes an
-hour, and all of them in all ways.
+All leaves of records are changed in all ways, of files one of each kind in one way;
+``python tests/helpers/reliability/sweep.py --every`` changes all in all ways.
 """
 
 from __future__ import annotations
 
 import pytest
 from leaves import Leaf
-from sweep import SECURITY, Sweep, is_listed, leaves_of, listed, make_run, told_otherwise
-
-from integ_gym.evidence.schema.fields import PHASES
-
-FILES = ("panel.json", "run.json", "policies/", "units/", "schema of ")
-KINDS = (
-    *FILES,
-    *(f"records of {phase}, {trace}" for phase in PHASES for trace in ("traced", "untraced")),
+from sweep import (
+    KINDS,
+    OTHER_RUNS,
+    SECURITY,
+    Sweep,
+    changed_places,
+    first_of_kind,
+    is_listed,
+    leaves_of,
+    listed,
+    make_runs,
+    others_of,
 )
+
 PATTERNS = listed(SECURITY.read_text(encoding="utf-8"))
 
-
-@pytest.fixture(scope="module")
-def swept(made_once, tmp_path_factory):
-    folder = made_once("swept", make_run)
-    return Sweep(folder / "run", tmp_path_factory.mktemp("sweep") / "run")
+TIMES = {"cost.wall_seconds", "cost.train_seconds", "cost.evaluate_seconds"}
+"""Numbers of a page that are as the machine told them."""
 
 
 @pytest.fixture(scope="module")
-def leaves(swept):
-    return leaves_of(swept.run)
+def runs(made_once):
+    return made_once("swept", make_runs)
+
+
+@pytest.fixture(scope="module")
+def leaves(runs):
+    return leaves_of(runs / "first")
+
+
+@pytest.fixture(scope="module")
+def sweep(runs, tmp_path_factory):
+    return Sweep(runs / "first", tmp_path_factory.mktemp("sweep") / "first")
+
+
+@pytest.fixture(scope="module")
+def silent(sweep, leaves):
+    return sweep.silent([leaf for leaf in leaves if not is_listed(leaf, PATTERNS)])
 
 
 def test_a_place_is_listed_with_all_that_is_in_it():
@@ -49,25 +66,32 @@ def test_the_list_is_read():
 
 @pytest.mark.slow
 def test_every_kind_of_file_is_swept(leaves):
-    assert all(leaf.file.startswith(KINDS) for leaf in leaves)
+    assert {leaf.file for leaf in leaves} == set(KINDS)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", FILES)
-def test_a_leaf_that_is_not_listed_is_found(swept, leaves, kind):
-    own = [leaf for leaf in leaves if leaf.file.startswith(kind)]
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_leaf_that_is_not_listed_is_found(silent, leaves, kind):
+    assert any(leaf.file == kind and not is_listed(leaf, PATTERNS) for leaf in leaves)
+    own = [str(leaf) for leaf in silent if leaf.file == kind]
+    assert not own, "\n".join(own)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHER_RUNS)
+def test_leaves_that_other_runs_alone_have_are_found(runs, leaves, name, tmp_path):
+    own = [x for x in others_of(runs / name, leaves) if not is_listed(x, PATTERNS)]
     assert own
-    silent = swept.silent([leaf for leaf in own if not is_listed(leaf, PATTERNS)])
-    assert not silent, "\n".join(map(str, silent))
+    found = Sweep(runs / name, tmp_path / name).silent(own)
+    assert not found, "\n".join(map(str, found))
 
 
 @pytest.mark.slow
-def test_what_is_listed_is_silent_and_no_verdict_rests_on_it(swept, leaves):
+def test_what_is_listed_is_silent_and_no_verdict_rests_on_it(sweep, leaves):
     own = [leaf for leaf in leaves if is_listed(leaf, PATTERNS)]
     for file, place in PATTERNS:
         assert any(is_listed(leaf, [(file, place)]) for leaf in own), (file, place)
     # What failed has no time of success, and a page of another form is no page.
-    own = [leaf for leaf in own if leaf.change not in ("added", "other kind")]
-    assert swept.first_finding(own) is None
-    places = {place.split(".")[0] for place in told_otherwise(swept, own)}
-    assert places <= {"cost", "training_costs"}
+    own = first_of_kind([leaf for leaf in own if leaf.change not in ("added", "other kind")])
+    assert sweep.first_finding(own) is None
+    assert set(changed_places(sweep, own)) <= TIMES

@@ -214,6 +214,8 @@ def _mend_cards(run: Path) -> None:
         card = hashed(json.loads(file.read_text(encoding="utf-8")))
         file.write_text(json.dumps(card), encoding="utf-8")
         marker = run / "units" / f"train-{file.parent.name}.json"
+        if not marker.exists():  # of a policy that was given
+            continue
         held = json.loads(marker.read_text(encoding="utf-8"))
         held |= {"card": card_hash(card)} if held["policy"] == card["content_hash"] else {}
         marker.write_text(json.dumps(held), encoding="utf-8")

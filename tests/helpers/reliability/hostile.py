@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from damage import flip, lengthen, overwrite, truncate
 from forgery import EVALUATED, make_fit
-from victim import SPEC, Victim, command
+from victim import Victim, command, write_spec
 
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.running.run_directory import RunDirectory, read_manifest
@@ -87,10 +87,10 @@ def marker(victim: Victim, folder: Path, rng: random.Random) -> None:
 
 def specification(victim: Victim, folder: Path, rng: random.Random) -> None:
     """A specification with values, lines or characters changed."""
-    text = SPEC.format(first=0, second=1)
+    file = write_spec(folder / "spec.toml")
+    text = file.read_text(encoding="utf-8")
     for _ in range(rng.randint(1, 3)):
         text = rng.choice((_value_changed, _line_changed, _characters_changed))(text, rng)
-    file = folder / "spec.toml"
     _write(file, text)
     refused_or(lambda: read_spec(file))
 

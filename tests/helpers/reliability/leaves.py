@@ -180,9 +180,10 @@ def other(value: Any) -> Any:
 
 
 def record_kind(row: Mapping[str, Any]) -> str:
-    """What a record is: phase, whose it is, and whether it has a trace."""
+    """What a record is: phase, whether of the fleet, which plays none again, and of a trace."""
     trace = "traced" if row["reward"] is not None else "untraced"
-    return f"records of {row['phase']}, {trace}"
+    fleet = "fleet " if row["float_width"] == 32 else ""
+    return f"records of {fleet}{row['phase']}, {trace}"
 
 
 def record_leaves(run: Path, every: bool) -> list[Leaf]:
@@ -195,9 +196,12 @@ def record_leaves(run: Path, every: bool) -> list[Leaf]:
     """
     leaves: list[Leaf] = []
     rows: dict[str, list[tuple[str, int, dict[str, Any]]]] = {}
+    nullable: set[str] = set()
     for file in sorted(run.glob("evidence/*.parquet")):
         path = file.relative_to(run).as_posix()
-        for number, row in enumerate(pq.read_table(file).to_pylist()):
+        table = pq.read_table(file)
+        nullable.update(field.name for field in table.schema if field.nullable)
+        for number, row in enumerate(table.to_pylist()):
             kind = record_kind(row)
             if every:
                 about = "perturbed" if row["perturbation"] else "plain"
@@ -209,6 +213,8 @@ def record_leaves(run: Path, every: bool) -> list[Leaf]:
         columns = {name for *_, row in own for name in row}
         for name in sorted(columns):
             for keys, change in _column_changes(name, [row for *_, row in own]):
+                if change == "null" and not keys and name not in nullable:
+                    continue  # no file can hold it
                 fit = [x for x in own if _fits(x[2], name, keys, change)]
                 path, number, _ = fit[count % len(fit)]
                 count += 1
@@ -316,29 +322,36 @@ def _made(kind: Any) -> Any:
     return "x" if types.is_string(kind) else 1
 
 
-def change_records(run: Path, leaves: Sequence[Leaf]) -> dict[Leaf, dict[str, Any]]:
-    """Change records of a run, with content hashes that fit; each leaf's record as it was."""
-    ids: dict[Leaf, dict[str, Any]] = {}
+def row_after(rows: Sequence[dict[str, Any]], schema: Any, leaf: Leaf) -> dict[str, Any]:
+    """A leaf's row of a table, as it is after the change."""
+    number, *keys = leaf.keys
+    row = dict(rows[number])
+    change_row(row, tuple(keys), leaf.change, schema.field(keys[0]).type)
+    return row
+
+
+def change_records(run: Path, leaves: Sequence[Leaf]) -> None:
+    """Change records of a run, with content hashes that fit."""
     for path in sorted({leaf.path for leaf in leaves}):
         file = run / path
         table = pq.read_table(file)
         rows = table.to_pylist()
         for leaf in leaves:
             if leaf.path == path:
-                number, *keys = leaf.keys
-                ids[leaf] = dict(rows[number])
-                kind = table.schema.field(keys[0]).type
-                change_row(rows[number], tuple(keys), leaf.change, kind)
+                rows[leaf.keys[0]] = row_after(rows, table.schema, leaf)
         made = pa.Table.from_pylist(rows, table.schema)
         pq.write_table(with_hashes(made.combine_chunks()), file)
-    return ids
+
+
+_PHASES = ("train", "evaluate")
 
 
 def schema_leaves(run: Path) -> list[Leaf]:
     """Metadata of every column, and of the file, of one file of each phase."""
     leaves = []
-    for phase in ("train", "evaluate"):
-        file = sorted(run.glob(f"evidence/{phase}-*.parquet"))[0]
+    for file in (next(iter(sorted(run.glob(f"evidence/{x}-*.parquet"))), None) for x in _PHASES):
+        if file is None:
+            continue
         path = file.relative_to(run).as_posix()
         schema, kind = pq.read_schema(file), "schema of evidence/*.parquet"
         told = [(f.name, key) for f in schema for key in f.metadata or {}]

@@ -1,7 +1,7 @@
-"""A sweep over every leaf of a finished run: what `verify` has to say when one is changed.
+"""A sweep over every leaf of finished runs: what `verify` has to say when one is changed.
 
-``python tests/helpers/reliability/sweep.py --every`` changes all leaves in all ways, which takes
-hours, and prints those of which `verify` says nothing.
+``python tests/helpers/reliability/sweep.py --every`` changes all leaves in all ways and prints
+those of which `verify` says nothing.
 """
 
 from __future__ import annotations
@@ -13,12 +13,16 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 from forgery import make_fit
 from leaves import (
     Leaf,
@@ -28,12 +32,14 @@ from leaves import (
     change_zip,
     json_leaves,
     record_leaves,
+    row_after,
     schema_leaves,
     zip_leaves,
 )
-from victim import Task
+from victim import PICTURES, Task, write_spec
 
-from integ_gym.eval import FILE_NAME, acting_in, against_plan, read_panel
+from integ_gym.eval import FILE_NAME, MANIFEST, acting_in, against_plan, read_panel
+from integ_gym.eval.panel.existing import given_panel
 from integ_gym.eval.panel.model import Panel, write_panel
 from integ_gym.eval.panel.results import noted_call, panel_of
 from integ_gym.eval.panel.results.comparing import differences
@@ -46,90 +52,127 @@ from integ_gym.evidence import (
     missing_episodes,
     other_columns,
     recompute,
+    replay,
     replay_some,
     seal,
 )
+from integ_gym.evidence.episodes import EvidenceRecord, records_of
+from integ_gym.evidence.schema.fields import PHASES
 
 T = TypeVar("T")
 
 SECURITY = Path(__file__).parents[3] / "SECURITY.md"
 
-SPEC = """
-name = "sweep"
+RECORDS = "records of "
+"""How the kinds of records begin, where kinds of files begin otherwise."""
+
+KINDS = (
+    *("panel.json", "run.json", "policies/*/policy.json", "policies/*/policy.zip"),
+    *("units/achieve-*.json", "units/evaluate-*.json", "units/train-*.json"),
+    "schema of evidence/*.parquet",
+    *(f"{RECORDS}{phase}, {trace}" for phase in PHASES for trace in ("traced", "untraced")),
+)
+"""All kinds of files and records that a run has."""
+
+OTHER_RUNS = ("grown", "evaluated")
+"""Runs whose leaves are changed where they are others than those of the first."""
+
+_WHOLE = {
+    "grown": ("run.json",),
+    "evaluated": ("run.json", "records of evaluation, traced", "records of evaluation, untraced"),
+}
+"""Kinds of other runs of which all leaves are changed, for their plan is of another form."""
+
+
+def make_runs(folder: Path) -> None:
+    """Make the runs whose leaves are changed, without pictures, each in a folder of its name.
+
+    The first has all kinds of files and records. Of the others one is of the fleet, on a mixture,
+    with a seed more than it began with; one evaluates a policy of the first.
+    """
+    first = write_spec(
+        folder / "first.toml",
+        name="sweep",
+        top="""
 question = "Does it carry over?"
-env_id = "IntegPendulum-v0"
-control_period = 0.05
-seeds = [0, 1]
 episodes = 2
-trace_every = 2
 trainer = "sb3"
 baselines = ["zero", "handmade"]
 family = [["rk4 dt=0.05", "reference dt=0.05"]]
 ladder = false
-
-[environment]
-start = "hanging"
-max_torque = 1.0
-duration = 0.5
-observation_noise = 0.01
-action_latency = 0.05
-
-[training]
-total_steps = 128
-n_envs = 2
-n_steps = 32
-batch_size = 32
-n_epochs = 1
-net_arch = [4]
-trace_every = 3
-
-[[train]]
-integrator = "rk4"
-dt = 0.05
-
-[[evaluate]]
+""",
+        environment="duration = 0.5\nobservation_noise = 0.01\naction_latency = 0.05",
+        evaluate="""
 integrator = "rk4"
 dt = [0.05, 0.0125]
 
 [[perturbations]]
 name = "heavy"
 environment = { mass = 1.2 }
-"""
-"""Of a run with all kinds of files and records."""
-
-
-_DEEP = ("records of training, untraced", "records of evaluation, traced")
-"""Records whose columns of JSON are gone through leaf by leaf, unless all are asked for."""
-
-
-def make_run(folder: Path) -> Path:
-    """Make the run whose leaves are changed, without its pictures."""
-    spec = folder / "sweep.toml"
-    spec.write_text(SPEC, encoding="utf-8")
-    code, told = Task(("panel", str(spec)), folder / "run").run(folder / "run")
-    assert code == 0, told
-    shutil.rmtree(folder / "run" / "figures")
-    (folder / "run" / "report.html").unlink()
-    return folder / "run"
+""",
+    )
+    grown = write_spec(
+        folder / "grown.toml",
+        name="sweep",
+        top='episodes = 2\ntrainer = "fleet"\nbaselines = ["zero"]\nladder = false\n'
+        "perturbations = []",
+        environment="duration = 0.5",
+        train="""
+mixture = "two"
+members = [
+  { integrator = "rk4", dt = 0.05 },
+  { integrator = "symplectic_euler", dt = 0.05 },
+]
+""",
+        evaluate='integrator = ["rk4", "symplectic_euler"]\ndt = 0.05',
+    )
+    policy = folder / "first/policies/rk4-dt-0.05-seed0/policy.zip"
+    cells = ("--integrator=rk4", "--dt=0.05", "--episodes=2")
+    for words in (
+        ("panel", str(first)),
+        *(("panel", str(grown), "--seeds", str(count)) for count in (1, 2)),
+        ("evaluate", str(policy), "--env", "IntegPendulum-v0", *cells),
+    ):
+        out = folder / ("evaluated" if words[0] == "evaluate" else Path(words[1]).stem)
+        code, told = Task(words, out).run(out)
+        assert code == 0, told
+    for run in ("first", *OTHER_RUNS):
+        for name in PICTURES:
+            path = folder / run / name
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def leaves_of(run: Path, every: bool = False) -> list[Leaf]:
-    """The leaves of a run: one change of each kind of leaf, or all changes of all."""
-    panel = json.loads((run / "panel.json").read_text(encoding="utf-8"))
+    """The leaves of a run: one change of each kind of leaf of its files, and all of its records.
+
+    Args:
+        run: the run.
+        every: all changes of all leaves of its files, and more of its records.
+    """
+    panel = json.loads((run / FILE_NAME).read_text(encoding="utf-8"))
     policies = [policy["id"] for row in panel["rows"] for policy in row["policies"]]
     names = [*policies, *(one["name"] for part in ("rows", "cells") for one in panel[part])]
-    found = [
-        *json_leaves(run, names, every),
-        *zip_leaves(run),
-        *schema_leaves(run),
-        *record_leaves(run, every),
-    ]
-    if every:
-        return found
+    files = [*json_leaves(run, names, every), *zip_leaves(run), *schema_leaves(run)]
+    return [*(files if every else first_of_kind(files)), *record_leaves(run, every)]
+
+
+def others_of(run: Path, known: Sequence[Leaf], every: bool = False) -> list[Leaf]:
+    """The leaves of one of the other runs that are of another kind than all those that are known.
+
+    Args:
+        run: the run.
+        known: leaves of the first run.
+        every: see :func:`leaves_of`.
+    """
+    kinds = {leaf.kind for leaf in known}
+    whole = _WHOLE[run.name]
+    return [x for x in leaves_of(run, every) if x.file in whole or x.kind not in kinds]
+
+
+def first_of_kind(leaves: Sequence[Leaf]) -> list[Leaf]:
     first: dict[tuple[str, str], Leaf] = {}
-    for leaf in found:
-        if ":" not in leaf.place or not leaf.file.startswith("records of ") or leaf.file in _DEEP:
-            first.setdefault(leaf.kind, leaf)
+    for leaf in leaves:
+        first.setdefault(leaf.kind, leaf)
     return list(first.values())
 
 
@@ -172,42 +215,103 @@ class Sweep:
         self.run = shutil.copytree(run, work)
         self.panel = read_panel(self.run / FILE_NAME)
         self._files = {file: file.read_bytes() for file in work.rglob("*") if file.is_file()}
+        self._tables = {
+            file.relative_to(work).as_posix(): pq.read_table(file)
+            for file in sorted(work.glob("evidence/*.parquet"))
+        }
+        self._acting = acting_in(EvidenceStore(work / "evidence"))
+        self._rows = {path: table.to_pylist() for path, table in self._tables.items()}
 
-    def silent(self, leaves: Sequence[Leaf]) -> list[Leaf]:
-        """Leaves that can be changed, each alone, without a word of `verify`."""
-        records = [leaf for leaf in leaves if leaf.file.startswith("records of ")]
-        others = [leaf for leaf in leaves if not leaf.file.startswith("records of ")]
-        found = [leaf for leaf in others if self.first_finding([leaf]) is None]
-        groups: list[list[Leaf]] = []
-        for leaf in records:  # one change of a record at a time
-            place = (leaf.path, leaf.keys[0])
-            free = (g for g in groups if all((x.path, x.keys[0]) != place for x in g))
+    def silent(self, leaves: Sequence[Leaf], every: bool = False) -> list[Leaf]:
+        """Leaves that can be changed, each alone, without a word of `verify`.
+
+        Args:
+            leaves: of the run.
+            every: all changes of a leaf of records, or one of those that the record alone does not
+                tell.
+        """
+        records = self._unrefuted([leaf for leaf in leaves if _is_record(leaf)])
+        if not every:
+            records = first_of_kind(records)
+        records = [leaf for leaf in records if not self._is_denied_by_replay(leaf)]
+        left = [leaf for leaf in leaves if not _is_record(leaf)]
+        left += [leaf for leaf in records if leaf.keys[1] in _TOUCHING]
+        for group in self._groups([x for x in records if x.keys[1] not in _TOUCHING]):
+            left += self._unnamed(group)
+        return [leaf for leaf in left if self.first_finding([leaf]) is None]
+
+    def _unrefuted(self, leaves: Sequence[Leaf]) -> list[Leaf]:
+        """Those of leaves of records whose record, recomputed alone, tells nothing."""
+        left = []
+        for path in self._tables:
+            own = [leaf for leaf in leaves if leaf.path == path]
+            rows = [self._row_after(leaf) for leaf in own]
+            for leaf, record in zip(own, self._records(path, rows), strict=True):
+                if next(recompute(record, path), None) is None:
+                    left.append(leaf)
+        return left
+
+    def _is_denied_by_replay(self, leaf: Leaf) -> bool:
+        """Whether the episode, played again with those that its policy decides with, is another.
+
+        Who plays all again finds that too, and may find more: here nothing is known of how exact
+        the rest comes out.
+        """
+        row = self._row(leaf)
+        own = [x for x in self._rows[leaf.path] if _cell_of(x) == _cell_of(row)]
+        decided = bool(row["policy_hash"]) and any(x["reward"] is None for x in own)
+        rows = [self._row_after(leaf)]
+        if decided:
+            rows += [x for x in own if x["record_id"] != row["record_id"]]
+        records = [(leaf.path, record) for record in self._records(leaf.path, rows)]
+        return bool(replay(records, policy=self._acting if decided else None).findings)
+
+    def _records(self, path: str, rows: Sequence[dict[str, Any]]) -> list[EvidenceRecord]:
+        return records_of(pa.Table.from_pylist(list(rows), self._tables[path].schema))
+
+    def _row_after(self, leaf: Leaf) -> dict[str, Any]:
+        return row_after(self._rows[leaf.path], self._tables[leaf.path].schema, leaf)
+
+    def _groups(self, leaves: Sequence[Leaf]) -> list[list[Leaf]]:
+        """Leaves of records that can be changed together: what is said of one is of no other."""
+        groups: list[tuple[list[Leaf], set[Any]]] = []
+        for leaf in leaves:
+            row, column = self._row(leaf), leaf.keys[1]
+            where = leaf.place if column == _VERSIONS else _cell_of(row)
+            marks = {row["record_id"], (column, where)}
+            judged = row["phase"] == "evaluation"  # what other records must say follows from these
+            free = (one for one in groups if (judged in one[1]) and not one[1] & marks)
             group = next(free, None)
             if group is None:
-                groups.append([leaf])
-            else:
-                group.append(leaf)
-        for group in groups:
-            found += self._silent_records(group)
-        return found
+                group = ([], {judged})
+                groups.append(group)
+            group[0].append(leaf)
+            group[1].update(marks)
+        return [group for group, _ in groups]
 
-    def _silent_records(self, leaves: Sequence[Leaf]) -> list[Leaf]:
-        """Those of leaves of different records; what is named is left out, the rest halved."""
-        if not leaves:
-            return []
-        rows = self._change(leaves)
-        findings = list(self._findings(self.run))
-        self._restore()
-        if not findings:
-            return list(leaves)
-        if len(leaves) == 1:
-            return []
-        named = [leaf for leaf in leaves if any(_names(x, leaf, rows[leaf]) for x in findings)]
-        rest = [leaf for leaf in leaves if leaf not in named]
-        if named:
-            return self._silent_records(rest)
-        middle = len(rest) // 2
-        return self._silent_records(rest[:middle]) + self._silent_records(rest[middle:])
+    def _unnamed(self, leaves: Sequence[Leaf]) -> list[Leaf]:
+        """Those of a group's leaves of which nothing is said when all are changed together."""
+        told = self.with_changed(
+            leaves, lambda run: list(map(str, against_plan(run, all_searches=True)))
+        )
+        return [leaf for leaf in leaves if not any(self._names(one, leaf) for one in told)]
+
+    def _names(self, told: str, leaf: Leaf) -> bool:
+        """Whether a finding is about the column, and the record or those alike, of a leaf."""
+        row, column = self._row(leaf), leaf.keys[1]
+        if column == _VERSIONS:
+            return f"`{leaf.place.replace(':', '.')}`" in told
+        if row["record_id"] in told:
+            return "`" not in told or any(f"`{x}" in told for x in (column, "plain"))
+        if f"policy {row['policy_id']!r}" not in told:
+            return False
+        if f"training episode {row['episode_index']} of" in told:
+            return column in ("seed", "rng_key")
+        where = row["phase"] == "training" or repr(row["cell"]) in told
+        return where and any(f"`{name}" in told for name in (column, *_ALIAS.get(column, ())))
+
+    def _row(self, leaf: Leaf) -> dict[str, Any]:
+        return self._rows[leaf.path][leaf.keys[0]]
 
     def first_finding(self, leaves: Sequence[Leaf]) -> str | None:
         """What is said first when leaves are changed together; None if nothing is.
@@ -225,21 +329,28 @@ class Sweep:
             self._restore()
 
     def _first_finding(self, run: Path, leaves: Sequence[Leaf]) -> str | None:
-        if {leaf.file for leaf in leaves} != {FILE_NAME}:
-            return next((str(x) for x in self._findings(run)), None)
-        try:
-            found = differences(read_panel(run / FILE_NAME), self.panel)
-            return next((str(x) for x in found), None)
-        except ValueError as error:
-            return str(error)
+        files = {leaf.file for leaf in leaves}
+        if files <= {FILE_NAME, MANIFEST}:
+            try:  # what `verify` compares as well, and takes less time
+                said = read_panel(run / FILE_NAME)
+                made = self.panel if files == {FILE_NAME} else remade(run)
+                told = next((str(x) for x in differences(said, made)), None)
+            except ValueError as error:
+                told = str(error) if files == {FILE_NAME} else None
+            except (AttributeError, LookupError, TypeError):  # of what has lost its form
+                told = None
+            if told is not None or files == {FILE_NAME}:
+                return told
+        return next((str(x) for x in self._findings(run)), None)
 
-    def _change(self, leaves: Sequence[Leaf]) -> dict[Leaf, dict[str, object]]:
+    def _change(self, leaves: Sequence[Leaf]) -> None:
         """Change leaves, and make hashes, markers, page and seal fit.
 
         The page is made anew of changed records and markers, and not of a changed plan.
         """
-        rows = change_records(self.run, [x for x in leaves if x.file.startswith("records of ")])
-        others = [leaf for leaf in leaves if leaf not in rows and leaf.file != FILE_NAME]
+        records = [leaf for leaf in leaves if _is_record(leaf)]
+        change_records(self.run, records)
+        others = [leaf for leaf in leaves if not _is_record(leaf) and leaf.file != FILE_NAME]
         for leaf in sorted(others, key=lambda leaf: -len(leaf.keys)):  # what is within, first
             if leaf.file.endswith(".zip"):
                 change_zip(self.run, leaf)
@@ -249,14 +360,13 @@ class Sweep:
                 self._change_json(leaf)
         with suppress(AttributeError, KeyError, TypeError):  # of what has lost its form
             make_fit(self.run, panel=False)
-        if rows or any(leaf.file.startswith("units/") for leaf in others):
+        if records or any(leaf.file.startswith("units/") for leaf in others):
             with suppress(Exception):  # records of which no page can be made
-                write_panel(made(self.run), self.run)
+                write_panel(remade(self.run), self.run)
         for leaf in leaves:
             if leaf.file == FILE_NAME:
                 self._change_json(leaf)
         seal(self.run)
-        return rows
 
     def _change_json(self, leaf: Leaf) -> None:
         file = self.run / leaf.path
@@ -274,10 +384,10 @@ class Sweep:
         store = EvidenceStore(run / "evidence")
         checks: tuple[Callable[[], Iterator[Finding]], ...] = (
             lambda: broken_seals(run),
+            lambda: other_columns(store),
             lambda: against_plan(run, all_searches=True),
             lambda: iter(store.verify()),
             lambda: missing_episodes(store),
-            lambda: other_columns(store),
             lambda: (x for file, one in store.named_records() for x in recompute(one, file)),
             lambda: iter(replay_some(store, None, random.Random(0), acting_in(store)).findings),
         )
@@ -288,27 +398,38 @@ class Sweep:
                 yield str(error)
 
 
-def told_otherwise(sweep: Sweep, leaves: Sequence[Leaf]) -> list[str]:
+_VERSIONS = "package_versions"
+"""Column of which findings name neither record nor policy."""
+
+_TOUCHING = ("success", "run_id", "env_id", "schema_version")
+"""Columns from which follows what other records, or the whole file, must say."""
+
+_ALIAS = {"seed": ("first_seed",), "rng_key": ("first_of_seed",), "trace_every": ("traceless",)}
+"""Under what other names findings tell of a column."""
+
+
+def _cell_of(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What the records of a policy in a cell have in common."""
+    return row["phase"], row["policy_id"], row["cell"]
+
+
+def _is_record(leaf: Leaf) -> bool:
+    return leaf.file.startswith(RECORDS)
+
+
+def changed_places(sweep: Sweep, leaves: Sequence[Leaf]) -> list[str]:
     """Places of ``panel.json`` that come out otherwise when leaves are changed together."""
     return sweep.with_changed(
-        leaves, lambda run: [x for x, *_ in differences(made(run), sweep.panel)]
+        leaves, lambda run: [x for x, *_ in differences(remade(run), sweep.panel)]
     )
 
 
-def made(run: Path) -> Panel:
+def remade(run: Path) -> Panel:
     """What ``panel.json`` has to say of plan and records as they are."""
     directory = RunDirectory(run, {})
-    spec = planned_spec(directory.manifest()["specification"])
-    return panel_of(spec, directory, noted_call(directory))
-
-
-def _names(finding: Finding | str, leaf: Leaf, row: dict[str, object]) -> bool:
-    """Whether a finding is about the record, or the column of its kind, that was changed."""
-    told = str(finding)
-    column = leaf.keys[1]
-    return str(row["record_id"]) in told or (
-        f"`{column}" in told and str(row["policy_id"]) in told and str(row["cell"]) in told
-    )
+    plan = directory.manifest()["specification"]
+    spec, called = planned_spec(plan), noted_call(directory)
+    return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
 
 
 def main() -> int:
@@ -316,17 +437,41 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--every", action="store_true", help="all leaves in all ways")
     parser.add_argument("--only", default="*", help="pattern of kinds of files")
+    parser.add_argument("--runs", type=Path, help="folder of the runs, made if it is not there")
     given = parser.parse_args()
-    patterns, left = listed(SECURITY.read_text(encoding="utf-8")), 0
+    patterns, wrong = listed(SECURITY.read_text(encoding="utf-8")), 0
     with tempfile.TemporaryDirectory() as folder:
-        run = make_run(Path(folder))
-        sweep = Sweep(run, Path(folder) / "work")
-        leaves = [x for x in leaves_of(run, given.every) if fnmatchcase(x.file, given.only)]
-        for leaf in sweep.silent(leaves):
-            left += not is_listed(leaf, patterns)
-            print(leaf, "" if is_listed(leaf, patterns) else "NOT LISTED", flush=True)
-    print(f"{len(leaves)} leaves were changed, {left} are silent and not listed")
-    return 1 if left else 0
+        runs = given.runs or Path(folder) / "runs"
+        if not runs.exists():
+            runs.mkdir(parents=True)
+            make_runs(runs)
+        known: list[Leaf] = []
+        for name in ("first", *OTHER_RUNS):
+            began = time.process_time()
+            sweep = Sweep(runs / name, Path(folder) / name)
+            found = (
+                others_of(runs / name, known, given.every)
+                if known
+                else leaves_of(runs / name, given.every)
+            )
+            known = known or found
+            leaves = [leaf for leaf in found if fnmatchcase(leaf.file, given.only)]
+            silent = Counter(sweep.silent(leaves, given.every))
+            for leaf in silent:
+                wrong += not is_listed(leaf, patterns)
+                print(name, leaf, "" if is_listed(leaf, patterns) else "NOT LISTED", flush=True)
+            for kind, count in Counter(leaf.file for leaf in leaves).items():
+                own = sum(leaf.file == kind for leaf in silent)
+                print(f"{name}: {kind}: {count} leaves were changed, {own} are silent")
+            print(f"{name}: {time.process_time() - began:.0f} s of one core", flush=True)
+            if name == "first":
+                kinds = [kind for kind in KINDS if fnmatchcase(kind, given.only)]
+                for kind in kinds:
+                    if not any(leaf.file == kind for leaf in leaves):
+                        wrong += 1
+                        print(f"{kind}: has no leaves")
+    print(f"{wrong} are silent and not listed, or kinds without leaves")
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

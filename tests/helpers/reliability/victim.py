@@ -13,20 +13,40 @@ import pyarrow.parquet as pq
 
 from integ_gym.cli import main
 
-SPEC = """
-name = "victim"
+
+def write_spec(
+    file: Path,
+    seeds: tuple[int, int] = (0, 1),
+    *,
+    name: str = "victim",
+    top: str = 'episodes = 4\ntrainer = "sb3"\nbaselines = ["zero"]',
+    environment: str = "duration = 1.0",
+    train: str = 'integrator = "rk4"\ndt = 0.05',
+    evaluate: str = 'integrator = "rk4"\ndt = [0.05, 0.025]',
+) -> Path:
+    """Write the specification of a small panel; the file.
+
+    Args:
+        file: to write.
+        seeds: of training.
+        name: of the panel.
+        top: further lines at the top.
+        environment: further lines of its table.
+        train: what is trained on.
+        evaluate: where all is evaluated, and further tables.
+    """
+    text = f"""
+name = "{name}"
 env_id = "IntegPendulum-v0"
 control_period = 0.05
-seeds = [{first}, {second}]
-episodes = 4
+seeds = {list(seeds)}
 trace_every = 2
-trainer = "sb3"
-baselines = ["zero"]
+{top}
 
 [environment]
 start = "hanging"
 max_torque = 1.0
-duration = 1.0
+{environment}
 
 [training]
 total_steps = 128
@@ -38,13 +58,14 @@ net_arch = [4]
 trace_every = 4
 
 [[train]]
-integrator = "rk4"
-dt = 0.05
+{train}
 
 [[evaluate]]
-integrator = "rk4"
-dt = [0.05, 0.025]
+{evaluate}
 """
+    file.write_text(text, encoding="utf-8")
+    return file
+
 
 PICTURES = ("figures", "report.html")
 """Made of the rest, and not sealed."""
@@ -113,9 +134,8 @@ def make_victim(folder: Path) -> Victim:
     """Make all runs in a folder."""
     victim = Victim(folder)
     tasks = [victim.panel, Task(("panel", str(folder / "other.toml")), victim.other)]
-    for task, seeds in zip(tasks, ((0, 1), (2, 3)), strict=True):
-        text = SPEC.format(first=seeds[0], second=seeds[1])
-        Path(task.words[1]).write_text(text, encoding="utf-8")
+    write_spec(folder / "victim.toml")
+    write_spec(folder / "other.toml", (2, 3))
     for task in (*tasks, victim.evaluation):
         code, told = task.run(task.done)
         assert code == 0, told
