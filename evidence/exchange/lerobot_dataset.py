@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import load, write_json
+from integ_gym.support.files.writing import write_json
+from integ_gym.support.packages.extras import load
 
-from ..episodes import EvidenceRecord
-from ..schema import EvidenceError, parquet, pyarrow
+from ..episodes.record import EvidenceRecord
+from ..schema.errors import EvidenceError
+from ..schema.extra import parquet, pyarrow
 from .frame_statistics import FrameStatistics
 from .selection import Selection
 from .steps import (

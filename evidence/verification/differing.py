@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..episodes import EvidenceRecord
-from ..schema import SUMMARY_FIELDS, VOLATILE_NAMES
+from ..episodes.record import EvidenceRecord
+from ..schema.fields import SUMMARY_FIELDS, VOLATILE_NAMES
 from .findings import is_number, same
 
 Array = npt.NDArray[Any]

@@ -16,9 +16,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from integ_gym.support import load, read_bounded, replace_file
+from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files.writing import replace_file
+from integ_gym.support.packages.extras import load
 
-from ..schema import EvidenceError, Finding
+from ..schema.errors import EvidenceError, Finding
 from .sealing import SEAL_FILE, SIGNATURE_FILE
 
 NAMESPACE = b"integ-gym"

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import file_hash
+from integ_gym.support.files.writing import file_hash
 
-from ...schema import described
-from ...store import EvidenceStore, check_schema
+from ...schema.arrow import described
+from ...store.parquet_file import check_schema
+from ...store.store import EvidenceStore
 from ..selection import Selection
 
 CROISSANT_FILE = "croissant.json"

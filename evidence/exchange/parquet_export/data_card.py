@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from ...schema import SCHEMA_VERSION, described
-from ...store import EvidenceStore, check_schema
+from ...schema.arrow import described
+from ...schema.fields import SCHEMA_VERSION
+from ...store.parquet_file import check_schema
+from ...store.store import EvidenceStore
 from ..selection import Selection
 from .croissant import CROISSANT_FILE
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from integ_gym.support import ESTIMATE_LOOK, absent, work_bar
+from integ_gym.support.packages.extras import absent
+from integ_gym.support.processes.workers import ESTIMATE_LOOK, work_bar
 
 HASH_SECONDS, TRACE_SECONDS, REPLAY_SECONDS = 1e-4, 2e-4, 1e-2
 """Time of one record, s: of its hash, of its outcome from its trace, of playing it again."""

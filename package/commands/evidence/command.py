@@ -8,19 +8,16 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from integ_gym.evidence import (
-    ASCII_BARS,
-    BARS,
-    TABLE_FORMATS,
-    EvidenceError,
-    EvidenceStore,
-    merge,
-    open_run,
-    print_table,
-    query_in_place,
-    show,
-)
-from integ_gym.support import FITS, CommandParser, fetched, is_remote, make_folder, width_of
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.elsewhere import query_in_place
+from integ_gym.evidence.store.merging import merge
+from integ_gym.evidence.store.printing import TABLE_FORMATS, print_table
+from integ_gym.evidence.store.showing import ASCII_BARS, BARS, show
+from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.support.files.writing import make_folder
+from integ_gym.support.storing.places import fetched, is_remote
+from integ_gym.support.terminal.command_line import CommandParser
+from integ_gym.support.terminal.text_table import FITS, width_of
 
 from . import exporting, sealing, verifying
 

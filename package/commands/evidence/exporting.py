@@ -6,8 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from integ_gym.evidence import EXPORT_FORMATS, TEXT_FORMATS, EvidenceError, EvidenceStore, export
-from integ_gym.support import plural
+from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.terminal.formatting import plural
 
 from ..work_options import add_progress
 

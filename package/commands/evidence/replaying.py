@@ -7,8 +7,11 @@ import random
 from collections.abc import Callable
 from functools import cache
 
-from integ_gym.evidence import ELSEWHERE, Acting, EvidenceRecord, EvidenceStore, replay_some
-from integ_gym.support import plural
+from integ_gym.evidence.episodes.record import EvidenceRecord
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.verification.sampling import replay_some
+from integ_gym.support.terminal.formatting import plural
 
 
 def replayed(
@@ -53,7 +56,7 @@ def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord]
 
     @cache
     def found() -> Callable[[EvidenceRecord], Acting]:
-        from integ_gym.eval import acting_in
+        from integ_gym.eval.panel.existing.run_policies import acting_in
 
         return acting_in(store, own_code)
 

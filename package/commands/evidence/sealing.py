@@ -5,15 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from integ_gym.evidence import (
-    SEAL_FILE,
-    EvidenceError,
-    EvidenceStore,
-    broken_seals,
-    read_key,
-    seal,
-    sign,
-)
+from integ_gym.evidence.schema.errors import EvidenceError
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, seal
+from integ_gym.evidence.verification.signing import read_key, sign
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

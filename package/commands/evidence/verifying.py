@@ -8,24 +8,17 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import (
-    ELSEWHERE,
-    SCHEMA_VERSION,
-    SEAL_FILE,
-    EvidenceError,
-    EvidenceStore,
-    Finding,
-    broken_seals,
-    broken_signature,
-    changed_since_export,
-    missing_episodes,
-    other_columns,
-    read_export,
-    read_seal,
-    read_signature,
-    recompute,
-)
-from integ_gym.support import plural, whole_number
+from integ_gym.evidence.exchange.parquet_export.dataset import changed_since_export, read_export
+from integ_gym.evidence.schema.errors import EvidenceError, Finding
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
+from integ_gym.evidence.verification.recomputing import recompute
+from integ_gym.evidence.verification.replaying import ELSEWHERE
+from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, read_seal
+from integ_gym.evidence.verification.signing import broken_signature, read_signature
+from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal.options import whole_number
 
 from ..work_options import add_progress
 from .checking import HASH_SECONDS, REPLAY_SECONDS, TRACE_SECONDS, Checking
@@ -119,7 +112,7 @@ def _found(
     _collect(found, _whole(store, exported, report))
     checking.begin("plan and verdicts")
     if any((run / name).exists() for name in _PLANNED):
-        from integ_gym.eval import against_plan
+        from integ_gym.eval.panel.checking.page import against_plan
 
         _collect(found, against_plan(run, given.own_code, given.all))
     if given.depth != "whole":

@@ -33,22 +33,20 @@ from leaves import (
 )
 from victim import Task
 
-from integ_gym.eval import FILE_NAME, acting_in, against_plan, read_panel
-from integ_gym.eval.panel.model import Panel, write_panel
-from integ_gym.eval.panel.results import noted_call, panel_of
+from integ_gym.eval.panel.checking.page import against_plan
+from integ_gym.eval.panel.existing.run_policies import acting_in
+from integ_gym.eval.panel.model.files import FILE_NAME, read_panel, write_panel
+from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.results.comparing import differences
-from integ_gym.eval.panel.running import RunDirectory
-from integ_gym.eval.panel.specification import planned_spec
-from integ_gym.evidence import (
-    EvidenceStore,
-    Finding,
-    broken_seals,
-    missing_episodes,
-    other_columns,
-    recompute,
-    replay_some,
-    seal,
-)
+from integ_gym.eval.panel.results.outputs import noted_call, panel_of
+from integ_gym.eval.panel.running.run_directory import RunDirectory
+from integ_gym.eval.panel.specification.planned import planned_spec
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
+from integ_gym.evidence.verification.recomputing import recompute
+from integ_gym.evidence.verification.sampling import replay_some
+from integ_gym.evidence.verification.sealing import broken_seals, seal
 
 T = TypeVar("T")
 

@@ -10,11 +10,12 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from integ_gym.support import read_bounded
+from integ_gym.support.files.reading import read_bounded
 
-from ....policy import ObservationStatistics
+from ....policy.observation_statistics import ObservationStatistics
 from ...error import PolicyFileError
-from ..vec_normalize import looks_pickled, read_vec_normalize
+from ..vec_normalize.inert_pickle import looks_pickled
+from ..vec_normalize.reading import read_vec_normalize
 from . import limits
 from .data import Json, json_object
 

@@ -17,10 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy import BoxActions, MlpPolicy
+from ....policy.actions import BoxActions
+from ....policy.mlp_policy import MlpPolicy
 from ...error import DAMAGED, PolicyFileError
 from ..safetensors_file import read_safetensors
-from ..vec_normalize import Name, Note, entries, names_in, parse_pickle
+from ..vec_normalize.inert_pickle import (
+    Name,
+    Note,
+    entries,
+    names_in,
+    parse_pickle,
+)
 from . import limits
 from .data import json_object
 from .reading import read_archive, read_member

@@ -10,7 +10,7 @@ import base64
 from typing import Any
 
 from ...error import PolicyFileError
-from ..vec_normalize import pickled_kind
+from ..vec_normalize.reading import pickled_kind
 from .data import Json
 
 _OFF_POLICY = "buffer_size"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy import ObservationStatistics
+from ....policy.observation_statistics import ObservationStatistics
 from ...error import PolicyFileError
 from .inert_pickle import Name, Note, entries, parse_pickle
 
