@@ -30,7 +30,8 @@ def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
         own = [name for name in names if ":" in name]
         if own and not isinstance(error, ValueError):
             raise TrainingError(
-                f"the integrator {' or '.join(map(repr, own))} failed: {type(error).__name__}: {error}; "
+                f"the integrator {' or '.join(map(repr, own))} failed: {type(error).__name__}: "
+                f"{error}; "
                 "docs/how-to/adding.md says what an integrator must be"
             ) from error
         if not isinstance(error, ValueError):
