@@ -107,7 +107,6 @@ USES: dict[str, list[str | list[str]]] = {
         )
     ],
     "onnx": [_python("import onnx, onnxruntime, integ_gym")],
-    "sign": [_python("import cryptography, integ_gym")],
     "ray": [_python("import ray, integ_gym")],
     "dask": [_python("import dask, distributed, integ_gym")],
     "storage": [_python("import obstore, fsspec, integ_gym")],

@@ -14,10 +14,9 @@ from integ_gym.support.processes.workers import work_bar
 from ..episodes.record import EvidenceRecord
 from ..schema.errors import EvidenceError
 from ..store.store import EvidenceStore
-from .lerobot_dataset import write_lerobot
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
-from .parquet_export.dataset import write_parquet
+from .parquet_dataset import write_parquet
 from .selection import Selection, select
 from .text import write_csv, write_jsonl
 
@@ -28,11 +27,10 @@ _TEXTS: dict[str, Callable[[Episodes, TextIO], int]] = {"csv": write_csv, "jsonl
 _FOLDERS: dict[str, Callable[[Selection, Path], int]] = {
     "parquet": write_parquet,
     "minari": write_minari,
-    "lerobot": write_lerobot,
     "mcap": write_mcap,
 }
 
-_OF_TRACES = ("minari", "lerobot", "mcap")
+_OF_TRACES = ("minari", "mcap")
 """Formats of what happened step by step."""
 
 TEXT_FORMATS = tuple(_TEXTS)

@@ -21,6 +21,7 @@ from ..schema.errors import EvidenceError, Finding
 SEAL_FILE = "seal.json"
 _LIFTED = f".{SEAL_FILE}"
 SIGNATURE_FILE = f"{SEAL_FILE}.sig"
+SIGSTORE_FILE = f"{SEAL_FILE}.sigstore.json"
 FORMAT = "integ-gym seal 1"
 
 _SEALED = ("*.json", "*.parquet", "evidence/*.parquet", "policies/*/*", "units/*.json")
@@ -38,7 +39,8 @@ def seal(run: Path) -> str:
     content = _made(run)
     lower_seal(run, content)
     if not _holds(run, content):
-        (run / SIGNATURE_FILE).unlink(missing_ok=True)
+        for signature in (SIGNATURE_FILE, SIGSTORE_FILE):
+            (run / signature).unlink(missing_ok=True)
         write_json(run / SEAL_FILE, content)
     return str(content["seal"])
 
@@ -133,7 +135,9 @@ def _hashes(run: Path) -> dict[str, str]:
     return {
         file.relative_to(run).as_posix(): file_hash(file)
         for file in files
-        if file.is_file() and file.name != SEAL_FILE and not file.name.startswith(".")
+        if file.is_file()
+        and file.name not in (SEAL_FILE, SIGSTORE_FILE)
+        and not file.name.startswith(".")
     }
 
 

@@ -1,231 +1,134 @@
-"""A signature of a run's seal, as OpenSSH makes and checks them (PROTOCOL.sshsig).
-
-Keys are those of ``ssh-keygen -t ed25519``; ``ssh-keygen -Y verify -n integ-gym`` checks the same
-file without this package.
-"""
+"""A signature of a run's seal, which ``ssh-keygen -Y`` makes and checks (PROTOCOL.sshsig)."""
 
 from __future__ import annotations
 
-import base64
-import binascii
-import getpass
-import hashlib
-import sys
+import re
+import shutil
+import subprocess
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from integ_gym.support.files.reading import read_bounded
 from integ_gym.support.files.writing import replace_file
-from integ_gym.support.packages.extras import load
 
 from ..schema.errors import EvidenceError, Finding
 from .sealing import SEAL_FILE, SIGNATURE_FILE
 
-NAMESPACE = b"integ-gym"
-"""What the signature is for: one made for something else does not pass as one of a seal."""
+NAMESPACE = "integ-gym"
+"""What a signature is for: one that was made for anything else is no signature of a seal."""
 
-_MAGIC, _VERSION, _HASH, _KIND = b"SSHSIG", b"\0\0\0\1", b"sha512", b"ssh-ed25519"
-_BEGIN, _END = "-----BEGIN SSH SIGNATURE-----", "-----END SSH SIGNATURE-----"
-_MOST_BYTES = 1 << 16
-_MAKE = "make one with ssh-keygen -t ed25519"
-
-_serialization = partial(load, "cryptography.hazmat.primitives.serialization", "sign")
-_exceptions = partial(load, "cryptography.exceptions", "sign")
+_FINGERPRINT = re.compile(r"SHA256:\S+")
 
 
-class Signature(NamedTuple):
-    """What stands in a signature's file.
-
-    Attributes:
-        key: public key, as OpenSSH encodes it.
-        content: 64 bytes.
-    """
-
-    key: bytes
-    content: bytes
-
-    @property
-    def fingerprint(self) -> str:
-        """Of the public key, as ``ssh-keygen -l`` shows it."""
-        digest = base64.b64encode(hashlib.sha256(self.key).digest()).decode()
-        return f"SHA256:{digest.rstrip('=')}"
+def can_check_signatures() -> bool:
+    """Whether ``ssh-keygen`` is installed."""
+    return shutil.which("ssh-keygen") is not None
 
 
-def read_key(path: Path) -> Any:
-    """A private key; its passphrase, if it has one, is asked for on the terminal.
+def check_key(key: Path) -> None:
+    """Sign a trial message, so that a key that cannot sign is refused before work begins.
 
     Raises:
-        EvidenceError: if it cannot be read or is of another kind, in one sentence.
-        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+        EvidenceError: if the key cannot sign, or ``ssh-keygen`` is not installed.
     """
-    content = _content(path)
-    try:
-        key = _serialization().load_ssh_private_key(content, None)
-    except TypeError:
-        key = _unlocked(path, content)
-    except (ValueError, _unsupported()) as error:
-        raise _no_key(path, str(error)) from None
-    if _kind_of(key.public_key()) != _KIND:
-        raise _no_key(path, "it is of another kind than Ed25519")
-    return key
+    _sign(key, b"")
 
 
-def sign(run: Path, key: Any) -> Signature:
-    """Sign the seal of a run, in a file beside it.
+def sign(run: Path, key: Path) -> str:
+    """Sign the seal of a run and write the signature beside it.
 
     Args:
         run: the directory of a sealed run.
-        key: what :func:`read_key` read.
-    """
-    encoded = base64.b64decode(_public_text(key.public_key()).split()[1])
-    content = key.sign(_signed((run / SEAL_FILE).read_bytes()))
-    parts = (encoded, NAMESPACE, b"", _HASH, _string(_KIND) + _string(content))
-    blob = base64.b64encode(_MAGIC + _VERSION + b"".join(map(_string, parts))).decode()
-    lines = [blob[start : start + 70] for start in range(0, len(blob), 70)]
-    replace_file(run / SIGNATURE_FILE, "\n".join((_BEGIN, *lines, _END, "")).encode())
-    return Signature(encoded, content)
+        key: private key, or the public key of one that ``ssh-agent`` holds. A passphrase is asked
+            for by ``ssh-keygen``.
 
-
-def read_signature(run: Path) -> Signature | None:
-    """The signature of a run's seal, which nobody has checked yet; None if it is not signed.
+    Returns:
+        The fingerprint of the key, as ``ssh-keygen -l`` prints it.
 
     Raises:
-        EvidenceError: if it is damaged, or by another kind of key.
+        EvidenceError: if the key cannot sign, or ``ssh-keygen`` is not installed.
     """
-    path = run / SIGNATURE_FILE
-    if not path.exists():
-        return None
-    try:
-        return _parsed(_content(path).decode("ascii"))
-    except (ValueError, binascii.Error) as error:
-        raise EvidenceError(f"{path} is no signature of a seal: {error}; sign it again") from None
+    replace_file(run / SIGNATURE_FILE, _sign(key, (run / SEAL_FILE).read_bytes()))
+    return signer_of(run)
 
 
-def broken_signature(run: Path, public_keys: Path) -> Iterator[Finding]:
-    """What is wrong with a run's signature: none, by none of some keys, or of another seal.
+def signer_of(run: Path) -> str:
+    """Fingerprint of the key that signed the seal of a run.
+
+    Raises:
+        EvidenceError: if the signature is damaged or of another file, or ``ssh-keygen`` is not
+            installed.
+    """
+    signer, reason = _check_signature(run)
+    if signer is None:
+        raise EvidenceError(f"{run / SIGNATURE_FILE} {reason}")
+    return signer
+
+
+def broken_signature(run: Path, public_keys: Path | None) -> Iterator[Finding]:
+    """What is wrong with a run's signature.
 
     Args:
         run: its directory.
-        public_keys: file with a public key of OpenSSH's on each line, such as ``id_ed25519.pub``.
+        public_keys: file with a public key on each line, such as ``id_ed25519.pub``, one of which
+            must have signed; None accepts a signature by any key, or none.
 
     Raises:
-        EvidenceError: for a file without such keys, or a damaged signature.
-        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+        EvidenceError: for a file without public keys, or if ``ssh-keygen`` is not installed.
     """
-    known, found = _public_keys(public_keys), read_signature(run)
-    if found is None:
-        yield Finding(SIGNATURE_FILE, None, "is missing: the seal is not signed")
+    known = None if public_keys is None else _read_fingerprints(public_keys)
+    if not ((run / SEAL_FILE).exists() and (run / SIGNATURE_FILE).exists()):
+        if known is not None:
+            yield Finding(SIGNATURE_FILE, None, "is missing: the seal is not signed")
         return
-    if found.key not in known:
-        yield Finding(SIGNATURE_FILE, None, f"is by {found.fingerprint}, no key of {public_keys}")
-        return
-    text = _KIND + b" " + base64.b64encode(found.key)
-    try:
-        key = _serialization().load_ssh_public_key(text)
-        key.verify(found.content, _signed((run / SEAL_FILE).read_bytes()))
-    except (ValueError, _unsupported(), _exceptions().InvalidSignature):
-        yield Finding(SIGNATURE_FILE, None, f"is not of this {SEAL_FILE}")
+    signer, reason = _check_signature(run)
+    if signer is None:
+        yield Finding(SIGNATURE_FILE, None, reason)
+    elif known is not None and signer not in known:
+        yield Finding(SIGNATURE_FILE, None, f"is by {signer}, no key of {public_keys}")
 
 
-def _signed(message: bytes) -> bytes:
-    """What is signed of a message."""
-    parts = (NAMESPACE, b"", _HASH, hashlib.sha512(message).digest())
-    return _MAGIC + b"".join(map(_string, parts))
+def _check_signature(run: Path) -> tuple[str | None, str]:
+    """The signer's fingerprint, or None and why the signature does not hold."""
+    done = _run_ssh_keygen(
+        "-Y", "check-novalidate", "-n", NAMESPACE, "-s", str(run / SIGNATURE_FILE),
+        message=(run / SEAL_FILE).read_bytes(),
+    )  # fmt: skip
+    found = _FINGERPRINT.search(done.stdout.decode(errors="replace"))
+    if done.returncode or found is None:
+        return None, f"is no signature of this {SEAL_FILE}: {_last_line(done.stderr)}"
+    return found[0], ""
 
 
-def _string(content: bytes) -> bytes:
-    """As SSH writes it: the length in four bytes, then the content."""
-    return len(content).to_bytes(4, "big") + content
-
-
-def _strings(content: bytes) -> Iterator[bytes]:
-    """What :func:`_string` wrote, one after the other."""
-    while content:
-        end = 4 + int.from_bytes(content[:4], "big")
-        if len(content) < end or end < 4:
-            raise ValueError("it is cut off")
-        yield content[4:end]
-        content = content[end:]
-
-
-def _parsed(text: str) -> Signature:
-    lines = text.strip().splitlines()
-    if len(lines) < 3 or (lines[0], lines[-1]) != (_BEGIN, _END):
-        raise ValueError(f"it does not stand between {_BEGIN} and {_END}")
-    blob = base64.b64decode("".join(lines[1:-1]), validate=True)
-    head = _MAGIC + _VERSION
-    if not blob.startswith(head):
-        raise ValueError("it is of another version")
-    key, namespace, reserved, digest, signature = _exactly(5, blob[len(head) :])
-    if (namespace, reserved, digest) != (NAMESPACE, b"", _HASH):
-        raise ValueError(f"it was made for {namespace!r} with {digest!r}")
-    kind, content = _exactly(2, signature)
-    if kind != _KIND or next(_strings(key), b"") != _KIND:
-        raise ValueError(f"its key is of another kind than Ed25519; {_MAKE}")
-    return Signature(key, content)
-
-
-def _exactly(count: int, content: bytes) -> list[bytes]:
-    found = list(_strings(content))
-    if len(found) != count:
-        raise ValueError("it is damaged")
-    return found
-
-
-def _public_keys(path: Path) -> set[bytes]:
-    words = _content(path).split()
-    places = [i + 1 for i, word in enumerate(words[:-1]) if word == _KIND]
-    try:
-        known = {base64.b64decode(words[place], validate=True) for place in places}
-    except binascii.Error:
-        known = set()
-    if not known:
+def _sign(key: Path, message: bytes) -> bytes:
+    done = _run_ssh_keygen("-Y", "sign", "-n", NAMESPACE, "-f", str(key), message=message)
+    if done.returncode:
         raise EvidenceError(
-            f"{path} holds no public key of kind ssh-ed25519; give the file that ssh-keygen wrote "
-            "with the ending .pub"
+            f"{key} cannot sign: {_last_line(done.stderr)}; make a key with ssh-keygen -t ed25519, "
+            "or load one that has a passphrase with ssh-add and give its public key"
         )
-    return known
+    return done.stdout
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return read_bounded(path, _MOST_BYTES)
-    except OSError as error:
-        raise EvidenceError(f"cannot read {path}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise EvidenceError(str(error)) from None
-
-
-def _unlocked(path: Path, content: bytes) -> Any:
-    """A key that has a passphrase."""
-    if not sys.stdin.isatty():
+def _read_fingerprints(public_keys: Path) -> set[str]:
+    done = _run_ssh_keygen("-l", "-f", str(public_keys))
+    lines = done.stdout.decode(errors="replace").splitlines()
+    if done.returncode or not lines:
         raise EvidenceError(
-            f"{path} has a passphrase, which is asked for on a terminal alone; sign there, or with "
-            f"ssh-keygen -Y sign -n {NAMESPACE.decode()} -f {path} {SEAL_FILE}"
+            f"{public_keys} holds no public key: {_last_line(done.stderr)}; give the file that "
+            "ssh-keygen wrote with the ending .pub"
         )
-    try:
-        given = getpass.getpass(f"Passphrase of {path}: ")
-        return _serialization().load_ssh_private_key(content, given.encode())
-    except (ValueError, _unsupported()) as error:
-        raise _no_key(path, str(error)) from None
+    return {line.split()[1] for line in lines}
 
 
-def _no_key(path: Path, reason: str) -> EvidenceError:
-    return EvidenceError(f"{path} is no private key that can sign: {reason}; {_MAKE}")
+def _run_ssh_keygen(*arguments: str, message: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    if not can_check_signatures():
+        raise EvidenceError(
+            "signatures need ssh-keygen, which is not installed: install OpenSSH 8.2 or later "
+            "(Debian: apt install openssh-client)"
+        )
+    return subprocess.run(["ssh-keygen", *arguments], input=message, capture_output=True)
 
 
-def _unsupported() -> type[Exception]:
-    unsupported: type[Exception] = _exceptions().UnsupportedAlgorithm
-    return unsupported
-
-
-def _kind_of(public_key: Any) -> bytes:
-    return bytes(_public_text(public_key).split()[0])
-
-
-def _public_text(public_key: Any) -> bytes:
-    form = _serialization()
-    text: bytes = public_key.public_bytes(form.Encoding.OpenSSH, form.PublicFormat.OpenSSH)
-    return text
+def _last_line(message: bytes) -> str:
+    lines = message.decode(errors="replace").strip().splitlines()
+    return lines[-1].strip() if lines else "ssh-keygen gave no reason"

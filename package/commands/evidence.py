@@ -14,7 +14,7 @@ from typing import Any
 
 from integ_gym.evidence.episodes.record import EvidenceRecord
 from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
-from integ_gym.evidence.exchange.parquet_export.dataset import changed_since_export, read_export
+from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
 from integ_gym.evidence.schema.errors import EvidenceError, Finding
 from integ_gym.evidence.schema.fields import SCHEMA_VERSION
 from integ_gym.evidence.store.elsewhere import query_in_place
@@ -26,8 +26,20 @@ from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
 from integ_gym.evidence.verification.recomputing import recompute
 from integ_gym.evidence.verification.replaying import ELSEWHERE, Acting
 from integ_gym.evidence.verification.sampling import replay_some
-from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, read_seal, seal
-from integ_gym.evidence.verification.signing import broken_signature, read_key, read_signature, sign
+from integ_gym.evidence.verification.sealing import (
+    SEAL_FILE,
+    SIGNATURE_FILE,
+    broken_seals,
+    read_seal,
+    seal,
+)
+from integ_gym.evidence.verification.signing import (
+    broken_signature,
+    can_check_signatures,
+    check_key,
+    sign,
+    signer_of,
+)
 from integ_gym.support.files.writing import make_folder
 from integ_gym.support.packages.extras import absent
 from integ_gym.support.processes.workers import ESTIMATE_LOOK, work_bar
@@ -84,9 +96,9 @@ def add_export_arguments(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add(
         "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
-        help="csv, jsonl: all fields but the trace, in one file; parquet: records as they are, "
-        "with a data card and a Croissant description; minari, lerobot: data sets of episodes; "
-        "mcap: a log of ROS 2 messages for each episode (default: csv)",
+        help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
+        "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
+        "episode (default: csv)",
     )  # fmt: skip
     add(
         "--out", metavar="PATH", type=Path,
@@ -170,7 +182,7 @@ def add_seal_arguments(command: argparse.ArgumentParser) -> None:
     """The options of `seal`."""
     command.add_argument(
         "--sign", type=Path, metavar="KEY",
-        help="sign it with this private key, as ssh-keygen -t ed25519 makes them",
+        help="sign it with this private key through ssh-keygen",
     )  # fmt: skip
 
 
@@ -181,15 +193,16 @@ def seal_run(store: EvidenceStore, given: argparse.Namespace) -> int:
         EvidenceError: if the run has a seal that does not hold, or the key cannot sign.
     """
     run = store.run
-    key = None if given.sign is None else read_key(given.sign)
+    if given.sign is not None:
+        check_key(given.sign)
     for broken in broken_seals(run):
         raise EvidenceError(
             f"{run} has a seal that does not hold: {broken}; find out why, and remove "
             f"{run / SEAL_FILE} to seal what is there now"
         )
     print(f"Seal: {seal(run)}")
-    if key is not None:
-        print(f"Signed by {sign(run, key).fingerprint}")
+    if given.sign is not None:
+        print(f"Signed by {sign(run, given.sign)}")
     return 0
 
 
@@ -230,7 +243,8 @@ def add_verify_arguments(command: argparse.ArgumentParser) -> None:
     add("--own-code", action="store_true", help="load classes that records name as module:Class")
     add(
         "--public-key", type=Path, metavar="FILE",
-        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub",
+        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "
+        "ssh-keygen",
     )  # fmt: skip
     add_progress(command)
 
@@ -289,7 +303,7 @@ def _found(
         _collect(found, broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
             found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
-    if given.public_key is not None:
+    if given.public_key is not None or (given.depth != "whole" and can_check_signatures()):
         found += map(str, broken_signature(run, given.public_key))
     if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
         return found, []
@@ -334,11 +348,14 @@ def _checked(
     if sealed is None or given.depth == "whole":
         return
     yield f"sealed: {sealed['seal']}"
-    signature = read_signature(store.run)
-    if signature is not None:
-        key = given.public_key
-        how = "not checked without --public-key" if key is None else f"of {key}"
-        yield f"signed: by {signature.fingerprint}, {how}"
+    if not (store.run / SIGNATURE_FILE).exists():
+        return
+    if not can_check_signatures():
+        yield "signed: not checked, because ssh-keygen is not installed"
+    elif given.public_key is None:
+        yield f"signed: by {signer_of(store.run)}; --public-key FILE checks whose key that is"
+    else:
+        yield f"signed: by {signer_of(store.run)}, of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from integ_gym.eval.panel.calls import run_panel, specified, work_on_panel
 from integ_gym.eval.panel.specification.growth import grown
@@ -16,7 +15,7 @@ from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
 from integ_gym.eval.panel.specification.reading import BUILT_IN
 from integ_gym.eval.report.data.gaps import ordered_verdicts
 from integ_gym.evidence.verification.sealing import read_seal
-from integ_gym.evidence.verification.signing import read_key, sign
+from integ_gym.evidence.verification.signing import check_key, sign
 from integ_gym.support.sharing.claims import LEASE
 from integ_gym.support.storing.places import is_remote
 from integ_gym.support.terminal.command_line import CommandParser, told_command
@@ -105,7 +104,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--sign", type=Path, metavar="KEY",
-        help="sign the seal with this private key, as ssh-keygen -t ed25519 makes them",
+        help="sign the seal with this private key through ssh-keygen",
     )  # fmt: skip
     add_work(made)
     add_engine(made)
@@ -179,11 +178,12 @@ def main(argv: Sequence[str]) -> int:
             f"--sign signs a run on this machine, and {arguments.out} is none; copy it here once "
             "it is finished, `integ-gym evidence seal --sign` the copy, and send seal.json.sig back"
         )
-    key = None if arguments.sign is None else read_key(arguments.sign)
+    if arguments.sign is not None:
+        check_key(arguments.sign)
     command = told_command([*words, "--out", str(arguments.out)])
     if arguments.worker:
         _take_part(spec, arguments, command)
-        _sign(arguments.out, key)
+        _sign(arguments.out, arguments.sign)
         return 0
     panel = run_panel(
         spec,
@@ -217,14 +217,14 @@ def main(argv: Sequence[str]) -> int:
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
-    _sign(arguments.out, key)
+    _sign(arguments.out, arguments.sign)
     return 0
 
 
-def _sign(out: Path, key: Any) -> None:
+def _sign(out: Path, key: Path | None) -> None:
     """Sign the seal of a finished panel, if there is a key to do it with."""
     if key is not None:
-        print(f"Signed by {sign(out, key).fingerprint}")
+        print(f"Signed by {sign(out, key)}")
 
 
 def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> None:

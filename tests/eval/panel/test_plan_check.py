@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import subprocess
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from forgery import make_fit
 
 from integ_gym.cli import main
@@ -139,11 +138,7 @@ def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
 
 def test_a_panel_is_signed_at_its_end(run, panel_directory, tmp_path, capsys):
     key = tmp_path / "key"
-    encoding, form = serialization.Encoding, serialization.PrivateFormat.OpenSSH
-    made = Ed25519PrivateKey.generate()
-    key.write_bytes(made.private_bytes(encoding.PEM, form, serialization.NoEncryption()))
-    public = made.public_key().public_bytes(encoding.OpenSSH, serialization.PublicFormat.OpenSSH)
-    key.with_suffix(".pub").write_bytes(public)
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     assert _panel(run, panel_directory, "--sign", str(key)) == 0
     assert "Signed by SHA256:" in capsys.readouterr().out
     verify = ["evidence", "verify", str(run), "--depth", "sealed"]
@@ -379,9 +374,7 @@ def test_a_finished_panel_that_is_run_again_keeps_seal_and_signature(
     run, panel_directory, tmp_path
 ):
     key = tmp_path / "key"
-    encoding, form = serialization.Encoding, serialization.PrivateFormat.OpenSSH
-    made = Ed25519PrivateKey.generate()
-    key.write_bytes(made.private_bytes(encoding.PEM, form, serialization.NoEncryption()))
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     assert main(["evidence", "seal", str(run), "--sign", str(key)]) == 0
     names = ("seal.json", "seal.json.sig", "panel.json", "run.json")
     before = {name: (run / name).read_bytes() for name in names}

@@ -71,10 +71,8 @@ def done(monkeypatch, tmp_path):
         monkeypatch.setattr(panel, name, note(name, stop=False))
     monkeypatch.setattr(panel, "ordered_verdicts", lambda told: ())
     monkeypatch.setattr(panel, "read_seal", lambda out: {"seal": "0"})
-    monkeypatch.setattr(panel, "read_key", str)
-    monkeypatch.setattr(
-        panel, "sign", note("sign", stop=False, result=SimpleNamespace(fingerprint="f"))
-    )
+    monkeypatch.setattr(panel, "check_key", str)
+    monkeypatch.setattr(panel, "sign", note("sign", stop=False, result="f"))
     for name in ("watch", "side_by_side"):
         monkeypatch.setattr(watch, name, note(name))
     monkeypatch.setattr(watch, "_list", note("list", stop=False, result=0))

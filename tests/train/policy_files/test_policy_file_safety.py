@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from policy_files import refusal, rewritten, saved, state_dict
+from policy_files import refusal, rewritten, saved, setting, state_dict
 
+from integ_gym.train.policy_files.formats.sb3_zip.published import zip_faults
 from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files.writing import save_policy
 
 
 class Touch:
@@ -64,6 +66,25 @@ def test_pickled_weights_are_never_executed(pendulum_zip: Path, trap: tuple[Touc
         assert "holds something other than plain weights" in refusal(evil)
     evil = rewritten(pendulum_zip, bait.with_name("evil.zip"), policy__pth=pickle.dumps(touch))
     assert "is no file that torch.save wrote" in refusal(evil)
+
+
+def test_what_is_put_into_a_published_zip_is_found(
+    pendulum_zip: Path, trap: tuple[Touch, Path]
+) -> None:
+    touch, bait = trap
+    weights = bait.with_name("policy.safetensors")
+    save_policy(pendulum_zip, weights, "Pendulum-v1", home="stock")
+    assert list(zip_faults(pendulum_zip, weights)) == []
+    payload = base64.b64encode(pickle.dumps(touch)).decode()
+    evil = rewritten(
+        pendulum_zip, bait.with_name("evil.zip"), setting("seed", to={":serialized:": payload}),
+        policy__optimizer__pth=saved(touch),
+    )  # fmt: skip
+    faults = list(zip_faults(evil, weights))
+    assert [one.split(" when")[0] for one in faults] == [
+        "policy.optimizer.pth imports io.open",
+        "'seed' of its 'data' imports io.open",
+    ]
 
 
 def test_sb3_is_not_needed(pendulum_zip: Path, monkeypatch: pytest.MonkeyPatch) -> None:

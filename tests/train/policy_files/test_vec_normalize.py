@@ -15,15 +15,11 @@ from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy_files.formats.pickles import Held
 from integ_gym.train.policy_files.formats.sb3_zip.observation_statistics import (
     read_observation_statistics,
 )
-from integ_gym.train.policy_files.formats.vec_normalize.inert_pickle import (
-    Note,
-    entries,
-    parse_pickle,
-)
-from integ_gym.train.policy_files.formats.vec_normalize.reading import read_vec_normalize
+from integ_gym.train.policy_files.formats.vec_normalize import read_vec_normalize
 
 
 def _normalized(**arguments) -> VecNormalize:
@@ -72,14 +68,57 @@ class _Evil:
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
 def test_nothing_is_executed(protocol, tmp_path):
     target = tmp_path / "ran"
-    for evil in (_Evil(os.mkdir, str(target)), {"obs_rms": _Evil(os.system, f"touch {target}")}):
-        with pytest.raises(PolicyFileError, match="holds no VecNormalize"):
+    for evil in (
+        _Evil(os.mkdir, str(target)),
+        {"obs_rms": _Evil(os.system, f"touch {target}")},
+        _Evil(eval, f"open({str(target)!r}, 'w')"),
+        _Evil(getattr, "a text", "upper"),
+    ):
+        with pytest.raises(PolicyFileError, match=r"imports \w+\.\w+ when it is loaded"):
             read_vec_normalize(pickle.dumps(evil, protocol=protocol))
-    env = _normalized()
-    env.obs_rms.mean = _Evil(os.mkdir, str(target))
-    with pytest.raises(PolicyFileError, match="no arrays of numbers"):
-        read_vec_normalize(pickle.dumps(env, protocol=protocol))
+        env = _normalized()
+        env.obs_rms.mean = evil
+        with pytest.raises(PolicyFileError, match=r"imports \w+\.\w+ when it is loaded"):
+            read_vec_normalize(pickle.dumps(env, protocol=protocol))
     assert not target.exists()
+
+
+NUMPY = b"cnumpy\n"
+ATTACKS = {
+    "a function below a class": b"\x80\x04\x8c\x05numpy\x8c\x10ndarray.__class__\x93.",
+    "a submodule by its dots": NUMPY + b"lib.npyio.os.system\n(S'true'\ntR.",
+    "an old instance": b"(ios\nsystem\n.",
+    "an object of a mark": b"(" + NUMPY + b"dtype\no.",
+    "an extension": b"\x80\x02\x82\x01.",
+    "numbers from elsewhere": b"\x80\x02K\x01Q.",
+    "attributes of a class": NUMPY + b"dtype\n}S'name'\nK\x01sb.",
+    "two states of a class": NUMPY + b"dtype\n(}}S'__new__'\nK\x01stb.",
+    "a call of a text": b"S'system'\n(tR.",
+    "memory for a queue": b"\x80\x05\x96\x00\x00\x00\x00\xff\x00\x00\x00.",
+    "a memo without end": b"\x80\x02}r\xff\xff\xff\xff.",
+    "a text without end": b"\x80\x04\x8d\xff\xff\xff\xff\xff\xff\xff\x7f.",
+    "a frame without end": b"\x80\x04\x95\xff\xff\xff\xff\xff\xff\xff\x7f}.",
+    "many tuples in one another": b"(" * 1_000_00 + b"t" * 1_000_00 + b".",
+    "lists in one another": b"]" * 200_000 + b"a" * 199_999 + b".",
+    "a key that takes for ever": b"\x80\x02})"
+    + b"".join(b"q%ch%c\x86" % (k, k) for k in range(60))
+    + b"K\x01s.",
+    "keys that take for ever": b"\x80\x02}()"
+    + b"".join(b"q%ch%c\x86" % (k, k) for k in range(60))
+    + b"K\x01u.",
+    "a set that takes for ever": b"\x80\x04\x8f()"
+    + b"".join(b"q%ch%c\x86" % (k, k) for k in range(60))
+    + b"\x90.",
+    "a key too deep to hash": b"\x80\x02})" + b"\x85" * 1_000_000 + b"K\x01s.",
+}
+
+
+@pytest.mark.parametrize("content", ATTACKS.values(), ids=ATTACKS)
+def test_attacks_are_refused_at_once(content):
+    before = dict(Held.__dict__)
+    with pytest.raises(PolicyFileError):
+        read_vec_normalize(content)
+    assert dict(Held.__dict__) == before
 
 
 @given(data=st.data())
@@ -101,9 +140,3 @@ def test_a_dictionary_of_observations_is_refused(tmp_path):
     path.write_bytes(pickle.dumps(env))
     with pytest.raises(PolicyFileError, match="those of a dictionary are not read; give the file"):
         read_observation_statistics(Path(path))
-
-
-def test_shared_tuples_take_no_time():
-    """Each of 60 tuples holds the one before twice: walked through, that would never end."""
-    levels = b"".join(b"q%ch%c\x86" % (k, k) for k in range(60))
-    assert entries(Note(None, (), [parse_pickle(b"\x80\x02)" + levels + b".")])) == {}

@@ -5,15 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import subprocess
 
 import pytest
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    NoEncryption,
-    PrivateFormat,
-    PublicFormat,
-)
 from shared_panel import (
     TOML,
     assert_equal_records,
@@ -85,10 +79,8 @@ def test_workers_let_a_finished_panel_grow_take_its_policies_and_sign_what_they_
 ):
     """Two that find a sealed panel let it grow; two make the same of its policies elsewhere."""
     run, once, key = tmp_path / "run", tmp_path / "once", tmp_path / "key"
-    made = Ed25519PrivateKey.generate()
-    openssh, public = PrivateFormat.OpenSSH, tmp_path / "key.pub"
-    key.write_bytes(made.private_bytes(Encoding.PEM, openssh, NoEncryption()))
-    public.write_bytes(made.public_key().public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH))
+    public = tmp_path / "key.pub"
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     shutil.copytree(undisturbed, run)
     files = {p: p.stat().st_mtime_ns for p in run.glob("[uep]*/**/*") if p.is_file()}
 

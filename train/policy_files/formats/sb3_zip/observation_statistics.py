@@ -14,8 +14,8 @@ from integ_gym.support.files.reading import read_bounded
 
 from ....policy.observation_statistics import ObservationStatistics
 from ...error import PolicyFileError
-from ..vec_normalize.inert_pickle import looks_pickled
-from ..vec_normalize.reading import read_vec_normalize
+from ..pickles import looks_pickled
+from ..vec_normalize import read_vec_normalize
 from . import limits
 from .data import Json, json_object
 

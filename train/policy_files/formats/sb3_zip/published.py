@@ -1,7 +1,7 @@
 """A zip that lies beside its policy's weights, held against them; nothing in it is executed.
 
-stable-baselines3 unpickles parts of `data` when it loads a model. Here pickles are read as inert
-data: what they would import must be what stable-baselines3 writes, and nothing else.
+stable-baselines3 unpickles parts of `data` when it loads a model. What its pickles import must be
+what stable-baselines3 writes, and nothing else.
 """
 
 from __future__ import annotations
@@ -19,15 +19,10 @@ from numpy.typing import NDArray
 
 from ....policy.actions import BoxActions
 from ....policy.mlp_policy import MlpPolicy
+from ....policy.network import ACTIVATIONS
 from ...error import DAMAGED, PolicyFileError
+from ..pickles import ARRAYS, SPACES, entries_of, read_pickle
 from ..safetensors_file import read_safetensors
-from ..vec_normalize.inert_pickle import (
-    Name,
-    Note,
-    entries,
-    names_in,
-    parse_pickle,
-)
 from . import limits
 from .data import json_object
 from .reading import read_archive, read_member
@@ -38,17 +33,10 @@ _OPTIMIZER = "optimizer.pth"
 
 _SERIALIZED = ":serialized:"
 
-_NUMPY = ("numpy._core", "numpy.core")
 _IMPORTED = {
-    *(("collections", name) for name in ("OrderedDict", "deque")),
-    *(("gymnasium.spaces.box", "Box"), ("gymnasium.spaces.discrete", "Discrete")),
-    *(("numpy", name) for name in ("dtype", "ndarray")),
-    *((f"{core}.multiarray", name) for core in _NUMPY for name in ("scalar", "_reconstruct")),
-    *((f"{core}.numeric", "_frombuffer") for core in _NUMPY),
-    ("numpy.random._pcg64", "PCG64"),
-    *(("numpy.random._pickle", f"__{name}_ctor") for name in ("bit_generator", "generator")),
-    ("numpy.random.bit_generator", "SeedSequence"),
-    ("numpy.random.bit_generator", "__pyx_unpickle_SeedSequence"),
+    *ARRAYS,
+    *SPACES,
+    ("collections", "deque"),
     *(("stable_baselines3.common.buffers", f"{name}Buffer") for name in ("Replay", "Rollout")),
     ("stable_baselines3.common.policies", "ActorCriticPolicy"),
     ("stable_baselines3.sac.policies", "SACPolicy"),
@@ -61,10 +49,9 @@ _IMPORTED = {
     *(("torch", f"{name}Storage") for name in ("Float", "Double", "Long", "Byte", "Bool")),
     ("torch._utils", "_rebuild_tensor_v2"),
     ("torch.optim.adam", "Adam"),
+    *(("torch.nn.modules.activation", name) for name in ACTIVATIONS),
 }
 """Module and name of all that the zips of our trainers import when they are loaded."""
-
-_ACTIVATIONS = "torch.nn.modules.activation"
 
 
 def zip_faults(archive: Path, weights: Path) -> Iterator[str]:
@@ -92,20 +79,16 @@ def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[
         if name not in held.namelist():
             yield f"lacks the member {name!r}"
     for where, pickle in _pickles(held):
-        for found in names_in(pickle):
-            if not _is_known(found):
-                yield f"{where} imports {found.module}.{found.name} when it is loaded"
+        try:
+            read_pickle(pickle, _IMPORTED, storages=True)
+        except PolicyFileError as error:
+            yield f"{where} {error}"
     bounds = (
         (actor.actions.low, actor.actions.high) if isinstance(actor.actions, BoxActions) else None
     )
     own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _tensors)
     if own.content_hash != actor.content_hash:
         yield "is another policy than the weights beside it"
-
-
-def _is_known(name: Name) -> bool:
-    activation = name.module == _ACTIVATIONS and name.name.isidentifier()
-    return activation or (name.module, name.name) in _IMPORTED
 
 
 def _pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
@@ -139,15 +122,14 @@ def _tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
         (name,) = (x for x in archive.namelist() if x.endswith("data.pkl"))
         folder = name.removesuffix("data.pkl")
         read = partial(read_member, archive, limit=limits.MAX_WEIGHTS_BYTES)
-        told = entries(parse_pickle(read(name), storages=True))
-        return {key: _array(note, folder, read) for key, note in told.items() if key != "_metadata"}
+        held = entries_of(read_pickle(read(name), _IMPORTED, storages=True))
+        return {key: _array(one, folder, read) for key, one in held.items() if key != "_metadata"}
 
 
-def _array(note: Note, folder: str, read: Any) -> NDArray[np.float32]:
-    storage, offset, shape, strides = note.arguments[:4]
-    kind, key = storage.arguments[1:3]
-    if kind != Name("torch", "FloatStorage"):
-        raise PolicyFileError(f"its weights are {kind.name}, and not 32 bits wide")
+def _array(held: Any, folder: str, read: Any) -> NDArray[np.float32]:
+    (_, kind, key, *_), offset, shape, strides = held.arguments[:4]
+    if kind.name != ("torch", "FloatStorage"):
+        raise PolicyFileError(f"its weights are {kind.name[1]}, and not 32 bits wide")
     numbers = np.frombuffer(read(f"{folder}data/{key}"), "<f4")
     end = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True)) + 1
     if offset < 0 or min(strides, default=0) < 0 or end > len(numbers):

@@ -1,7 +1,7 @@
 """Whether a model learned from observations that `VecNormalize` scaled, as its file shows.
 
 SB3 saves what its environment gave last, `_last_obs`, and what that was before it was scaled,
-`_last_original_obs`, as pickles, which are parsed as data here.
+`_last_original_obs`, as pickles, of which nothing is executed here.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import base64
 from typing import Any
 
 from ...error import PolicyFileError
-from ..vec_normalize.reading import pickled_kind
+from ..pickles import number_type
 from .data import Json
 
 _OFF_POLICY = "buffer_size"
@@ -37,6 +37,6 @@ def _kind(described: Any) -> str | None:
     """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
     text = described.get(":serialized:") if isinstance(described, dict) else None
     try:
-        return pickled_kind(base64.b64decode(str(text), validate=True))
+        return number_type(base64.b64decode(str(text), validate=True))
     except (PolicyFileError, ValueError):
         return None

@@ -1,4 +1,4 @@
-"""Records as they are, in Parquet, with what finds and explains a data set beside them."""
+"""Some records of a run as a run of their own: their rows in Parquet, and which part they are."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support.files.reading import Kinds, read_object
-from integ_gym.support.files.writing import file_hash, replace_file, write_json
+from integ_gym.support.files.writing import file_hash, write_json
 
-from ...schema.errors import EvidenceError, Finding
-from ...store.store import EvidenceStore
-from ..selection import Selection
-from .croissant import CROISSANT_FILE, croissant
-from .data_card import CARD_FILE, data_card
+from ..schema.errors import EvidenceError, Finding
+from ..store.store import EvidenceStore
+from .selection import Selection
 
 EXPORT_FILE = "export.json"
 FORMAT = "integ-gym export 1"
@@ -23,23 +21,21 @@ _KINDS: Kinds = {"format": str, "where": str, "records": int, "of": int, "files"
 
 
 def write_parquet(chosen: Selection, folder: Path) -> int:
-    """Write a file of records for each environment, a Croissant description and a data card.
+    """Write one file of records for each environment; the number of records.
 
-    Rows are those of the store, bit by bit, with their hashes: the folder is a run that all of
-    `integ-gym evidence` reads.
+    Rows are copied bit by bit, with their hashes, so that every `integ-gym evidence` command reads
+    the folder as a run.
     """
     store = EvidenceStore(folder / "evidence")
     for env_id in chosen.env_ids:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", env_id).strip("._-") or "environment"
         store.commit_all(name, chosen.tables(env_id))
-    write_json(folder / EXPORT_FILE, _told(chosen, store))
-    write_json(folder / CROISSANT_FILE, croissant(chosen, store))
-    replace_file(folder / CARD_FILE, data_card(chosen, store).encode())
+    write_json(folder / EXPORT_FILE, _describe_export(chosen, store))
     return store.count()
 
 
-def _told(chosen: Selection, store: EvidenceStore) -> dict[str, Any]:
-    """What an exported folder says of itself."""
+def _describe_export(chosen: Selection, store: EvidenceStore) -> dict[str, Any]:
+    """The contents of `export.json`."""
     return {
         "format": FORMAT,
         "where": chosen.where,
