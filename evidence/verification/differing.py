@@ -83,11 +83,14 @@ def differences(
     told, computed, moved = (_NUMBER.sub("#", str(reason)) for reason in reasons)
     if decided and told != computed == moved:
         yield "failure_reason", reasons[0], reasons[1]
-    for column, values in record.trace.items():
+    for column in {**record.trace, **again.trace} if record.trace else ():
         noisy = column.startswith("sensed_") and fields["observation_noise"]
         if noisy and noise_source(record) is None:
             continue
-        other = again.trace.get(column)
+        values, other = record.trace.get(column), again.trace.get(column)
+        if values is None:
+            yield column, None, f"{len(again.trace[column])} values"
+            continue
         moved = other if nudged is None else nudged.trace.get(column)
         if other is None or other.shape != values.shape:
             if moved is None or other is None or moved.shape == other.shape:
@@ -106,8 +109,8 @@ def _alike(recorded: Any, computed: Any, moved: Any, tolerance: float, slack: fl
     if same(recorded, computed, tolerance):
         return True
     numbers = [x for x in (recorded, computed, moved) if is_number(x)]
-    if len(numbers) < 3:
-        return bool(computed != moved)  # nobody can tell here which it is
+    if len(numbers) < 3:  # rounding decides which it is, but makes no number a null
+        return not (is_number(computed) and is_number(moved)) and bool(computed != moved)
     return bool(abs(recorded - computed) <= slack + GROWTH * abs(moved - computed))
 
 

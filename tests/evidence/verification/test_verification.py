@@ -262,6 +262,14 @@ def test_columns_of_other_lengths_are_named(column, tmp_path, play):
     assert any("len(" in str(x) or "cannot be played" in str(x) for x in _replayed(store).findings)
 
 
+@pytest.mark.parametrize("column", ["penetration", "dissipated", "clip_loss", "sensor_time"])
+def test_a_column_that_is_gone_from_one_trace_is_named(column, tmp_path, play):
+    store = _recorded(tmp_path, play, episodes=2)
+    _forge(store, column, lambda rows: [None, *rows[1:]])
+    (found,) = [x for x in _replayed(store).findings if f"`{column}`" in x.message]
+    assert "is recorded as None" in found.message
+
+
 def test_another_machine_s_rounding_is_told_from_a_forgery(tmp_path, play, monkeypatch):
     """Recorded controls leave a pendulum to itself: an ulp grows with every swing."""
     context = EpisodeContext("run", "cell", replays=Replays(home=False))
@@ -283,6 +291,11 @@ def test_another_machine_s_rounding_is_told_from_a_forgery(tmp_path, play, monke
         done = _replayed(store)
         assert (done.findings, done.exact) == ([], 0)
         assert done.sensitive
+        whole = store.files()[0].read_bytes()
+        _forge(store, "energy_residual_total", lambda values: [None, *values[1:]])
+        (gone,) = {finding.record_id for finding in _replayed(store).findings}
+        assert gone == next(store.records())["record_id"]
+        store.files()[0].write_bytes(whole)
         _forge(store, "theta_dot", lambda rows: [[*row[:9], row[9] + 1e-3, *row[10:]]
                                                  for row in rows])  # fmt: skip
         assert len({finding.record_id for finding in _replayed(store).findings}) == 8
