@@ -25,8 +25,8 @@ from typing import Any
 
 from measuring import results
 
-from integ_gym.support import Claims, pauses
-from integ_gym.support.sharing.holding import BEATS
+from integ_gym.support.sharing.claims import Claims
+from integ_gym.support.sharing.holding import BEATS, pauses
 
 EXAMPLES = """\
 examples:

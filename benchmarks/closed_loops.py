@@ -26,14 +26,16 @@ from measuring import results
 from scipy.stats import rankdata
 from tqdm import tqdm
 
-from integ_gym.envs import Discretization, testbed_of
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.matrix import Cell, Row
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.specification.cells.cell import Cell as Place
 from integ_gym.eval.panel.specification.cells.cell import environments_of
-from integ_gym.evidence import EvidenceStore
-from integ_gym.train import PolicyStack, read_trained, readable_file
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy.stack import PolicyStack
+from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 Array = npt.NDArray[np.float64]
 

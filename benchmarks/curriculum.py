@@ -32,7 +32,8 @@ from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym import Discretization, PPOConfig
 from integ_gym.eval.atlas.limits import critical_limit
-from integ_gym.eval.statistics import Difference, holm, unpaired_difference
+from integ_gym.eval.statistics.family import holm
+from integ_gym.eval.statistics.rates import Difference, unpaired_difference
 
 ENV_ID = "IntegPendulum-v0"
 PERIOD = 0.05

@@ -23,8 +23,13 @@ import numpy as np
 from measuring import results
 from tqdm import tqdm
 
-from integ_gym.eval.panel.running import DRIVEN, Desk
-from integ_gym.support import Claims, FolderFiles, Progress, Resources, cluster_of, write_once
+from integ_gym.eval.panel.running.staging import DRIVEN, Desk
+from integ_gym.support.files.writing import write_once
+from integ_gym.support.processes.workers import Progress
+from integ_gym.support.sharing.claims import Claims
+from integ_gym.support.sharing.clusters import cluster_of
+from integ_gym.support.sharing.folder_files import FolderFiles
+from integ_gym.support.sharing.resources import Resources
 
 EXAMPLES = """\
 examples:

@@ -25,11 +25,13 @@ from measuring import results
 from scipy.special import ellipj, ellipk
 from tqdm import tqdm
 
-from integ_gym.envs import ENGINES, INTEGRATORS, NATIVE, PLANTS, integrators_of, missing_modules
-from integ_gym.envs.arithmetic import SCALAR
-from integ_gym.envs.engines import Engine
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.engines.interface import Engine
+from integ_gym.envs.engines.making import integrators_of, missing_modules
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
+from integ_gym.envs.registries import ENGINES, INTEGRATORS, PLANTS
 
 LENGTH, GRAVITY = 1.0, 9.81
 DURATION, OUTPUTS = 2000.0, 4000

@@ -39,7 +39,8 @@ from measuring.trained import (
 )
 
 from integ_gym import PPOConfig
-from integ_gym.eval.statistics import Difference, holm, unpaired_difference
+from integ_gym.eval.statistics.family import holm
+from integ_gym.eval.statistics.rates import Difference, unpaired_difference
 
 ENV_ID = "IntegCartPole-v0"
 ENVIRONMENT: dict[str, Any] = {"integrator": "rk4", "duration": 10.0}
@@ -115,7 +116,7 @@ def _by_values(seed: int, period: float) -> int:
     from gymnasium.vector import AutoresetMode
     from stable_baselines3 import DQN as Learner
 
-    from integ_gym.train.sb3 import Sb3VecEnv
+    from integ_gym.train.sb3.vec_env import Sb3VecEnv
 
     torch.set_num_threads(1)
     given = arguments(period)

@@ -22,7 +22,7 @@ from integ_gym.envs.arithmetic.tracing.compiling import compiled
 from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import PLANTS
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("cart_pole", (0.0, 0.1), (0.1, 0.2), 0.02),

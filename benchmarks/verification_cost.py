@@ -22,8 +22,11 @@ import gymnasium as gym
 from measuring import results
 
 from integ_gym.cli import main as run_command
-from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence, seal
-from integ_gym.train import make_baseline
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.sealing import seal
+from integ_gym.train.baselines.making import make_baseline
 
 ENVIRONMENT = "IntegPendulum-v0"
 SETTINGS = {"dt": 0.05, "control_period": 0.05, "duration": 12.0}

@@ -17,27 +17,31 @@ from typing import Any, Final, Literal
 import msgspec
 import numpy as np
 
-from integ_gym.envs import DISCRETIZATION, NATIVE, Discretization, is_integ_environment, testbed_of
-from integ_gym.support import require
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.episode.discretization import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.support.packages.extras import require
 
-from .panel import (
-    MANIFEST,
-    Cause,
-    Estimate,
-    Panel,
-    PanelSpec,
-    SpecError,
-    cause_of,
-    closed_words,
-    grown,
-    read_manifest,
-    run_panel,
-)
+from .panel.answer import Cause, cause_of, closed_words
+from .panel.calls import run_panel
+from .panel.model.panel import Panel
+from .panel.model.part import Estimate
 from .panel.running.panel import check_spec
+from .panel.running.run_directory import MANIFEST, read_manifest
 from .panel.specification.cells.cell import file_name
 from .panel.specification.checks import check_parts
-from .statistics import DRAWS, Interval, RatesLike, equal_tailed, mean_of, paired_posterior
-from .verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, Achievability
+from .panel.specification.growth import grown
+from .panel.specification.panel_spec import PanelSpec
+from .panel.specification.values import SpecError
+from .statistics.interval import (
+    Interval,
+    RatesLike,
+    equal_tailed,
+    mean_of,
+)
+from .statistics.posterior import DRAWS, paired_posterior
+from .verdict.achievability import Achievability
+from .verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED
 
 NARROW: Final = 0.2
 """Half-width of the interval at which no more seeds are trained."""

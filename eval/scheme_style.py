@@ -7,7 +7,13 @@ from collections.abc import Iterable
 from itertools import product
 from typing import Final
 
-from integ_gym.support import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
+from integ_gym.support.figures.series import (
+    DASHES,
+    HUES,
+    MARKERS,
+    SeriesStyle,
+    SeriesStyles,
+)
 
 NATIVE: Final[SeriesStyles] = {
     "explicit_euler": SeriesStyle("vermilion", "circle"),

@@ -2,101 +2,77 @@
 
 Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
 ``IntegCartPoleSwingUp-v0`` and ``IntegElasticPendulum-v0``. What a script, a notebook or a part of
-one's own needs is here, each name imported when it is first asked for.
+one's own needs is here. Each name is imported when it is first asked for; ``__init__.pyi`` says the
+same to type checkers.
 """
 
-from typing import TYPE_CHECKING
+from __future__ import annotations
 
-from integ_gym.envs import register_environments
-from integ_gym.support import lazy_door
+from importlib import import_module
+from typing import Any
 
-if TYPE_CHECKING:
-    from integ_gym.envs import (
-        ENVIRONMENTS,
-        Applied,
-        Command,
-        Discretization,
-        Engine,
-        GymTestbed,
-        IntegEnv,
-        Integrator,
-        IntegVectorEnv,
-        Plant,
-        Step,
-        Success,
-        Task,
-        Testbed,
-        along,
-        functional,
-        numerics,
-        rediscretize,
-    )
-    from integ_gym.eval import check, evaluate, read_panel, run_panel, side_by_side
-    from integ_gym.evidence import (
-        EpisodeContext,
-        EvidenceStore,
-        RecordEvidence,
-        RecordVectorEvidence,
-    )
-    from integ_gym.support import nonnegative, parameter, positive
-    from integ_gym.train import (
-        DiscretizationCallback,
-        Policy,
-        PPOConfig,
-        SACConfig,
-        TrainingEvidence,
-        discretization_gap,
-        save_policy,
-        train_fleet,
-        train_ppo,
-        train_sac,
-        write_sidecar,
-    )
-else:
-    __getattr__, __dir__ = lazy_door(__name__)
+from integ_gym.envs.catalogue.registration import register_environments
+
+_NAMESPACES = {
+    "functional": "integ_gym.envs.environments.functional",
+    "numerics": "integ_gym.envs.numerics",
+}
+
+_MODULES = {
+    "along": "integ_gym.envs.integrators.interface",
+    "Applied": "integ_gym.envs.testbeds.interface",
+    "check": "integ_gym.eval.loss_check",
+    "Command": "integ_gym.envs.tasks.interface",
+    "Discretization": "integ_gym.envs.episode.discretization",
+    "discretization_gap": "integ_gym.train.monitoring.gap",
+    "DiscretizationCallback": "integ_gym.train.monitoring.sb3_callback",
+    "Engine": "integ_gym.envs.engines.interface",
+    "ENVIRONMENTS": "integ_gym.envs.catalogue.registration",
+    "EpisodeContext": "integ_gym.evidence.episodes.context",
+    "evaluate": "integ_gym.eval.panel.calls",
+    "EvidenceStore": "integ_gym.evidence.store.store",
+    "GymTestbed": "integ_gym.envs.testbeds.gym_testbed",
+    "IntegEnv": "integ_gym.envs.environments.environment",
+    "Integrator": "integ_gym.envs.integrators.interface",
+    "IntegVectorEnv": "integ_gym.envs.environments.vector",
+    "nonnegative": "integ_gym.support.parameters",
+    "parameter": "integ_gym.support.parameters",
+    "Plant": "integ_gym.envs.plants.interface",
+    "Policy": "integ_gym.train.policy.interface",
+    "positive": "integ_gym.support.parameters",
+    "PPOConfig": "integ_gym.train.ppo",
+    "read_panel": "integ_gym.eval.panel.model.files",
+    "RecordEvidence": "integ_gym.evidence.recorders.recorder",
+    "RecordVectorEvidence": "integ_gym.evidence.recorders.vector_recorder",
+    "rediscretize": "integ_gym.envs.environments.rediscretized.environment",
+    "run_panel": "integ_gym.eval.panel.calls",
+    "SACConfig": "integ_gym.train.sac",
+    "save_policy": "integ_gym.train.policy_files.writing",
+    "side_by_side": "integ_gym.eval.film.of_policy",
+    "Step": "integ_gym.envs.integrators.interface",
+    "Success": "integ_gym.envs.testbeds.interface",
+    "Task": "integ_gym.envs.tasks.interface",
+    "Testbed": "integ_gym.envs.testbeds.interface",
+    "train_fleet": "integ_gym.train.fleet.training",
+    "train_ppo": "integ_gym.train.ppo",
+    "train_sac": "integ_gym.train.sac",
+    "TrainingEvidence": "integ_gym.train.running.evidence",
+    "write_sidecar": "integ_gym.train.policy_files.writing",
+}
+
+__all__ = sorted([*_MODULES, *_NAMESPACES])
 
 register_environments()
 
-__all__ = [
-    "ENVIRONMENTS",
-    "Applied",
-    "Command",
-    "Discretization",
-    "DiscretizationCallback",
-    "Engine",
-    "EpisodeContext",
-    "EvidenceStore",
-    "GymTestbed",
-    "IntegEnv",
-    "IntegVectorEnv",
-    "Integrator",
-    "PPOConfig",
-    "Plant",
-    "Policy",
-    "RecordEvidence",
-    "RecordVectorEvidence",
-    "SACConfig",
-    "Step",
-    "Success",
-    "Task",
-    "Testbed",
-    "TrainingEvidence",
-    "along",
-    "check",
-    "discretization_gap",
-    "evaluate",
-    "functional",
-    "nonnegative",
-    "numerics",
-    "parameter",
-    "positive",
-    "read_panel",
-    "rediscretize",
-    "run_panel",
-    "save_policy",
-    "side_by_side",
-    "train_fleet",
-    "train_ppo",
-    "train_sac",
-    "write_sidecar",
-]
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMESPACES:
+        return import_module(_NAMESPACES[name])
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -14,9 +14,10 @@ import hypothesis
 import portalocker
 import pytest
 
-from integ_gym.envs.engines import ENGINES, missing_modules
-from integ_gym.eval.census.subjects.published import PUBLISHED, installed
-from integ_gym.support import APART
+from integ_gym.envs.engines.making import missing_modules
+from integ_gym.envs.registries import ENGINES
+from integ_gym.eval.census.subjects.libraries import PUBLISHED, installed
+from integ_gym.support.packages.apart.environments import APART
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from .ppo import PPOConfig, train_ppo
-from .running import TrainingConfig
+from .running.config import TrainingConfig
 from .sac import SACConfig, train_sac
 
 

@@ -9,25 +9,18 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import (
-    ENVIRONMENTS,
-    OTHER_TESTBEDS,
-    PendulumSwingUp,
-    Settings,
-    is_integ_environment,
-)
-from integ_gym.support import (
-    CommandParser,
-    add_named_values,
-    by_name,
-    report_errors,
-    whole_number,
-)
+from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.settings import Settings
+from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.support.terminal.command_line import CommandParser
+from integ_gym.support.terminal.ending import report_errors
+from integ_gym.support.terminal.options import add_named_values, by_name, whole_number
 
 from .algorithms import ALGORITHMS
-from .policy_files import told
+from .policy_files.card import told
 from .ppo import PPOConfig, make_training_envs
-from .running import TrainingConfig
+from .running.config import TrainingConfig
 
 _EXAMPLES = """\
 examples:
@@ -82,7 +75,7 @@ def _train(given: dict[str, Any]) -> int:
                 f"the fleet compiles integ-gym's environments; train {config.env_id} with "
                 "--trainer sb3"
             )
-        from .fleet import train_fleet
+        from .fleet.training import train_fleet
 
         (trained,) = train_fleet([config], [folder], workers=0, **options)
     else:

@@ -22,8 +22,9 @@ from typing import Any, ClassVar
 
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs import make_training_environments
-from integ_gym.support import (
+from integ_gym.envs.testbeds.making import make_training_environments
+from integ_gym.support.packages.extras import require
+from integ_gym.support.parameters import (
     boolean,
     finite_number,
     nonnegative,
@@ -31,23 +32,29 @@ from integ_gym.support import (
     optional,
     parameter,
     positive,
-    require,
 )
-from integ_gym.train.policy import ACTIVATIONS
-from integ_gym.train.policy_files import TrainedPolicy, make_card, mixture_of, write_policy
-from integ_gym.train.running import (
+
+from .policy.network import ACTIVATIONS
+from .policy_files.card import make_card, mixture_of
+from .policy_files.sidecar import TrainedPolicy, write_policy
+from .running.checks import check_rollout, fraction, whole
+from .running.config import TrainingConfig
+from .running.error import explained
+from .running.evidence import TrainingEvidence
+from .running.side_by_side import (
     OnTrained,
-    TrainingConfig,
-    TrainingEvidence,
-    check_rollout,
     checked_runs,
-    explained,
-    fraction,
     train_each,
     unheard,
-    whole,
 )
-from integ_gym.train.sb3 import Tell, last_episodes, logger, reproducible, saved, telling
+from .sb3.model import (
+    Tell,
+    last_episodes,
+    logger,
+    reproducible,
+    saved,
+    telling,
+)
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -164,7 +171,7 @@ def train_run(
     """
     from stable_baselines3.common.vec_env import VecMonitor
 
-    from integ_gym.train.sb3 import Sb3VecEnv, ScaledRewards
+    from .sb3.vec_env import Sb3VecEnv, ScaledRewards
 
     vector_env: Any = make_training_envs(config)
     mixture = mixture_of(vector_env)

@@ -18,21 +18,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from integ_gym.support import one_of, parameter, positive, require
-from integ_gym.train.policy import ACTIVATIONS
-from integ_gym.train.policy_files import TrainedPolicy
+from integ_gym.support.packages.extras import require
+from integ_gym.support.parameters import one_of, parameter, positive
 from integ_gym.train.ppo import train_run
-from integ_gym.train.running import (
+
+from .policy.network import ACTIVATIONS
+from .policy_files.sidecar import TrainedPolicy
+from .running.checks import (
     LONGEST,
     MOST_LANES,
-    OnTrained,
-    TrainingConfig,
-    TrainingEvidence,
-    checked_runs,
     fraction,
+    whole,
+)
+from .running.config import TrainingConfig
+from .running.evidence import TrainingEvidence
+from .running.side_by_side import (
+    OnTrained,
+    checked_runs,
     train_each,
     unheard,
-    whole,
 )
 
 

@@ -58,7 +58,8 @@ def drake(setup: Setup) -> Bare:
     """A `Simulator` that advances by the step, of a continuous or a discrete plant."""
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-    from integ_gym.envs.engines.drake.engine import ACCURACY, DISCRETE, IMPLICIT
+    from integ_gym.envs.engines.drake.engine import DISCRETE, IMPLICIT
+    from integ_gym.envs.engines.drake.implicit import ACCURACY
 
     engine: Any = setup.engine
     plant, count, dt = engine._plant, setup.timing.substeps, setup.timing.dt

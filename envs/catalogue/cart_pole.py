@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 from gymnasium import Env
 from gymnasium.vector import VectorEnv
 
-from ..environments import IntegEnv, IntegVectorEnv
-
-ENV_ID: Final = "IntegCartPole-v0"
-"""Read by the registration, which does not import this module."""
+from ..environments.environment import IntegEnv
+from ..environments.vector import IntegVectorEnv
 
 
 class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):

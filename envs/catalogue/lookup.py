@@ -11,10 +11,11 @@ from typing import Any, Final
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from integ_gym.support import unknown_name
+from integ_gym.support.parameters import unknown_name
 
-from ..environments import IntegEnv, make_setup
-from ..episode import Mixture, Setup, make_mixture
+from ..environments.environment import IntegEnv, make_setup
+from ..episode.mixture import Mixture, make_mixture
+from ..episode.settings import Setup
 from .registration import ENVIRONMENTS
 
 _OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")

@@ -5,25 +5,16 @@ Importing the package imports this, so that it takes no more than Gymnasium itse
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import Final
 
 import gymnasium as gym
 
-_ID = re.compile(r'^ENV_ID: Final = "(\w+)(-v\d+)"$', re.MULTILINE)
-
-
-def _declared() -> dict[str, str]:
-    """Ids that the modules beside this one declare, read without importing them."""
-    found = {}
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        for stem, version in _ID.findall(path.read_text(encoding="utf-8")):
-            found[stem + version] = f"{__package__}.{path.stem}:{stem}"
-    return found
-
-
-ENVIRONMENTS: Final = _declared()
+ENVIRONMENTS: Final = {
+    "IntegCartPole-v0": "integ_gym.envs.catalogue.cart_pole:IntegCartPole",
+    "IntegCartPoleSwingUp-v0": "integ_gym.envs.catalogue.cart_pole_swing_up:IntegCartPoleSwingUp",
+    "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
+    "IntegPendulum-v0": "integ_gym.envs.catalogue.pendulum:IntegPendulum",
+}
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
 

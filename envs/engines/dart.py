@@ -8,12 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import Components
-from ..mechanics import Link
-from ._rigid import Array, RigidBodyEngine, moment
-from ._stepping import Run, is_astray
+from ..arithmetic.ops import Components
+from ..mechanics.mechanism import Link
+from ._rigid.agreement import Array
+from ._rigid.bodies import RigidBodyEngine
+from ._rigid.formats import moment
+from ._stepping.foreign import Run, is_astray
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from ..arithmetic import Component, Components, Ops
-from ..mechanics import PlantSystem
+from ..arithmetic.ops import Component, Components, Ops
+from ..mechanics.system import PlantSystem
 
 DIVERGENCE_SPEED = 1e3
 """A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""

@@ -6,11 +6,19 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import Components
-from ._rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
-from ._stepping import Run
+from ..arithmetic.ops import Components
+from ._rigid.agreement import Array
+from ._rigid.bodies import RigidBodyEngine
+from ._rigid.formats import (
+    LEAST_INERTIA,
+    MAPS,
+    mass_matrix,
+    mjcf,
+    stop_law,
+)
+from ._stepping.foreign import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 

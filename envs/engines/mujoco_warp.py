@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import Components
-from ..mechanics import Mechanism
-from ._rigid import (
+from ..arithmetic.ops import Components
+from ..mechanics.mechanism import Mechanism
+from ._rigid.agreement import Array
+from ._rigid.formats import (
     LEAST_INERTIA,
     MAPS,
+    mjcf,
+    stop_law,
+)
+from ._rigid.warp import (
     ROWS,
-    Array,
     WarpEngine,
     Worlds,
     constraint_solver,
     forces_at_rest,
-    mjcf,
-    stop_law,
 )
 
 

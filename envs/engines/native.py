@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ..integrators import INTEGRATORS, TRUTH, Step
-from ..mechanics import PlantSystem
-from ._stepping import SteppedEngine
+from ..arithmetic.ops import Component, Components, Ops
+from ..integrators.interface import Step
+from ..mechanics.system import PlantSystem
+from ..registries import INTEGRATORS, TRUTH
+from ._stepping.stepped import SteppedEngine
 
 
 class NativeEngine(SteppedEngine):
@@ -25,7 +26,7 @@ class NativeEngine(SteppedEngine):
 
     name: ClassVar[str] = "native"
     package: ClassVar[str] = "integ-gym"
-    maps: ClassVar[Mapping[str, str]] = {n: n for n in INTEGRATORS.names() if n != TRUTH}
+    maps: ClassVar[Mapping[str, str]] = {n: n for n in INTEGRATORS.parts if n != TRUTH}
     batched: ClassVar[bool] = True
     reports: bool = True
 

@@ -8,20 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import Components
-from ..mechanics import Mechanism
-from ._rigid import (
-    LEAST_INERTIA,
-    MAPS,
+from ..arithmetic.ops import Components
+from ..mechanics.mechanism import Mechanism
+from ._rigid.agreement import Array
+from ._rigid.formats import LEAST_INERTIA, MAPS, moment
+from ._rigid.warp import (
     ROWS,
-    Array,
     WarpEngine,
     Worlds,
     constraint_solver,
     forces_at_rest,
-    moment,
 )
 
 FEATHERSTONE = "featherstone"

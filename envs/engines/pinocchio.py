@@ -8,13 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import Components, Ops
-from ..integrators import INTEGRATORS
-from ..mechanics import Mechanism, PlantSystem
-from ._rigid import Array, check_agreement, mechanism_of
-from ._stepping import lacks_integrator, refuse_arrays
+from ..arithmetic.ops import Components, Ops
+from ..mechanics.mechanism import Mechanism
+from ..mechanics.system import PlantSystem
+from ..registries import INTEGRATORS
+from ._rigid.agreement import Array, check_agreement, mechanism_of
+from ._stepping.mapped import lacks_integrator, refuse_arrays
 from .native import NativeEngine
 
 Rows = tuple[Components, ...]
@@ -38,7 +39,7 @@ class PinocchioEngine(NativeEngine):
     package: ClassVar[str] = "pin"
     modules: ClassVar[tuple[str, ...]] = ("pinocchio",)
     batched: ClassVar[bool] = False
-    maps: ClassVar[Mapping[str, str]] = {name: name for name in ("rk4", *INTEGRATORS.names())}
+    maps: ClassVar[Mapping[str, str]] = {name: name for name in ("rk4", *INTEGRATORS.parts)}
     """Integrator to the one-step map that it applies: itself. The environments' default first."""
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:

@@ -9,10 +9,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import SCALAR, Components
-from ..mechanics import Mechanism
-from ._rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
-from ._stepping import Run, load_undisturbed
+from ..arithmetic.ops import SCALAR, Components
+from ..mechanics.mechanism import Mechanism
+from ._rigid.agreement import PROBES, TOLERANCE, Array
+from ._rigid.bodies import HeldForce, RigidBodyEngine
+from ._stepping.foreign import Run
+from ._stepping.undisturbed import load_undisturbed
 
 SOLVERS = {
     "tgs": {"position_iterations": 10, "velocity_iterations": 1},

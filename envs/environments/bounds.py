@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..tasks import FLOAT32_ROUNDING
+from ..tasks._box import FLOAT32_ROUNDING
 from .lanes import Array
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from ..episode import Mixture
+from ..episode.mixture import Mixture
 
 
 class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):

@@ -18,30 +18,33 @@ from gymnasium import spaces
 from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
 
-from ..arithmetic import SCALAR, Components
-from ..episode import (
-    NOISE,
+from ..arithmetic.ops import SCALAR, Components
+from ..episode.control_period import (
     STATUS_NAMES,
-    WARM_UP,
     EnvState,
-    ScalarStart,
-    ScalarStep,
-    Setup,
-    build_setup,
+    quiet_status,
+    sensed,
+    top_speed,
+)
+from ..episode.settings import Setup, build_setup
+from ..episode.starts import (
+    NOISE,
     check_starts,
     checked_episodes,
     draw_start,
+    stream_of_episode,
+)
+from ..episode.steps import (
+    WARM_UP,
+    ScalarStart,
+    ScalarStep,
     plain_start,
     plain_step,
-    quiet_status,
-    sensed,
-    stream_of_episode,
-    top_speed,
     traced_start,
     traced_step,
 )
-from ..plants import PLANTS, split_state
-from ..tasks import TASKS
+from ..plants.interface import split_state
+from ..registries import PLANTS, TASKS
 
 Observation = npt.NDArray[np.float32]
 
@@ -219,7 +222,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             )
             return None
         if self._renderer is None:
-            from ..rendering import Renderer
+            from ..rendering.renderer import Renderer
 
             self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
         time = self._current().steps * self.setup.timing.control_period

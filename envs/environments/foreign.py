@@ -11,7 +11,9 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from ..episode import AWAY, Settings, Timing
+from ..episode.control_period import AWAY
+from ..episode.settings import Settings
+from ..episode.timing import Timing
 
 _SECONDS = ("dt", "control_period", "duration")
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import Component, map_leaves
-from ..episode import Setup
+from ..arithmetic.ops import Component
+from ..arithmetic.trees import map_leaves
+from ..episode.settings import Setup
 
 Array = npt.NDArray[Any]
 

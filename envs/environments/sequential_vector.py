@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from ..episode import Mixture
+from ..episode.mixture import Mixture
 from .discretized_vector import DiscretizedVectorEnv
 
 _PERHAPS_UNKNOWN = (

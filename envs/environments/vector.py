@@ -14,27 +14,28 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from ..arithmetic import ARRAY, Components, rows_of
-from ..episode import (
+from ..arithmetic.array_ops import ARRAY, rows_of
+from ..arithmetic.ops import Components
+from ..episode.control_period import (
+    EnvState,
+    initial_state,
+    quiet_status,
+    sensed,
+)
+from ..episode.lane_starts import LaneStarts
+from ..episode.mixture import Mixture, make_mixture
+from ..episode.settings import Setup
+from ..episode.starts import (
     MEMBER,
     NOISE,
-    RESULTS,
-    EnvState,
-    LanesStep,
-    LaneStarts,
-    Mixture,
-    Setup,
     check_options,
     checked_episodes,
     draw_start,
-    initial_state,
-    make_mixture,
     numbers_per_start,
-    quiet_status,
-    sensed,
     stream_of_episode,
 )
-from ..plants import join_state, split_state
+from ..episode.steps import RESULTS, LanesStep
+from ..plants.interface import join_state, split_state
 from .discretized_vector import DiscretizedVectorEnv
 from .environment import (
     IntegEnv,
@@ -265,7 +266,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             gym.logger.warn('render() needs render_mode="rgb_array" in gym.make_vec')
             return None
         if not self._renderers:
-            from ..rendering import Renderer
+            from ..rendering.renderer import Renderer
 
             fps = self.metadata["render_fps"]
             self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]

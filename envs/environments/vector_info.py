@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import Component
-from ..episode import BLANK, STATUS_NAMES
+from ..arithmetic.ops import Component
+from ..episode.control_period import STATUS_NAMES
+from ..episode.info import BLANK
 from .lanes import Array
 
 Info = dict[str, Array]

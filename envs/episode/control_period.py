@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..arithmetic import Component, Components, Ops
-from ..engines import DIVERGENCE_SPEED, Motion, Segments
-from ..plants import split_state
-from ..tasks import Command
+from ..arithmetic.ops import Component, Components, Ops
+from ..engines.interface import DIVERGENCE_SPEED, Motion, Segments
+from ..plants.interface import split_state
+from ..tasks.interface import Command
 from .settings import Setup
 from .timing import Timing
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..engines import NativeEngine
+from ..engines.native import NativeEngine
 
 NATIVE = NativeEngine.name
 """Name of integ-gym's own engine."""

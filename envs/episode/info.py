@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..arithmetic import Component
+from ..arithmetic.ops import Component
 from .control_period import AWAY, OK, EnvState, Outcome
 from .settings import Setup
 

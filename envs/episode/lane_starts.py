@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import ARRAY, Component, leaves_of, rows_of
-from ..plants import split_state
+from ..arithmetic.array_ops import ARRAY, rows_of
+from ..arithmetic.ops import Component
+from ..arithmetic.trees import leaves_of
+from ..plants.interface import split_state
 from .control_period import EnvState, initial_state
 from .settings import Setup
 from .starts import GivenNumbers, checked_state, made_start, possible

@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import Any
 
-from integ_gym.support import positive, unknown_name
+from integ_gym.support.parameters import positive, unknown_name
 
 from .discretization import DISCRETIZATION
 from .settings import Setup

@@ -5,8 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..arithmetic import SCALAR, Component, Components, Ops
-from ..arithmetic.tracing import JAVASCRIPT, source_of
+from ..arithmetic.ops import (
+    SCALAR,
+    Component,
+    Components,
+    Ops,
+)
+from ..arithmetic.tracing.compiling import source_of
+from ..arithmetic.tracing.dialects import JAVASCRIPT
 from .control_period import EnvState, initial_state, transition
 from .settings import Setup
 from .steps import truths

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.support import (
+from integ_gym.support.parameters import (
     check_values,
     nonnegative,
     one_of,
@@ -22,11 +22,12 @@ from integ_gym.support import (
     unknown_name,
 )
 
-from ..arithmetic import Component
-from ..engines import DIVERGENCE_SPEED, Engine, make_engine
-from ..mechanics import PlantSystem
-from ..plants import Plant
-from ..tasks import Task
+from ..arithmetic.ops import Component
+from ..engines.interface import DIVERGENCE_SPEED, Engine
+from ..engines.making import make_engine
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant
+from ..tasks.interface import Task
 from .discretization import NATIVE
 from .timing import Timing
 

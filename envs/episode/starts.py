@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import unknown_name
+from integ_gym.support.parameters import unknown_name
 
-from ..arithmetic import FLOAT32_MAX, Component, Components, rows_of
-from ..plants import state_names
+from ..arithmetic.array_ops import rows_of
+from ..arithmetic.ops import FLOAT32_MAX, Component, Components
+from ..plants.interface import state_names
 from .control_period import top_speed
 from .settings import Setup
 

@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import ARRAY, SCALAR, Component, Components, Ops, map_leaves, rows_of
-from ..arithmetic.tracing import (
-    ARRAYS,
-    SCALARS,
-    NotTraceable,
+from ..arithmetic.array_ops import ARRAY, rows_of
+from ..arithmetic.ops import (
+    SCALAR,
+    Component,
+    Components,
+    Ops,
+)
+from ..arithmetic.tracing.compiling import (
     Repeated,
-    Unusual,
     compiled,
     looped,
     repeated,
 )
+from ..arithmetic.tracing.dialects import ARRAYS, SCALARS, Unusual
+from ..arithmetic.tracing.symbols import NotTraceable
+from ..arithmetic.trees import map_leaves
 from .control_period import EnvState, initial_state, quiet_status, transition
 from .info import reset_info, step_info
 from .lane_starts import Begun

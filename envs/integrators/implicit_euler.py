@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ._solving import Solved, solve_velocity
+from ..arithmetic.ops import Component, Components, Ops
+from ._solving.newton import Solved, solve_velocity
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System, along
 

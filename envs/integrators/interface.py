@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 State = tuple[Components, Components]
 """Configuration and velocity."""

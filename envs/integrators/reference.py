@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ._solving import time_of_kink, trial_step
+from ..arithmetic.ops import Component, Components, Ops
+from ._solving.dop853 import trial_step
+from ._solving.kink import time_of_kink
 from ._theory import UNLIMITED, LinearTheory
 from .interface import Step, System
 

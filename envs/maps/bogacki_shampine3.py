@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ._families import ExplicitRungeKutta, Tableau
+from ._families.runge_kutta import ExplicitRungeKutta, Tableau
 
 
 class BogackiShampine3(ExplicitRungeKutta):

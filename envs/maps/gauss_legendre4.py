@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ._families import ImplicitRungeKutta, Tableau
+from ._families.runge_kutta import ImplicitRungeKutta, Tableau
 
 _S = 3.0**0.5 / 6.0
 

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ..integrators import ImplicitEuler, State, Step, System, along
+from ..arithmetic.ops import Component, Components, Ops
+from ..integrators.implicit_euler import ImplicitEuler
+from ..integrators.interface import (
+    State,
+    Step,
+    System,
+    along,
+)
 
 
 class ImplicitEulerHalfSteps:

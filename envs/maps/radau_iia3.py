@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ..integrators import State, System
-from ._families import ImplicitRungeKutta, Tableau, along_row
+from ..arithmetic.ops import Component, Components, Ops
+from ..integrators.interface import State, System
+from ._families.runge_kutta import ImplicitRungeKutta, Tableau, along_row
 
 
 class RadauIIA3(ImplicitRungeKutta):

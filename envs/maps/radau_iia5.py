@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ._families import ImplicitRungeKutta, Tableau
+from ._families.runge_kutta import ImplicitRungeKutta, Tableau
 
 _R = 6.0**0.5
 _LAST = ((16.0 - _R) / 36.0, (16.0 + _R) / 36.0, 1.0 / 9.0)

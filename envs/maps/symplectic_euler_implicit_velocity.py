@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..arithmetic import Component, Components, Ops
-from ..mechanics import PlantSystem
-from ._families import LinearlyImplicit
+from ..arithmetic.ops import Component, Components, Ops
+from ..mechanics.system import PlantSystem
+from ._families.linearly_implicit import LinearlyImplicit
 
 
 class SymplecticEulerImplicitVelocity(LinearlyImplicit):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic import Component, Components, Ops
-from ..integrators import Step, along
-from ..mechanics import PlantSystem
-from ._families import damping_slopes
+from ..arithmetic.ops import Component, Components, Ops
+from ..integrators.interface import Step, along
+from ..mechanics.system import PlantSystem
+from ._families.linearly_implicit import damping_slopes
 
 
 class SymplecticEulerSequentialDamping:

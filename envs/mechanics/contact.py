@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 
 class Contact(NamedTuple):

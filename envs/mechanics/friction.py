@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 
 @dataclass(frozen=True)

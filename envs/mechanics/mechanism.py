@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ..arithmetic import Component
+from ..arithmetic.ops import Component
 from .contact import Stops
 
 

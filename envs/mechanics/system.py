@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..arithmetic import Component, Components, Ops
-from ..plants import Plant
+from ..arithmetic.ops import Component, Components, Ops
+from ..plants.interface import Plant
 from .contact import Stops
 from .friction import Friction
 

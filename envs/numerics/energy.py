@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from ..arithmetic import SCALAR
-from ..engines import Motion, NativeEngine
-from ..mechanics import PlantSystem
-from ..plants import Plant, join_state, split_state
+from ..arithmetic.ops import SCALAR
+from ..engines.interface import Motion
+from ..engines.native import NativeEngine
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant, join_state, split_state
 from .stepping import Array, State
 
 Kind = Literal["bounded", "linear", "exponential"]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arithmetic import ARRAY
-from ..episode import Setup
-from ..plants import join_state, split_state
+from ..arithmetic.array_ops import ARRAY
+from ..episode.settings import Setup
+from ..plants.interface import join_state, split_state
 from .stepping import Array
 
 CONTROLS = np.linspace(-1.0, 1.0, 5)

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..maps import map_names
-from ..mechanics import PlantSystem
-from ..plants import PLANTS, Plant, join_state
+from ..maps.lookup import map_names
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant, join_state
+from ..registries import PLANTS
 from .matching import Case, Match, cases_of, match
 from .order import ROUNDING, convergence
 from .phase_space import volume_defect

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..integrators import INTEGRATORS
-from ..plants import Pendulum, Plant
+from ..plants.interface import Plant
+from ..plants.pendulum import Pendulum
+from ..registries import INTEGRATORS
 from .linear import stability_limit
 from .order import convergence
 from .phase_space import reversibility_errors, symplecticity_defect

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..arithmetic import SCALAR
-from ..mechanics import PlantSystem
-from ..plants import Plant, join_state, split_state
+from ..arithmetic.ops import SCALAR
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant, join_state, split_state
 from .stepping import Array, State
 
 TOLERANCE = 1e-13

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..plants import Oscillator, Plant
+from ..plants._oscillator import Oscillator
+from ..plants.interface import Plant
 from .stepping import Array, advance_lanes, jacobian
 
 LARGEST = 100.0

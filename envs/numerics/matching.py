@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import SCALAR, Components
-from ..maps import map_names, one_step_map
-from ..mechanics import PlantSystem
-from ..plants import Plant
+from ..arithmetic.ops import SCALAR, Components
+from ..maps.lookup import map_names, one_step_map
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant
 from .stepping import OneStep
 
 Case = tuple[Components, Components, float]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..plants import Plant
+from ..plants.interface import Plant
 from .stepping import Advance, State, advance
 
 HALVINGS = (4, 5, 6, 7, 8, 9)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arithmetic import ARRAY
-from ..plants import Plant, split_state
+from ..arithmetic.array_ops import ARRAY
+from ..plants.interface import Plant, split_state
 from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 

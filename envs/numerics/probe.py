@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arithmetic import ARRAY
-from ..mechanics import PlantSystem
-from ..plants import Plant, join_state, split_state
+from ..arithmetic.array_ops import ARRAY
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant, join_state, split_state
 from .stepping import Array, State, jacobian
 
 

@@ -9,10 +9,12 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic import ARRAY, SCALAR, Component, Components
-from ..engines import NativeEngine, make_engine
-from ..mechanics import PlantSystem
-from ..plants import Plant, join_state, split_state
+from ..arithmetic.array_ops import ARRAY
+from ..arithmetic.ops import SCALAR, Component, Components
+from ..engines.making import make_engine
+from ..engines.native import NativeEngine
+from ..mechanics.system import PlantSystem
+from ..plants.interface import Plant, join_state, split_state
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array

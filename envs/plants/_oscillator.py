@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from integ_gym.support import parameter, positive
+from integ_gym.support.parameters import parameter, positive
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 
 @dataclass(frozen=True)

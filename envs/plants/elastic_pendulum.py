@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.support import nonnegative, parameter, positive
+from integ_gym.support.parameters import nonnegative, parameter, positive
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Protocol
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 
 MASS_DISTRIBUTIONS = ("uniform", "point")
 """Of a link: a uniform rod, or a point mass at its end."""

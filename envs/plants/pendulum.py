@@ -6,10 +6,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.support import nonnegative, one_of, optional, parameter, positive
+from integ_gym.support.parameters import (
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+)
 
-from ..arithmetic import Component, Components, Ops
-from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
+from ..arithmetic.ops import Component, Components, Ops
+from ..mechanics.contact import Stops, stops_at
+from ..mechanics.friction import Friction, friction_of
+from ..mechanics.mechanism import Link, Mechanism
 from .interface import MASS_DISTRIBUTIONS
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from integ_gym.support import AMOUNTS, PALETTE, channels, fixed
+from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels
+from integ_gym.support.terminal.formatting import fixed
 
 from .canvas import FAINT, INK, MUTED, Canvas, Colour, tint
 

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import HUES, PALETTE, channels, load
+from integ_gym.support.figures.colours import PALETTE, channels
+from integ_gym.support.figures.series import HUES
+from integ_gym.support.packages.extras import load
 
 Colour = tuple[int, int, int]
 Point = tuple[float, float]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import Setup
+from ..episode.settings import Setup
 from .bars import BAR, draw_bars
 from .canvas import BLUE, INK, MUTED, PAGE, VERMILION, WHITE, Canvas, tint
 from .course import Course, draw_course

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from integ_gym.support import fixed
+from integ_gym.support.terminal.formatting import fixed
 
 from .bars import colour_of
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, Canvas, Point

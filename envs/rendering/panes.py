@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import Setup
+from ..episode.settings import Setup
 from .bars import BAR, draw_bars
 from .canvas import FAILS, GREEN, INK, MUTED, PAGE, WHITE, Canvas, Point
 from .plants import drawing

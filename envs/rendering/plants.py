@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import SCALAR
-from ..episode import Setup
-from ..plants import state_names, state_units
-from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrapped
+from ..arithmetic.ops import SCALAR
+from ..episode.settings import Setup
+from ..plants.interface import state_names, state_units
+from ..tasks.elastic_pendulum_quiet import NEAR_PLUMB
+from ..tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 
 _TRAIL = 0.1

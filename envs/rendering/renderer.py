@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 import numpy.typing as npt
 
-from ..episode import Setup
+from ..episode.settings import Setup
 from .canvas import INK, MUTED, WHITE, Canvas, load_pygame
 from .plants import drawing, signed
 from .screen import open_screen

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from ..arithmetic import Components
+from ..arithmetic.ops import Components
 
 
 def number(options: Mapping[str, Any], name: str, default: float) -> float:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import inf, pi
 from typing import Any, ClassVar
 
-from integ_gym.support import parameter, positive
+from integ_gym.support.parameters import parameter, positive
 
-from ..arithmetic import Component, Components, Ops
+from ..arithmetic.ops import Component, Components, Ops
 from ._box import BoxTask
 from ._reset_options import uniform
 from .pendulum_swing_up import NEAR_UPRIGHT, wrapped

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import gymnasium as gym
 
-from ..episode import Discretization
+from ..episode.discretization import Discretization
 from .gym_testbed import GymTestbed
 from .interface import Applied
 

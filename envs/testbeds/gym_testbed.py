@@ -10,19 +10,15 @@ import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support import translate_errors, unknown_name
+from integ_gym.support.errors import translate_errors
+from integ_gym.support.parameters import unknown_name
 
-from ..environments import (
-    DiscretizedVectorEnv,
-    Repeated,
-    ReturnGoal,
-    Rewards,
-    StatedEnv,
-    return_of_success,
-    time_limit,
-    without_time_limit,
-)
-from ..episode import Discretization, whole_multiple
+from ..environments.discretized_vector import DiscretizedVectorEnv
+from ..environments.foreign import ReturnGoal, return_of_success, time_limit
+from ..environments.stated.environment import StatedEnv
+from ..environments.stated.repeated import Repeated, Rewards, without_time_limit
+from ..episode.discretization import Discretization
+from ..episode.timing import whole_multiple
 from .interface import Applied, Success
 from .sequential import SequentialTestbed
 

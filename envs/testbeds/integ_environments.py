@@ -6,11 +6,11 @@ from typing import Any
 
 import gymnasium as gym
 
-from ..catalogue import environment_class, environment_setup
-from ..engines import ENGINES
-from ..environments import DiscretizedVectorEnv
-from ..episode import Discretization, dividing_step
-from ..integrators import TRUTH
+from ..catalogue.lookup import environment_class, environment_setup
+from ..environments.discretized_vector import DiscretizedVectorEnv
+from ..episode.discretization import Discretization
+from ..episode.timing import dividing_step
+from ..registries import ENGINES, TRUTH
 from .interface import REFINEMENTS, Applied, Success
 
 

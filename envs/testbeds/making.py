@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from inspect import getattr_static
@@ -12,28 +12,16 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support import Registry, translate_errors
+from integ_gym.support.errors import translate_errors
 
-from ..catalogue import is_integ_environment
-from ..environments import DiscretizedVectorEnv
-from ..episode import DISCRETIZATION, Discretization, agrees
-from .apart import DmControlTask, IsaaclabTask
-from .brax_tasks import BraxTask
+from ..catalogue.lookup import is_integ_environment
+from ..environments.discretized_vector import DiscretizedVectorEnv
+from ..episode.discretization import DISCRETIZATION, Discretization, agrees
+from ..registries import TESTBEDS
 from .classic_control import CLASSIC, ClassicControl
 from .integ_environments import IntegTestbed
 from .interface import Applied, Testbed
 from .mujoco_tasks import MujocoTestbed
-from .playground import Playground
-
-_OWN = Registry("integ_gym.envs.testbeds", "testbed", "make")
-
-LIBRARIES: Mapping[str, Callable[..., Testbed]] = {
-    "brax": BraxTask,
-    "dm_control": DmControlTask,
-    "isaaclab": IsaaclabTask,
-    "playground": Playground,
-}
-"""Tasks of other libraries', ``"library:task"``."""
 
 _MEMBERS = (
     "arguments", "batched", "home", "control_period", "horizon", "success", "controller",
@@ -71,11 +59,12 @@ def _found(env_id: str, arguments: str) -> Testbed:
     if env_id in CLASSIC:
         return ClassicControl(env_id, **given)
     library, _, task = env_id.partition(":")
-    if task and library in LIBRARIES:
+    if task and library in TESTBEDS:
         with translate_errors(f"{env_id} cannot be made"):
-            return LIBRARIES[library](task, **given)
+            made: Testbed = TESTBEDS.load(library)(task, **given)
+            return made
     if task and library != _ROBOTICS:
-        owner = _OWN.load(env_id)
+        owner = TESTBEDS.load(env_id)
         with translate_errors(f"the testbed {env_id} cannot be made"):
             return _complete(owner(**given), env_id)
     return MujocoTestbed(env_id, **given)

@@ -8,22 +8,17 @@ from typing import Any
 
 import gymnasium as gym
 
-from integ_gym.support import (
-    check_versions,
-    describe_exception,
-    load,
-    suggestion,
-    translate_errors,
-)
+from integ_gym.support.errors import describe_exception, translate_errors
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.parameters import suggestion
 
-from ..catalogue import ENVIRONMENTS, OTHER_TESTBEDS
-from ..environments import DiscretizedVectorEnv
-from ..environments.rediscretized import (
-    RediscretizedEnv,
-    integrator_numbers,
-    rediscretize,
-)
-from ..episode import Discretization
+from ..catalogue.lookup import OTHER_TESTBEDS
+from ..catalogue.registration import ENVIRONMENTS
+from ..environments.discretized_vector import DiscretizedVectorEnv
+from ..environments.rediscretized.description import integrator_numbers
+from ..environments.rediscretized.environment import RediscretizedEnv, rediscretize
+from ..episode.discretization import Discretization
 from .interface import Applied, Success
 from .sequential import SequentialTestbed
 

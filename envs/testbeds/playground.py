@@ -9,9 +9,11 @@ import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support import check_versions, load, unknown_name
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.parameters import unknown_name
 
-from ..episode import Discretization
+from ..episode.discretization import Discretization
 from .gym_testbed import GymTestbed
 from .interface import Applied
 from .state_passing import StatePassing, step_told

@@ -8,10 +8,11 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support import unknown_name
+from integ_gym.support.parameters import unknown_name
 
-from ..environments import DiscretizedVectorEnv, SequentialVectorEnv
-from ..episode import Discretization
+from ..environments.discretized_vector import DiscretizedVectorEnv
+from ..environments.sequential_vector import SequentialVectorEnv
+from ..episode.discretization import Discretization
 from .interface import REFINEMENTS
 
 

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):

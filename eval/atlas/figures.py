@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from integ_gym.support import (
+from integ_gym.support.figures.colours import ink_on, success_colour
+from integ_gym.support.figures.style import (
     INK,
-    NONE,
     PAPER,
     SOFT,
     SUNK,
     blank_figure,
     draw_heading,
-    fixed,
     inch_canvas,
-    ink_on,
-    success_colour,
 )
+from integ_gym.support.terminal.formatting import NONE, fixed
 
-from .summaries import Point
+from .summaries.outcomes import Point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

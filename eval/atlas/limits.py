@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Discretization, environment_setup, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.episode.discretization import Discretization
 
-from ..panel import SpecError
+from ..panel.specification.values import SpecError
 
 WIDEST = 1e4
 """Largest limit of the control that is tried, as a multiple of the smallest."""

@@ -7,13 +7,17 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.support import NONE, fixed, make_folder, replace_file, write_figure
+from integ_gym.support.figures.style import write_figure
+from integ_gym.support.files.writing import make_folder, replace_file
+from integ_gym.support.terminal.formatting import NONE, fixed
 
-from ..statistics import draws_for, paired_difference, rate_interval
+from ..statistics.episodes import draws_for
+from ..statistics.rates import paired_difference, rate_interval
 from .figures import draw_phases
 from .running import finished
 from .specification import Atlas
-from .summaries import Point, noted_in, points
+from .summaries.agreement import noted_in
+from .summaries.outcomes import Point, points
 
 TABLES, LOSSES = "tables.md", "losses.csv"
 

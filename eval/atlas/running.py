@@ -8,16 +8,18 @@ from pathlib import Path
 
 import msgspec
 
-from ..panel import run_panel
+from ..panel.calls import run_panel
 from .specification import Atlas, Block
-from .summaries import (
+from .summaries.agreement import (
     Agreement,
-    Summary,
     compare,
     first_difference,
     note,
-    read_summary,
     same_processor,
+)
+from .summaries.summary import (
+    Summary,
+    read_summary,
     summarize,
     write_summary,
 )

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from ..panel import PanelSpec, SpecError, parse_spec, read_toml
+from ..panel.specification.panel_spec import PanelSpec
+from ..panel.specification.reading import parse_spec, read_toml
+from ..panel.specification.values import SpecError
 from .limits import control_argument, critical_limit
 
 

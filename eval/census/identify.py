@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.envs import TRUTH, map_names, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.maps.lookup import map_names
+from integ_gym.envs.registries import TRUTH
 
-from .subjects import Sample, State, Statement
+from .subjects.subject import Sample, State, Statement
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
 """Integration steps in one control period that are tried, beside the stated number."""

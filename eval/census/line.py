@@ -6,13 +6,15 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from integ_gym.envs import SCALAR, join_state, numerics
-from integ_gym.evidence import plain
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.plants.interface import join_state
+from integ_gym.evidence.episodes.record import plain
 
 from .drift import Drift, energy_drift
 from .identify import Found, identify
 from .speed_limit import SpeedLimit, find_speed_limit
-from .subjects import Subject
+from .subjects.subject import Subject
 
 SAME_TIME = 1e-5
 """Relative difference up to which two times are the same."""

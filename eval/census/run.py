@@ -8,12 +8,17 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs import TRUTH, integrators_of, map_names, missing_modules, one_step_map
-from integ_gym.support import describe_exception, install_command, installed_versions
+from integ_gym.envs.engines.making import integrators_of, missing_modules
+from integ_gym.envs.maps.lookup import map_names, one_step_map
+from integ_gym.envs.registries import TRUTH
+from integ_gym.support.errors import describe_exception
+from integ_gym.support.packages.extras import install_command
+from integ_gym.support.packages.versions import installed_versions
 
 from .line import Line, measure
-from .subjects import COAST, Subject, engine_subjects
-from .subjects.published import PUBLISHED, installed
+from .subjects.engines import engine_subjects
+from .subjects.libraries import PUBLISHED, installed
+from .subjects.subject import COAST, Subject
 
 SCHEMA_VERSION = 1
 PACKAGES = ("integ-gym", "numpy", "gymnasium", "jax", "mujoco", "mujoco-mjx", "warp-lang")

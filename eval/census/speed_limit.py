@@ -10,7 +10,7 @@ from typing import Literal
 from integ_gym.envs import numerics
 
 from .identify import Found
-from .subjects import Sample, Transition
+from .subjects.subject import Sample, Transition
 
 CUT = 1e-4
 """Relative difference between a velocity and the map's that rounding cannot explain."""

@@ -9,9 +9,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from integ_gym.support import page_environment, page_parts, plural, replace_file
+from integ_gym.support.files.writing import replace_file
+from integ_gym.support.pages.frame import page_environment, page_parts
+from integ_gym.support.terminal.formatting import plural
 
-from .lines import ANY, NOTHING, VERDICTS
+from .lines.expectation import NOTHING
+from .lines.finding import ANY, VERDICTS
 from .terminal import IDENTITY, Line, identity_cells, topics
 
 DIAGNOSIS_PAGE: Final = "diagnose.html"

@@ -10,16 +10,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import INTEGRATORS
-from integ_gym.evidence import EvidenceStore, plain
-from integ_gym.support import Progress, cannot_write, make_folder, replace_file, work_bar
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.evidence.episodes.record import plain
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.files.writing import cannot_write, make_folder, replace_file
+from integ_gym.support.processes.workers import Progress, work_bar
 
-from ..panel.running import package_versions
-from . import sections
-from .bench import Bench, Subject, check_integrator, subjects
-from .figures import write_diagnosis_figures
+from ..panel.running.run_directory import package_versions
+from .bench.bench import Bench
+from .bench.integrators import check_integrator
+from .bench.subject import Subject, subjects
+from .figures.write import write_diagnosis_figures
 from .page import write_page
 from .section import Diagnosis
+from .sections import (
+    actuation,
+    contact,
+    damping,
+    free_motion,
+    friction,
+    identity,
+    latency,
+    plant,
+    refinement,
+    stiffness,
+)
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""
@@ -27,16 +42,16 @@ SCHEMA_VERSION = 1
 RESULT = "diagnose.json"
 
 SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
-    "plant": sections.plant.diagnose_plant,
-    "integrator": sections.identity.diagnose_identity,
-    "free motion": sections.free_motion.diagnose_free_motion,
-    "stiffness": sections.stiffness.diagnose_stiffness,
-    "damping": sections.damping.diagnose_damping,
-    "friction": sections.friction.diagnose_friction,
-    "contact": sections.contact.diagnose_contact,
-    "actuation": sections.actuation.diagnose_actuation,
-    "timestep refinement": sections.refinement.diagnose_refinement,
-    "latency": sections.latency.diagnose_latency,
+    "plant": plant.diagnose_plant,
+    "integrator": identity.diagnose_identity,
+    "free motion": free_motion.diagnose_free_motion,
+    "stiffness": stiffness.diagnose_stiffness,
+    "damping": damping.diagnose_damping,
+    "friction": friction.diagnose_friction,
+    "contact": contact.diagnose_contact,
+    "actuation": actuation.diagnose_actuation,
+    "timestep refinement": refinement.diagnose_refinement,
+    "latency": latency.diagnose_latency,
 }
 """Sections in the order in which they are shown."""
 
@@ -108,8 +123,8 @@ class _Job:
         return diagnosis
 
     def _failure(self, error: Exception) -> str:
-        """A sentence on what failed, with whose step it was where one of them was at work."""
-        names = INTEGRATORS.at_work(error, self.integrators) or self.integrators
+        """A sentence on what failed."""
+        names = self.integrators
         what = " ".join(str(error).split())
         own = any(":" in name for name in (self.subject.name, *names))
         remedy = (

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import TRUTH
+from integ_gym.envs.registries import TRUTH
 
-from .bench import Array, Bench, Commands, Rollout, Subject
-from .lines import Expectation, Finding
+from .bench.bench import Bench, Commands
+from .bench.rollout import Array, Rollout
+from .bench.subject import Subject
+from .lines.expectation import Expectation
+from .lines.finding import Finding
 
 NO_CONTROL = np.zeros(1)
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
-from integ_gym.support import beside, print_aligned, say, width_of
+from integ_gym.support.terminal.text_table import (
+    beside,
+    print_aligned,
+    say,
+    width_of,
+)
 
-from .lines import ANY, NOTHING, VERDICTS
+from .lines.expectation import NOTHING
+from .lines.finding import ANY, VERDICTS
 
 _NAME = 17
 """Characters of the longest name of a built-in integrator."""

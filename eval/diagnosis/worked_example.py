@@ -9,10 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS, CartPole, Pendulum, check_divides, numerics
-from integ_gym.support import compact_percent, write_figure
+from integ_gym.envs import numerics
+from integ_gym.envs.episode.timing import check_divides
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.support.figures.style import write_figure
+from integ_gym.support.terminal.formatting import compact_percent
 
-from .figures import WINDOW, draw_drift
+from .figures.drift import WINDOW, draw_drift
 
 DT, DURATION = 0.05, 200.0
 """Of the pendulum: step and time, s."""

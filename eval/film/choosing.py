@@ -8,17 +8,13 @@ from typing import Any, TypeAlias
 
 import gymnasium as gym
 
-from integ_gym.envs import (
-    DISCRETIZATION,
-    ENVIRONMENTS,
-    Discretization,
-    check_divides,
-    environment_setup,
-    is_integ_environment,
-    testbed_of,
-)
+from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.episode.timing import check_divides
+from integ_gym.envs.testbeds.making import testbed_of
 
-from ..panel.specification import Cell
+from ..panel.specification.cells.cell import Cell
 
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""

@@ -10,16 +10,14 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import (
-    LOSSES,
-    Discretization,
-    Moment,
-    Setup,
-    environment_setup,
-    state_names,
-)
-from integ_gym.evidence import EvidenceRecord
-from integ_gym.train import Policy
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.episode.info import LOSSES
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.plants.interface import state_names
+from integ_gym.envs.rendering.panes import Moment
+from integ_gym.evidence.episodes.record import EvidenceRecord
+from integ_gym.train.policy.interface import Policy
 
 Array = npt.NDArray[np.float64]
 

@@ -12,7 +12,9 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import NATIVE, TRUTH, Discretization, Pane, Panes
+from integ_gym.envs.episode.discretization import NATIVE, Discretization
+from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.rendering.panes import Pane, Panes
 
 from .episode import Episode
 from .writing import write_film

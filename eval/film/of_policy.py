@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import TRUTH, Discretization, environment_setup
-from integ_gym.support import require
-from integ_gym.train import Policy, read_trained, readable_file
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.registries import TRUTH
+from integ_gym.support.packages.extras import require
+from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
-from ..panel.existing import read_existing
+from ..panel.existing.policy import read_existing
 from .choosing import Asked, arguments_on, check_filmed, check_possible, chosen
 from .episode import Episode, played
 from .film import Film

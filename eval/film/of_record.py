@@ -8,18 +8,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, TRUTH, Discretization
-from integ_gym.evidence import (
-    EvidenceRecord,
-    EvidenceStore,
-    open_run,
-    told_perturbation,
-    told_training,
-)
-from integ_gym.support import require
-from integ_gym.train import Policy
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.registries import TRUTH
+from integ_gym.evidence.episodes.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.support.packages.extras import require
+from integ_gym.train.policy.interface import Policy
 
-from ..panel import policy_of
+from ..panel.existing.run_policies import policy_of
 from .choosing import Asked, arguments_on, check_filmed, check_possible, chosen
 from .episode import Episode, played, recorded
 from .film import Film

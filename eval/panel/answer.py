@@ -14,21 +14,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.envs import NATIVE
-from integ_gym.support import fixed, percent, plural
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.support.terminal.formatting import fixed, percent, plural
 
-from ..verdict import (
+from ..verdict.achievability import UNSOLVABLE, Achievability
+from ..verdict.family import WITHOUT_VERDICT
+from ..verdict.looks import adjust_for_look, share_of_look
+from ..verdict.rules import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
-    UNSOLVABLE,
-    WITHOUT_VERDICT,
-    Achievability,
-    adjust_for_look,
-    share_of_look,
 )
-from .model import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
+from .model.conclusions import EngineAgreement, PairedEpisodes, Verdict
+from .model.matrix import Cell, Entry, Row
+from .model.panel import Panel
+from .model.part import Estimate
 
 Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
 """Whether dt is the cause of a loss.

@@ -12,32 +12,32 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import (
-    LEASE,
-    Cluster,
-    Resources,
-    Storage,
-    check_spawning,
-    cluster_of,
-    cores,
-    require,
-    say,
-    stored,
-)
-from integ_gym.train import Stated
+from integ_gym.support.packages.extras import require
+from integ_gym.support.processes.spawning import check_spawning
+from integ_gym.support.processes.workers import cores
+from integ_gym.support.sharing.claims import LEASE
+from integ_gym.support.sharing.clusters import Cluster, cluster_of
+from integ_gym.support.sharing.resources import Resources
+from integ_gym.support.storing.places import stored
+from integ_gym.support.storing.storage import Storage
+from integ_gym.support.terminal.text_table import say
+from integ_gym.train.policy_files.stated_home import Stated
 
-from .existing import (
-    evaluate_existing,
-    given_policy,
-    is_reference,
-    plan,
-    read_existing,
-)
-from .model import Panel
-from .results import phases, write_artefact
-from .running import RunDirectory, as_there, complete, memory_of, opened
-from .sharing import Share, complete_on, processes, work_on, write_pages
-from .specification import BUILT_IN, PanelSpec, built_in_spec, read_spec, stages
+from .existing.evaluate import evaluate_existing
+from .existing.given import given_policy, is_reference
+from .existing.planning import plan
+from .existing.policy import read_existing
+from .model.panel import Panel
+from .results.ending import phases
+from .results.outputs import write_artefact
+from .running.division import memory_of
+from .running.panel import as_there, complete, opened
+from .running.run_directory import RunDirectory
+from .sharing.driving import complete_on, processes, write_pages
+from .sharing.working import Share, work_on
+from .specification.growth import stages
+from .specification.panel_spec import PanelSpec
+from .specification.reading import BUILT_IN, built_in_spec, read_spec
 
 SHORTEST_LEASE = 1.0
 """Of a worker, s."""

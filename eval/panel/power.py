@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..verdict import Power, fewest_seeds, verdict_chances
-from .specification import PanelSpec
+from ..verdict.power import Power, fewest_seeds, verdict_chances
+from .specification.panel_spec import PanelSpec
 
 
 @dataclass(frozen=True)

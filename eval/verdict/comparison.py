@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ..statistics import Difference, Interval, RatesLike, holm, mean_rate, unpaired_difference
+from ..statistics.family import holm
+from ..statistics.interval import Interval, RatesLike
+from ..statistics.rates import Difference, mean_rate, unpaired_difference
 from .looks import adjust_for_look, shares_of
 from .rules import ALPHA, MIN_SEEDS, UNSOLVED, p_text, require_unique
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ..statistics import DRAWS, holm, mean_rate
+from ..statistics.family import holm
+from ..statistics.posterior import DRAWS
+from ..statistics.rates import mean_rate
 from .achievability import Achieved
 from .looks import adjust_for_look, shares_of
 from .loss import INTERVAL_DRAWS, Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split

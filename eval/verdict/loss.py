@@ -9,21 +9,22 @@ from typing import Final
 
 import numpy as np
 
-from ..statistics import (
-    DRAWS,
+from ..statistics.bounds import (
     PROVEN,
     SHOWN,
-    Floats,
-    Interval,
-    RatesLike,
-    Stream,
-    equal_tailed,
-    joint_means,
-    mean_of,
-    one_dimensional,
     share,
     worst_case_means,
 )
+from ..statistics.interval import (
+    Floats,
+    Interval,
+    RatesLike,
+    equal_tailed,
+    mean_of,
+    one_dimensional,
+)
+from ..statistics.posterior import DRAWS, joint_means
+from ..statistics.streams import Stream
 
 LEVEL: Final = 0.95
 

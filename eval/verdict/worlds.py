@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from ..statistics import Floats
+from ..statistics.interval import Floats
 
 Draw: TypeAlias = Callable[[np.random.Generator, float, int], Floats]
 

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import DISCRETIZATION, STATUS_NAMES, Setup
+from integ_gym.envs.episode.control_period import STATUS_NAMES
+from integ_gym.envs.episode.discretization import DISCRETIZATION
+from integ_gym.envs.episode.settings import Setup
 
-from ..schema import SUMMARY_FIELDS, in_words, staleness
+from ..schema.description import in_words, staleness
+from ..schema.fields import SUMMARY_FIELDS
 from .context import EpisodeContext
 from .episode_log import Episodes
 from .labels import EpisodeFacts, Replays, failure_label

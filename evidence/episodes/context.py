@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, agrees
+from integ_gym.envs.episode.discretization import DISCRETIZATION, agrees
 
-from ..schema import PHASES
+from ..schema.fields import PHASES
 from .labels import Home, Replays
 
 Stated = Mapping[str, Any]

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import state_names
+from integ_gym.envs.plants.interface import state_names
 
-from ..schema import CONTACT_TRACE, Field, record_fields
+from ..schema.fields import Field
+from ..schema.trace_fields import CONTACT_TRACE, record_fields
 
 Array = npt.NDArray[Any]
 

@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import Kinds, checked_object, parse_json
+from integ_gym.support.files.reading import Kinds, checked_object, parse_json
 
-from ..schema import SUMMARY_FIELDS, EvidenceError, described, is_trace, pyarrow
+from ..schema.arrow import described, is_trace
+from ..schema.errors import EvidenceError
+from ..schema.extra import pyarrow
+from ..schema.fields import SUMMARY_FIELDS
 
 Array = npt.NDArray[Any]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..schema import SUMMARY_FIELDS
+from ..schema.fields import SUMMARY_FIELDS
 from .layout import Layout
 
 Array = npt.NDArray[Any]

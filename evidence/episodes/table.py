@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..schema import SUMMARY_FIELDS, Field, arrow_schema, arrow_type, pyarrow, with_hashes
+from ..schema.arrow import arrow_schema, arrow_type
+from ..schema.content_hash import with_hashes
+from ..schema.extra import pyarrow
+from ..schema.fields import SUMMARY_FIELDS, Field
 from .attribution import ReplayLookups, SetupOfLane, attributed
 from .context import EpisodeContext
 from .episode_log import EpisodeHeads, EpisodeLog, Episodes

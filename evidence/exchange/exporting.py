@@ -7,11 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from integ_gym.support import cannot_write, load, new_path, work_bar
+from integ_gym.support.files.writing import cannot_write, new_path
+from integ_gym.support.packages.extras import load
+from integ_gym.support.processes.workers import work_bar
 
-from ..episodes import EvidenceRecord
-from ..schema import EvidenceError
-from ..store import EvidenceStore
+from ..episodes.record import EvidenceRecord
+from ..schema.errors import EvidenceError
+from ..store.store import EvidenceStore
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
 from .parquet_dataset import write_parquet

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ..episodes import EvidenceRecord
+from ..episodes.record import EvidenceRecord
 from .selection import Selection
 from .steps import Columns, column, columns_of
 

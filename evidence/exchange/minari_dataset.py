@@ -12,11 +12,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs import ENVIRONMENTS, NATIVE, TRUTH
-from integ_gym.support import load
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.registries import TRUTH
+from integ_gym.support.packages.extras import load
 
-from ..episodes import EvidenceRecord, argument_values, told_engine
-from ..schema import EvidenceError
+from ..episodes.record import EvidenceRecord, argument_values, told_engine
+from ..schema.errors import EvidenceError
 from .selection import Selection
 from .steps import NO_CHOICE, Columns, actions_of, column, columns_of, stacked_instants
 

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import Kinds, file_hash, read_object, write_json
+from integ_gym.support.files.reading import Kinds, read_object
+from integ_gym.support.files.writing import file_hash, write_json
 
-from ..schema import EvidenceError, Finding
-from ..store import EvidenceStore
+from ..schema.errors import EvidenceError, Finding
+from ..store.store import EvidenceStore
 from .selection import Selection
 
 EXPORT_FILE = "export.json"

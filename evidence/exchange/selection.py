@@ -9,11 +9,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import plural
+from integ_gym.support.terminal.formatting import plural
 
-from ..episodes import EvidenceRecord, records_of
-from ..schema import EvidenceError, described, is_trace, pyarrow
-from ..store import EvidenceStore, check_schema, parts, read
+from ..episodes.record import EvidenceRecord, records_of
+from ..schema.arrow import described, is_trace
+from ..schema.errors import EvidenceError
+from ..schema.extra import pyarrow
+from ..store.parquet_file import check_schema, parts, read
+from ..store.store import EvidenceStore
 
 _CHOSEN = "SELECT record_id, env_id, {traced} AS traced FROM records WHERE ({where})"
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import ENVIRONMENTS
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 
-from ..episodes import EvidenceRecord, choices, told_setup
+from ..episodes.decisions import choices, told_setup
+from ..episodes.record import EvidenceRecord
 
 Array = npt.NDArray[Any]
 

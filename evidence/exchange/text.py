@@ -7,8 +7,8 @@ import json
 from collections.abc import Iterable
 from typing import TextIO
 
-from ..episodes import EvidenceRecord
-from ..schema import SUMMARY_FIELDS
+from ..episodes.record import EvidenceRecord
+from ..schema.fields import SUMMARY_FIELDS
 
 
 def write_csv(records: Iterable[EvidenceRecord], file: TextIO) -> int:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..episodes import EpisodeHeads
+from ..episodes.episode_log import EpisodeHeads
 
 Array = npt.NDArray[Any]
 

@@ -10,10 +10,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from integ_gym.envs import IntegEnv, RediscretizedEnv
+from integ_gym.envs.environments.environment import IntegEnv
+from integ_gym.envs.environments.rediscretized.environment import RediscretizedEnv
 
-from ..episodes import EpisodeContext, EpisodeHead, EpisodeHeads
-from ..store import EvidenceStore
+from ..episodes.context import EpisodeContext
+from ..episodes.episode_log import EpisodeHead, EpisodeHeads
+from ..store.store import EvidenceStore
 from .recording import Recorder, is_known, now, recorded
 from .reservation import from_on
 from .stranger import Stranger

@@ -15,18 +15,15 @@ import gymnasium.wrappers.vector
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Setup, quiet_status
+from integ_gym.envs.episode.control_period import quiet_status
+from integ_gym.envs.episode.settings import Setup
 
-from ..episodes import (
-    EpisodeContext,
-    EpisodeLog,
-    Layout,
-    ReplayLookups,
-    SetupOfLane,
-    record_table,
-    unhashed_table,
-)
-from ..store import EvidenceStore
+from ..episodes.attribution import ReplayLookups, SetupOfLane
+from ..episodes.context import EpisodeContext
+from ..episodes.episode_log import EpisodeLog
+from ..episodes.layout import Layout
+from ..episodes.table import record_table, unhashed_table
+from ..store.store import EvidenceStore
 from .reservation import Episodes, Reservation, batch_name
 
 _CHANGING = (

@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from integ_gym.support import FileLock, make_folder
+from integ_gym.support.files.writing import make_folder
+from integ_gym.support.processes.locks import FileLock
 
-from ..episodes import EpisodeContext
-from ..schema import EvidenceError
-from ..store import EvidenceStore
+from ..episodes.context import EpisodeContext
+from ..schema.errors import EvidenceError
+from ..store.store import EvidenceStore
 
 Episodes: TypeAlias = Sequence[int]
 """Indices, listed or as a range; see also :func:`from_on`."""

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from integ_gym.envs import DiscretizedVectorEnv
+from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
 
-from ..episodes import EpisodeContext, EpisodeHeads
-from ..store import EvidenceStore
+from ..episodes.context import EpisodeContext
+from ..episodes.episode_log import EpisodeHeads
+from ..store.store import EvidenceStore
 from .lane_buffer import LaneBuffer
 from .recording import Recorder, all_setups, now, recorded
 from .reservation import Episodes, from_on

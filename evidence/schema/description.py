@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import NATIVE, Setup, numerics
-from integ_gym.support import installed_versions
+from integ_gym.envs import numerics
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.support.packages.versions import installed_versions
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 pyarrow = partial(load, "pyarrow", "evidence")
 """``pyarrow``; see :func:`integ_gym.support.packages.extras.load`."""

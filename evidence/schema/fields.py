@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import STATUS_NAMES
-from integ_gym.support import host
+from integ_gym.envs.episode.control_period import STATUS_NAMES
+from integ_gym.support.processes.machine import host
 
 from .description import (
     action_latency,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.support import load, parquet_files
+from integ_gym.support.packages.extras import load
+from integ_gym.support.storing.objects import parquet_files
 
-from ..schema import EvidenceError, pyarrow
+from ..schema.errors import EvidenceError
+from ..schema.extra import pyarrow
 from .parquet_file import check_schema
 from .querying import query
 

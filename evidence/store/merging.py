@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from ..schema import EvidenceError, pyarrow
+from ..schema.errors import EvidenceError
+from ..schema.extra import pyarrow
 from .parquet_file import parts
 from .store import EvidenceStore
 

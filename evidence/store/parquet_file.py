@@ -8,18 +8,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import SHORT_OF_MEMORY, is_short_of_memory
+from integ_gym.support.terminal.ending import SHORT_OF_MEMORY, is_short_of_memory
 
-from ..schema import (
-    SCHEMA_VERSION,
-    SUMMARY_FIELDS,
-    VERSION_KEY,
-    EvidenceError,
-    arrow_type,
-    is_trace,
-    parquet,
-    pyarrow,
-)
+from ..schema.arrow import VERSION_KEY, arrow_type, is_trace
+from ..schema.errors import EvidenceError
+from ..schema.extra import parquet, pyarrow
+from ..schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 
 _GROUP_BYTES = 12 << 20
 """Memory of the rows of a group, about, where their number allows."""

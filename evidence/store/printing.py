@@ -7,10 +7,18 @@ import json
 from collections.abc import Sequence
 from typing import Any, Final, TextIO
 
-from integ_gym.support import beside, print_aligned, say, stands_in_columns, visible, width_of
+from integ_gym.support.terminal.text_table import (
+    beside,
+    print_aligned,
+    say,
+    stands_in_columns,
+    visible,
+    width_of,
+)
 
-from ..episodes import plain
-from ..schema import SUMMARY_FIELDS, arrow_type
+from ..episodes.record import plain
+from ..schema.arrow import arrow_type
+from ..schema.fields import SUMMARY_FIELDS
 from .showing import NOTHING, number
 
 TABLE_FORMATS = ("table", "csv", "json")

@@ -8,7 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..schema import SUMMARY_FIELDS, EvidenceError, duckdb
+from ..schema.errors import EvidenceError
+from ..schema.extra import duckdb
+from ..schema.fields import SUMMARY_FIELDS
 
 _ONE_STATEMENT = (
     "a query is one statement that reads, such as SELECT; to write a file, use "

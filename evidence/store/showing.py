@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import beside, visible
+from integ_gym.support.terminal.text_table import beside, visible
 
-from ..episodes import EvidenceRecord, told_arguments
-from ..schema import SUMMARY_FIELDS
+from ..episodes.record import EvidenceRecord, told_arguments
+from ..schema.fields import SUMMARY_FIELDS
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"

@@ -8,10 +8,12 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import ahead, remove_leftovers, write_once
+from integ_gym.support.files.writing import remove_leftovers, write_once
+from integ_gym.support.processes.threads import ahead
 
-from ..episodes import EvidenceRecord, records_of
-from ..schema import BatchExistsError, EvidenceError, Finding, content_hashes, with_hashes
+from ..episodes.record import EvidenceRecord, records_of
+from ..schema.content_hash import content_hashes, with_hashes
+from ..schema.errors import BatchExistsError, EvidenceError, Finding
 from .parquet_file import (
     check_schema,
     groups,

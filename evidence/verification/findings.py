@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..schema import Finding
+from ..schema.errors import Finding
 
 
 def deviation(file: str, record_id: str, field: str, recorded: Any, computed: Any) -> Finding:

@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from integ_gym.envs import ENVIRONMENTS
-from integ_gym.support import plural
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.support.terminal.formatting import plural
 
-from ..episodes import told_setup
-from ..schema import (
-    ENV_KEY,
-    LATER_ATTEMPT,
-    SCHEMA_VERSION,
-    SECOND_HORIZON,
-    VERSION_KEY,
-    Finding,
-    described,
-    record_fields,
-)
-from ..store import EvidenceStore, check_schema, read
+from ..episodes.decisions import told_setup
+from ..schema.arrow import ENV_KEY, VERSION_KEY, described
+from ..schema.errors import Finding
+from ..schema.fields import LATER_ATTEMPT, SCHEMA_VERSION, SECOND_HORIZON
+from ..schema.trace_fields import record_fields
+from ..store.parquet_file import check_schema, read
+from ..store.store import EvidenceStore
 
 _COUNTED = """
 SELECT phase, cell, policy_id, policy_hash, min(episode_index) AS first, max(episode_index) AS last,

@@ -11,29 +11,31 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import (
-    ARRAY,
-    ENVIRONMENTS,
-    NATIVE,
-    STATUS_NAMES,
-    environment_setup,
-    split_state,
-)
-from integ_gym.support import installed_versions
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.control_period import STATUS_NAMES
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.plants.interface import split_state
+from integ_gym.support.packages.versions import installed_versions
 
-from ..episodes import (
-    EpisodeContext,
+from ..episodes.context import EpisodeContext
+from ..episodes.decisions import told_setup
+from ..episodes.labels import (
     EpisodeFacts,
-    EvidenceRecord,
     Replays,
-    argument_values,
     failure_label,
     lacks_home,
+)
+from ..episodes.record import (
+    EvidenceRecord,
+    argument_values,
     told_json,
-    told_setup,
     told_training,
 )
-from ..schema import SUMMARY_FIELDS, EvidenceError, Finding, in_words
+from ..schema.description import in_words
+from ..schema.errors import EvidenceError, Finding
+from ..schema.fields import SUMMARY_FIELDS
 from .findings import deviation, same
 
 Array = npt.NDArray[Any]

@@ -15,18 +15,19 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import NATIVE, is_integ_environment
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.episode.discretization import NATIVE
 
-from ..episodes import (
-    EpisodeContext,
+from ..episodes.context import EpisodeContext
+from ..episodes.decisions import choices
+from ..episodes.record import (
     EvidenceRecord,
-    choices,
     records_of,
     told_perturbation,
     told_training,
 )
-from ..recorders import RecordVectorEvidence
-from ..schema import Finding
+from ..recorders.vector_recorder import RecordVectorEvidence
+from ..schema.errors import Finding
 from .differing import differences, drawn_again, noise_source
 from .findings import deviation
 from .recomputing import UNFIT, is_home_known, replays_of

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from itertools import groupby, islice
 from typing import NamedTuple
 
-from ..episodes import EvidenceRecord
-from ..store import EvidenceStore
+from ..episodes.record import EvidenceRecord
+from ..store.store import EvidenceStore
 from .replaying import UNDECIDED, Acting, Replayed, replay
 
 BLOCK = 4096

@@ -13,9 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import Kinds, file_hash, read_object, write_json
+from integ_gym.support.files.reading import Kinds, read_object
+from integ_gym.support.files.writing import file_hash, write_json
 
-from ..schema import EvidenceError, Finding
+from ..schema.errors import EvidenceError, Finding
 
 SEAL_FILE = "seal.json"
 _LIFTED = f".{SEAL_FILE}"

@@ -8,9 +8,9 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-from integ_gym.support import replace_file
+from integ_gym.support.files.writing import replace_file
 
-from ..schema import EvidenceError, Finding
+from ..schema.errors import EvidenceError, Finding
 from .sealing import SEAL_FILE, SIGNATURE_FILE
 
 NAMESPACE = "integ-gym"

@@ -11,19 +11,20 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, TextIO
 
-from integ_gym.envs import ENGINES
-from integ_gym.eval import PUBLISHED, render_census, row, take_census
-from integ_gym.support import (
+from integ_gym.envs.registries import ENGINES
+from integ_gym.eval.census.page import render_census
+from integ_gym.eval.census.run import take_census
+from integ_gym.eval.census.subjects.libraries import PUBLISHED
+from integ_gym.eval.census.words import row
+from integ_gym.support.files.writing import make_folder, replace_file
+from integ_gym.support.packages.extras import require
+from integ_gym.support.terminal.command_line import CommandParser, told_command
+from integ_gym.support.terminal.text_table import (
     FITS,
-    CommandParser,
     fits,
-    make_folder,
     print_aligned,
     print_groups,
-    replace_file,
-    require,
     say,
-    told_command,
     unbroken,
 )
 

@@ -7,21 +7,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS
-from integ_gym.eval import TRAINERS, Check, check
-from integ_gym.support import (
-    CommandParser,
-    add_named_values,
-    by_name,
-    fixed,
-    plural,
-    print_aligned,
-    say,
-    seconds,
-    told_command,
-    unbroken,
-    whole_number,
-)
+from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.eval.loss_check import Check, check
+from integ_gym.eval.panel.specification.panel_spec import TRAINERS
+from integ_gym.support.terminal.command_line import CommandParser, told_command
+from integ_gym.support.terminal.formatting import fixed, plural, seconds
+from integ_gym.support.terminal.options import add_named_values, by_name, whole_number
+from integ_gym.support.terminal.text_table import print_aligned, say, unbroken
 
 from .work_options import add_work, workers_of
 

@@ -10,24 +10,21 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any, TextIO
 
-from integ_gym.envs import (
-    CONSTRAINT_VIOLATION,
-    ENGINES,
-    NATIVE,
-    integrators_of,
-    missing_modules,
-    numerics,
-)
-from integ_gym.support import (
+from integ_gym.envs import numerics
+from integ_gym.envs.engines._stepping.stepped import CONSTRAINT_VIOLATION
+from integ_gym.envs.engines.making import integrators_of, missing_modules
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.registries import ENGINES
+from integ_gym.support.packages.extras import install_command
+from integ_gym.support.parameters import unknown_name
+from integ_gym.support.terminal.command_line import CommandParser
+from integ_gym.support.terminal.text_table import (
     FITS,
-    CommandParser,
     fits,
-    install_command,
     print_aligned,
     print_groups,
     say,
     unbroken,
-    unknown_name,
 )
 
 EXAMPLES = """\
@@ -89,7 +86,7 @@ def chosen_engines(names: Sequence[str] | None) -> Sequence[str]:
         ValueError: for a name that is no engine's.
     """
     for name in names or ():
-        if name not in ENGINES.names():
+        if name not in ENGINES:
             raise ValueError(unknown_name("engine", name, ENGINES.names()))
     return names or sorted(ENGINES.names(), key=lambda name: name != NATIVE)
 

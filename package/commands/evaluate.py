@@ -7,19 +7,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS, is_integ_environment
-from integ_gym.eval import evaluate
-from integ_gym.support import (
-    CommandParser,
+from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.eval.panel.calls import evaluate
+from integ_gym.support.terminal.command_line import CommandParser, told_command
+from integ_gym.support.terminal.options import (
     add_named_values,
     by_name,
     run_place,
-    say,
-    told_command,
     whole_number,
 )
+from integ_gym.support.terminal.text_table import say
 
-from .printed import print_details, print_headline, print_next
+from .printed.answer import print_details, print_headline, print_next
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\

@@ -9,39 +9,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval import (
-    BUILT_IN,
-    TRAINERS,
-    PanelSpec,
-    grown,
-    ordered_verdicts,
-    run_panel,
-    specified,
-    work_on_panel,
-)
-from integ_gym.evidence import check_key, read_seal, sign
-from integ_gym.support import (
-    LEASE,
-    CommandParser,
-    beside,
-    is_remote,
-    plural,
-    refuse_unused,
-    run_place,
-    say,
-    told_command,
-    whole_number,
-    width_of,
-)
+from integ_gym.eval.panel.calls import run_panel, specified, work_on_panel
+from integ_gym.eval.panel.specification.growth import grown
+from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
+from integ_gym.eval.panel.specification.reading import BUILT_IN
+from integ_gym.eval.report.data.gaps import ordered_verdicts
+from integ_gym.evidence.verification.sealing import read_seal
+from integ_gym.evidence.verification.signing import check_key, sign
+from integ_gym.support.sharing.claims import LEASE
+from integ_gym.support.storing.places import is_remote
+from integ_gym.support.terminal.command_line import CommandParser, told_command
+from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal.options import refuse_unused, run_place, whole_number
+from integ_gym.support.terminal.text_table import beside, say, width_of
 
-from .printed import (
-    print_details,
-    print_headline,
-    print_next,
-    print_plan,
-    print_power,
-    print_verdicts,
-)
+from .printed.answer import print_details, print_headline, print_next
+from .printed.plan import print_plan
+from .printed.power import print_power
+from .printed.verdicts import print_verdicts
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from integ_gym.train import training_command as main
-from integ_gym.train import training_parser as parser
+from integ_gym.train.command import training_command as main
+from integ_gym.train.command import training_parser as parser
 
 __all__ = ["main", "parser"]

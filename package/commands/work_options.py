@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from integ_gym.support import EXECUTORS, Resources, whole_number
+from integ_gym.support.sharing.clusters import EXECUTORS
+from integ_gym.support.sharing.resources import Resources
+from integ_gym.support.terminal.options import whole_number
 
 
 def add_work(parser: argparse.ArgumentParser, default: str = "default: one per core") -> None:

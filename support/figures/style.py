@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from ..files import replace_file
-from ..packages import load
+from ..files.writing import replace_file
+from ..packages.extras import load
 from .colours import PALETTE
 from .series import MARKERS, SeriesStyle, SeriesStyles
 

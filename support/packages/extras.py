@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .apart import APART
+from .apart.environments import APART
 
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb", "portalocker"),

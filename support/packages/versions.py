@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, requires
 from importlib.metadata import version as metadata_version
 
-from .apart import APART
+from .apart.environments import APART
 
 
 @cache

@@ -13,9 +13,17 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from ..figures import AMOUNTS, HUES, PALETTE, channels
-from ..packages import load
-from ..terminal import compact, fixed, percent, seconds, step, together
+from ..figures.colours import AMOUNTS, PALETTE, channels
+from ..figures.series import HUES
+from ..packages.extras import load
+from ..terminal.formatting import (
+    compact,
+    fixed,
+    percent,
+    seconds,
+    step,
+    together,
+)
 
 SCRIPT: Final = """
 (function () {

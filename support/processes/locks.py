@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from ..packages import missing
+from ..packages.extras import missing
 
 try:
     from portalocker import AlreadyLocked, LockException, LockFlags, lock, unlock

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
 
-from ..processes import Progress, cores
+from ..processes.workers import Progress, cores
 from .remote import RemoteExecutor
 from .resources import ClusterError, Resources
 

@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import Any
 
-from ..packages import load
+from ..packages.extras import load
 from .resources import ClusterError, Resources
 
 RETRIES = 5

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..processes import FileLock
+from ..processes.locks import FileLock
 from .folder_files import FolderFiles
 
 PROBE = ".probe-"

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
-from ..processes import Progress, limit_threads, reporting
+from ..processes.workers import Progress, limit_threads, reporting
 
 MOST_TEXT = 10_000
 """Characters of what a task prints that come back, from its end."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..processes import cores
+from ..processes.workers import cores
 
 
 class ClusterError(ValueError):

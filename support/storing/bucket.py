@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from ..packages import load
-from ..sharing import LEASE
+from ..packages.extras import load
+from ..sharing.claims import LEASE
 from .objects import ObjectFiles, asking, opened_store
 from .probing import check_store
 from .sessions import SESSIONS, Sessions, over

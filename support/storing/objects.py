@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from ..packages import load
-from ..sharing import Gone
+from ..packages.extras import load
+from ..sharing.folder_files import Gone
 
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
 _ASKED_EVERY = 300.0

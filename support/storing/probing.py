@@ -8,8 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from ..packages import load
-from ..sharing import PROBE
+from ..packages.extras import load
+from ..sharing.probing import PROBE
 from .objects import asking
 
 ROUNDS, RIVALS = 4, 4

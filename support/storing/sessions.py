@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ..sharing import LEASE
+from ..sharing.claims import LEASE
 from ..sharing.holding import BEATS
 from .objects import ObjectFiles
 from .storage import Busy

@@ -15,8 +15,10 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
-from ..processes import FileLock
-from ..sharing import LEASE, FolderFiles, Gone, SharedFiles, check_sharing
+from ..processes.locks import FileLock
+from ..sharing.claims import LEASE
+from ..sharing.folder_files import FolderFiles, Gone, SharedFiles
+from ..sharing.probing import check_sharing
 
 LOCK = ".lock"
 _GONE = "gone-"

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..files import told_path
+from ..files.writing import told_path
 from ..parameters import suggestion
 from .text_table import NARROWEST, fitted
 

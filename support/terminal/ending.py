@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
-from ..packages import raised_here
+from ..errors import raised_here
 from .command_line import sentence
 from .text_table import say
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.tasks import TASKS
+from integ_gym.envs.registries import PLANTS, TASKS
 from integ_gym.evidence.schema.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.schema.trace_fields import trace_fields
 from integ_gym.evidence.store.store import open_run

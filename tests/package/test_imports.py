@@ -1,4 +1,4 @@
-"""Imports inside ``envs`` run one way, and importing changes nothing outside the package."""
+"""Importing needs the core alone and changes nothing outside the package."""
 
 from __future__ import annotations
 
@@ -8,38 +8,6 @@ import subprocess
 import sys
 
 import pytest
-from house import all_modules, origin
-
-MODULES = all_modules()
-ROOMS = {
-    "arithmetic": ("mechanics", "plants", "integrators", "maps", "engines", "tasks", "episode"),
-    "plants": ("integrators", "maps", "engines", "tasks", "episode"),
-    "integrators": ("plants", "maps", "engines", "tasks", "episode"),
-    "maps": ("plants", "engines", "tasks", "episode"),
-    "engines": ("tasks", "episode"),
-    "tasks": ("integrators", "maps", "engines", "episode"),
-    "episode": (),
-}
-"""Room of ``envs`` to the rooms that it does not know; none knows one with environments."""
-OUTSIDE = ("environments", "catalogue", "testbeds")
-
-
-def _room(module: str) -> str:
-    parts = module.split(".")
-    return parts[2] if parts[:2] == ["integ_gym", "envs"] and len(parts) > 2 else ""
-
-
-@pytest.mark.parametrize("room", ROOMS)
-def test_rooms_inside_envs(room):
-    """A plant knows no integrator, an integrator no plant, an engine no task."""
-    sources = [source for name, source in MODULES.items() if _room(name) == room]
-    assert sources
-    forbidden = {*ROOMS[room], *OUTSIDE}
-    for source in sources:
-        for one in source.imports():
-            target = _room(origin(MODULES, one.module, one.name))
-            assert target not in forbidden, f"{source.path}:{one.line} imports {one.name}"
-
 
 CORE_ONLY = """
 import json, os, sys

@@ -7,8 +7,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import SCALAR, Plant, join_state, split_state
-from integ_gym.support import load
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.support.packages.extras import load
 
 Matrix: TypeAlias = NDArray[np.float64]
 

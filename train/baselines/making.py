@@ -7,16 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import TASKS, Setup
-from integ_gym.support import unknown_name
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.registries import TASKS
+from integ_gym.support.parameters import unknown_name
+from integ_gym.support.registry import Registry
 
-from ..policy import Policy
-from .handmade import HANDMADE
+from ..policy.interface import Policy
 from .random_policy import RandomPolicy
 from .zero_policy import ZeroPolicy
 
+_HANDMADE = "integ_gym.train.baselines.handmade"
+
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""
+
+HANDMADE = Registry(
+    "hand-made controller",
+    "act",
+    {
+        "cart_pole_balance": f"{_HANDMADE}.cart_pole_balance:BangBangRegulator",
+        "cart_pole_swing_up": f"{_HANDMADE}.cart_pole_swing_up:CartPoleEnergyShaping",
+        "elastic_pendulum_quiet": f"{_HANDMADE}.elastic_pendulum_quiet:SwingRegulator",
+        "pendulum_swing_up": f"{_HANDMADE}.pendulum_swing_up:EnergyShaping",
+    },
+)
+"""Controllers by the name of the task that they are for."""
 
 
 def make_baseline(name: str, setup: Any, *, seed: int = 0, controller: str | None = None) -> Policy:
@@ -63,14 +78,14 @@ def possible_baselines(setup: Any, controller: str | None = None) -> tuple[str, 
 
 def has_handmade(setup: Setup) -> bool:
     """Whether there is a hand-made controller for the environment's task."""
-    return any(isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.names())
+    return any(isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.parts)
 
 
 def _handmade(setup: Any, controller: str | None) -> Policy:
     """The hand-made controller of that name, or of the environment's task."""
     if setup.arguments().get("gravity") == 0.0:
         raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
-    tasks = {name: TASKS.load(name) for name in HANDMADE.names()}
+    tasks = {name: TASKS.load(name) for name in HANDMADE.parts}
     fitting = (name for name, task in tasks.items() if isinstance(setup.task, task))
     chosen = controller or next(fitting, None)
     if chosen is None:

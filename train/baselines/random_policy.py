@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..policy import ActionArray
+from ..policy.arrays import ActionArray
 from .interface import Baseline
 
 

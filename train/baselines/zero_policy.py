@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..policy import FloatArray
+from ..policy.arrays import FloatArray
 from .interface import Baseline
 from .random_policy import bounds_of
 

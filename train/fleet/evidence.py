@@ -10,19 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import Setup, quiet_status
-from integ_gym.evidence import (
-    EpisodeHead,
-    EpisodeHeads,
-    EpisodeLog,
-    EvidenceStore,
-    Layout,
-    now,
-    unhashed_table,
-)
-from integ_gym.support import installed_versions
+from integ_gym.envs.episode.control_period import quiet_status
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.evidence.episodes.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
+from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.evidence.episodes.table import unhashed_table
+from integ_gym.evidence.recorders.recording import now
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.packages.versions import installed_versions
 
-from ..running import TrainingEvidence
+from ..running.evidence import TrainingEvidence
 
 Array = NDArray[Any]
 

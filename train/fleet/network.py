@@ -11,9 +11,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from integ_gym.envs import jax, jnp
+from integ_gym.envs.arithmetic.jax_ops import jax, jnp
 
-from ..sb3 import Stack
+from ..sb3.initial_weights import Stack
 
 Array = Any
 

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ENGINES, functional, jax
-from integ_gym.evidence import Layout
+from integ_gym.envs.arithmetic.jax_ops import jax
+from integ_gym.envs.environments import functional
+from integ_gym.envs.registries import ENGINES
+from integ_gym.evidence.episodes.layout import Layout
 
 from ..ppo import PPOConfig
 from .evidence import ROWS_AT_ONCE

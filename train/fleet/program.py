@@ -13,21 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from integ_gym.envs import (
-    Components,
-    EnvState,
-    FunctionalEnv,
-    Outcome,
-    Params,
-    jax,
-    jnp,
-    join_state,
-    reset_info,
-    step_info,
-)
-from integ_gym.evidence import Layout
+from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.environments.functional.environment import FunctionalEnv
+from integ_gym.envs.environments.functional.params import Params
+from integ_gym.envs.episode.control_period import EnvState, Outcome
+from integ_gym.envs.episode.info import reset_info, step_info
+from integ_gym.envs.plants.interface import join_state
+from integ_gym.evidence.episodes.layout import Layout
 
-from ..sb3 import Stack
+from ..sb3.initial_weights import Stack
 from .network import log_prob_and_entropy, one_side, outputs
 from .random import draw, split
 from .types import Adam, Algorithm, Batch, Knobs, Learner, Trail

@@ -20,30 +20,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import FunctionalEnv, Mixture, functional, jax, jnp
-from integ_gym.evidence import Layout
-from integ_gym.support import Cluster, report_work, require
+from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+from integ_gym.envs.environments import functional
+from integ_gym.envs.environments.functional.environment import FunctionalEnv
+from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.support.packages.extras import require
+from integ_gym.support.processes.workers import report_work
+from integ_gym.support.sharing.clusters import Cluster
 
-from ..policy_files import (
-    LAST_EPISODES,
-    TrainedPolicy,
-    actor_of,
-    episode_summary,
-    make_card,
-    write_actor,
-)
+from ..policy_files.card import LAST_EPISODES, episode_summary, make_card
+from ..policy_files.sidecar import TrainedPolicy, actor_of, write_actor
 from ..ppo import PPOConfig, model_arguments
-from ..running import (
+from ..running.evidence import TrainingEvidence
+from ..running.side_by_side import (
     OnTrained,
     Run,
-    TrainingEvidence,
     checked_runs,
     train_in_processes,
     training_bar,
     unheard,
     used,
 )
-from ..sb3 import can_save, import_ahead, initial_stack, state_dict, zip_of_weights
+from ..sb3.initial_weights import initial_stack, state_dict
+from ..sb3.model import can_save, import_ahead, zip_of_weights
 from .evidence import EpisodeAssembler
 from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram

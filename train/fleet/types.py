@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from integ_gym.envs import Components, EnvState
+from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.episode.control_period import EnvState
 
-from ..sb3 import Stack
+from ..sb3.initial_weights import Stack
 
 Array = Any
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.envs import jax, jnp
+from integ_gym.envs.arithmetic.jax_ops import jax, jnp
 
-from ..sb3 import Stack
+from ..sb3.initial_weights import Stack
 from .network import log_prob_and_entropy, outputs
 from .random import draw
 from .types import Adam, Algorithm, Batch, Knobs

@@ -11,7 +11,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
-from integ_gym.support import Cluster, cores
+from integ_gym.support.processes.workers import cores
+from integ_gym.support.sharing.clusters import Cluster
 
 Device = Literal["cpu", "gpu"]
 
@@ -62,7 +63,7 @@ def prepare_worker(cache_dir: str | None, device: Device, number: int) -> None:
         device: what it computes on.
         number: of the process, which has the GPU of that number.
     """
-    from integ_gym.envs import jax
+    from integ_gym.envs.arithmetic.jax_ops import jax
 
     if device == "gpu":
         os.environ["CUDA_VISIBLE_DEVICES"] = _gpus()[number]

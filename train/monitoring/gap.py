@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.envs import DISCRETIZATION, Discretization, Testbed, make_checked, testbed_of
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.making import make_checked, testbed_of
 
-from ..policy import CalledPolicy
-from ..policy_files import Stated, stated_arguments
+from ..policy.called_policy import CalledPolicy
+from ..policy_files.stated_home import Stated, stated_arguments
 
 FIRST_SEED = 50_000
 """Seed of the first start."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, Discretization
-from integ_gym.support import missing
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.support.packages.extras import missing
 
-from ..policy_files import Stated
+from ..policy_files.stated_home import Stated
 from .gap import compared, discretization_gap
 from .raw_model import RawModel
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs import Mixture, Setup
-from integ_gym.support import host, installed_versions
+from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.processes.machine import host
 
 if TYPE_CHECKING:
-    from ..running import TrainingConfig
+    from ..running.config import TrainingConfig
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 _OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}

@@ -8,20 +8,15 @@ from pathlib import Path
 from typing import Any
 from zipfile import is_zipfile
 
-from ..policy import MlpPolicy, ObservationStatistics
+from ..policy.mlp_policy import MlpPolicy
+from ..policy.observation_statistics import ObservationStatistics
 from .error import PolicyFileError
-from .formats import (
-    STATE_DICT_ENDINGS,
-    GivenStatistics,
-    OnnxPolicy,
-    is_scaled,
-    normalizes,
-    observation_statistics_of,
-    read_onnx,
-    read_safetensors,
-    read_sb3_zip,
-    read_state_dict,
-)
+from .formats.onnx_file.reading import read_onnx
+from .formats.onnx_file.runtime_policy import OnnxPolicy
+from .formats.safetensors_file import read_safetensors
+from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
+from .formats.sb3_zip.reading import is_scaled, read_sb3_zip
+from .formats.state_dict import STATE_DICT_ENDINGS, normalizes, read_state_dict
 
 ONNX_ENDING, SAFETENSORS_ENDING = ".onnx", ".safetensors"
 POLICY_ENDINGS = (".zip", ONNX_ENDING, *STATE_DICT_ENDINGS, SAFETENSORS_ENDING)

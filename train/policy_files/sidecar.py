@@ -21,11 +21,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.support import read_json, read_object, replace_file
+from integ_gym.support.files.reading import read_json, read_object
+from integ_gym.support.files.writing import replace_file
 
-from ..policy import BoxActions, DiscreteActions, MlpPolicy
+from ..policy.actions import BoxActions, DiscreteActions
+from ..policy.mlp_policy import MlpPolicy
 from .error import PolicyFileError
-from .formats import OnnxPolicy, read_archive, safetensors_bytes
+from .formats.onnx_file.runtime_policy import OnnxPolicy
+from .formats.safetensors_file import safetensors_bytes
+from .formats.sb3_zip.reading import read_archive
 from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed
 from .reading import read_weights
 

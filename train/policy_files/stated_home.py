@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from integ_gym.envs import DISCRETIZATION, Discretization, is_integ_environment, testbed_of
-from integ_gym.support import named_value, unknown_name
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.support.parameters import unknown_name
+from integ_gym.support.terminal.options import named_value
 
 STOCK = "stock"
 """What is stated of a policy that was trained on Gymnasium's own environment."""

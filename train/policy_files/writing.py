@@ -14,21 +14,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from integ_gym.envs import DISCRETIZATION, environment_setup, is_integ_environment
-from integ_gym.support import replace_file
+from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.episode.discretization import DISCRETIZATION
+from integ_gym.support.files.writing import replace_file
 
-from ..policy import BoxActions, MlpPolicy
+from ..policy.actions import BoxActions
+from ..policy.mlp_policy import MlpPolicy
 from .error import PolicyFileError
-from .formats import (
-    STATE_DICT_ENDINGS,
-    GivenStatistics,
-    OnnxPolicy,
-    lacks_statistics,
-    observation_statistics_of,
-    onnx_bytes,
-    read_sb3_model,
-    safetensors_bytes,
-)
+from .formats.onnx_file.runtime_policy import OnnxPolicy
+from .formats.onnx_file.writing import onnx_bytes
+from .formats.safetensors_file import safetensors_bytes
+from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
+from .formats.sb3_zip.reading import lacks_statistics, read_sb3_model
+from .formats.state_dict import STATE_DICT_ENDINGS
 from .own_hash import FORMAT, hashed
 from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights, unscaled
 from .sidecar import has_sidecar, read_trained

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from integ_gym.support import nonnegative, unknown_name
+from integ_gym.support.parameters import nonnegative, unknown_name
 
 if TYPE_CHECKING:
     from ..ppo import PPOConfig

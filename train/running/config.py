@@ -10,8 +10,15 @@ from typing import Any, ClassVar, Self
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs import ENVIRONMENTS, OTHER_TESTBEDS
-from integ_gym.support import check_values, parameter, positive, text, unknown_name
+from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.support.parameters import (
+    check_values,
+    parameter,
+    positive,
+    text,
+    unknown_name,
+)
 
 from .checks import ENV_ARGUMENTS, LONGEST, MOST_LANES, check_names, layer_sizes, whole
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from integ_gym.envs import INTEGRATORS, Mixture
+from integ_gym.envs.episode.mixture import Mixture
 
 if TYPE_CHECKING:
     from .config import TrainingConfig
@@ -27,10 +27,11 @@ def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
         yield
     except Exception as error:
         names = dict.fromkeys(setup.settings.integrator for setup in mixture.setups)
-        failed = INTEGRATORS.at_work(error, (name for name in names if ":" in name))
-        if failed:
+        own = [name for name in names if ":" in name]
+        if own and not isinstance(error, ValueError):
             raise TrainingError(
-                f"the integrator {failed[0]!r} failed: {type(error).__name__}: {error}; "
+                f"the integrator {' or '.join(map(repr, own))} failed: {type(error).__name__}: "
+                f"{error}; "
                 "docs/how-to/adding.md says what an integrator must be"
             ) from error
         if not isinstance(error, ValueError):

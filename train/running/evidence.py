@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import EpisodeContext, EvidenceStore, RecordVectorEvidence
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.store.store import EvidenceStore
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,16 @@ from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from integ_gym.support import (
-    Cluster,
+from integ_gym.support.processes.workers import (
     Progress,
-    Resources,
-    cluster_of,
     cores,
     report_work,
     work_bar,
 )
+from integ_gym.support.sharing.clusters import Cluster, cluster_of
+from integ_gym.support.sharing.resources import Resources
 
-from ..policy_files import TrainedPolicy, check_folder
+from ..policy_files.sidecar import TrainedPolicy, check_folder
 from .error import TrainingError
 from .evidence import TrainingEvidence
 

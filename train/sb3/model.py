@@ -15,9 +15,9 @@ import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
-from integ_gym.support import absent
+from integ_gym.support.packages.extras import absent
 
-from ..policy_files import episode_summary, told
+from ..policy_files.card import episode_summary, told
 
 
 def can_save() -> bool:

@@ -8,7 +8,7 @@ from itertools import count
 from typing import Any, NamedTuple
 
 from ..trees import leaves_of, map_leaves, rebuilt
-from ._loops import LaneLoop
+from ._loops.lane_loop import LaneLoop
 from .dialects import ARRAYS, ONE_LANE, Dialect
 from .liveness import carried
 from .running import executed, in_lanes

@@ -7,9 +7,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ...arithmetic import SCALAR, Components
-from ...mechanics import Mechanism
-from ...plants import Plant
+from ...arithmetic.ops import SCALAR, Components
+from ...mechanics.mechanism import Mechanism
+from ...plants.interface import Plant
 
 Array = npt.NDArray[np.float64]
 

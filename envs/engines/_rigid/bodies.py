@@ -8,12 +8,12 @@ from functools import cache
 from math import nan
 from typing import ClassVar
 
-from ...arithmetic import Component, Components, Ops
-from ...integrators import State, Step, along
-from ...maps import one_step_map
-from ...mechanics import PlantSystem
-from ...plants import Plant
-from .._stepping import ForeignEngine, Run
+from ...arithmetic.ops import Component, Components, Ops
+from ...integrators.interface import State, Step, along
+from ...maps.lookup import one_step_map
+from ...mechanics.system import PlantSystem
+from ...plants.interface import Plant
+from .._stepping.foreign import ForeignEngine, Run
 from .agreement import TOLERANCE, Array, check_agreement, mechanism_of
 
 

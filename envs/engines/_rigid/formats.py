@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...mechanics import Link, Mechanism, Stops
+from ...mechanics.contact import Stops
+from ...mechanics.mechanism import Link, Mechanism
 from .agreement import Array
 
 MAPS: dict[str, str] = {

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...arithmetic import Component, Components, Ops
-from .._stepping import ASTRAY
+from ...arithmetic.ops import Component, Components, Ops
+from .._stepping.foreign import ASTRAY
 from .agreement import Array
 from .bodies import RigidBodyEngine
 

@@ -15,11 +15,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import Components
-from ...mechanics import Mechanism
-from .._stepping import Run, quiet
+from ...arithmetic.ops import Components
+from ...mechanics.mechanism import Mechanism
+from .._stepping.foreign import Run
+from .._stepping.undisturbed import quiet
 from .agreement import Array
 from .formats import mass_matrix
 from .lanes import LanesEngine

@@ -8,9 +8,9 @@ from functools import cache
 from math import hypot, nan
 from typing import Any, ClassVar
 
-from ...arithmetic import Component, Components, Ops
-from ...integrators import Step
-from ...mechanics import PlantSystem
+from ...arithmetic.ops import Component, Components, Ops
+from ...integrators.interface import Step
+from ...mechanics.system import PlantSystem
 from ..interface import DIVERGENCE_SPEED, Motion, Segments
 from .mapped import MappedEngine
 from .stepped import within_bounds

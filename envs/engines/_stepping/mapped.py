@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import suggestion
+from integ_gym.support.parameters import suggestion
 
-from ...mechanics import PlantSystem
+from ...mechanics.system import PlantSystem
 from .stepped import SteppedEngine
 
 

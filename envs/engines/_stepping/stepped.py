@@ -6,12 +6,17 @@ import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
-from integ_gym.support import running_version
+from integ_gym.support.packages.versions import running_version
 
-from ...arithmetic import FLOAT32_MAX, Component, Components, Ops
-from ...integrators import Step
-from ...mechanics import PlantSystem
-from .. import ENGINES
+from ...arithmetic.ops import (
+    FLOAT32_MAX,
+    Component,
+    Components,
+    Ops,
+)
+from ...integrators.interface import Step
+from ...mechanics.system import PlantSystem
+from ...registries import ENGINES
 from ..interface import DIVERGENCE_SPEED, Motion, Segments
 
 CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from typing import Any
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 
 def load_undisturbed(module: str, extra: str, banner: str | None = None) -> Any:

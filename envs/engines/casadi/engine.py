@@ -10,13 +10,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import Component, Components, Ops
-from ...integrators import TRUTH, Step
-from ...mechanics import PlantSystem
-from .._rigid import Array
-from .._stepping import MappedEngine, Run, guarded
+from ...arithmetic.ops import Component, Components, Ops
+from ...integrators.interface import Step
+from ...mechanics.system import PlantSystem
+from ...registries import TRUTH
+from .._rigid.agreement import Array
+from .._stepping.foreign import Run, guarded
+from .._stepping.mapped import MappedEngine
 
 TOLERANCE = 1e-12
 """Of Newton's defect and correction, and of the local error of an adaptive integrator."""

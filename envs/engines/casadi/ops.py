@@ -8,9 +8,9 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import SCALAR, Component, repeat
+from ...arithmetic.ops import SCALAR, Component, repeat
 
 casadi = load("casadi", "casadi")
 

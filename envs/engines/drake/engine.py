@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import Components
-from ...mechanics import Link
-from .._rigid import Array, RigidBodyEngine
-from .._stepping import Run
+from ...arithmetic.ops import Components
+from ...mechanics.mechanism import Link
+from .._rigid.agreement import Array
+from .._rigid.bodies import RigidBodyEngine
+from .._stepping.foreign import Run
 from .implicit import ACCURACY, implicit_steps, rest_serves
 from .steps import discrete_steps, explicit_steps
 

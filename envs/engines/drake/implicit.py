@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arithmetic import Components
-from .._stepping import Run, is_astray
+from ...arithmetic.ops import Components
+from .._stepping.foreign import Run, is_astray
 from .steps import SPAN, Clock, Log, force_setter, state_size
 
 ACCURACY = 1e-12

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import Components
-from .._stepping import Run
+from ...arithmetic.ops import Components
+from .._stepping.foreign import Run
 
 SPAN = 64
 """Steps on either side of time zero that a clock counts before it is set back."""

@@ -10,11 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import APART, Worker
+from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.packages.apart.worker import Worker
 
-from ...arithmetic import Components
-from .._rigid import Array, LanesEngine
-from .._stepping import Run
+from ...arithmetic.ops import Components
+from .._rigid.agreement import Array
+from .._rigid.lanes import LanesEngine
+from .._stepping.foreign import Run
 from .usd import LEAST_INERTIA, usd
 
 SERVED = Path(__file__).with_name("served.py")

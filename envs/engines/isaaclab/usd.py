@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import pi
 
-from ...mechanics import Link, Mechanism
-from .._rigid import moment
+from ...mechanics.mechanism import Link, Mechanism
+from .._rigid.formats import moment
 
 ROOT = "mechanism"
 """Name of the prim that holds the bodies."""

@@ -7,12 +7,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
-from ...arithmetic import SCALAR, Component, Components, Ops
-from ...mechanics import PlantSystem
-from .._rigid import MAPS, Array, LanesEngine, stop_law
-from .._stepping import Run, quiet
+from ...arithmetic.ops import (
+    SCALAR,
+    Component,
+    Components,
+    Ops,
+)
+from ...mechanics.system import PlantSystem
+from .._rigid.agreement import Array
+from .._rigid.formats import MAPS, stop_law
+from .._rigid.lanes import LanesEngine
+from .._stepping.foreign import Run
+from .._stepping.undisturbed import quiet
 
 
 class MjxEngine(LanesEngine):

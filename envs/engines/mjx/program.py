@@ -13,9 +13,9 @@ import numpy as np
 from mujoco import mjx
 from mujoco.mjx._src import forward
 
-from ...arithmetic import Component
-from ...mechanics import Link, Mechanism
-from .._rigid import LEAST_SHARE, mjcf
+from ...arithmetic.ops import Component
+from ...mechanics.mechanism import Link, Mechanism
+from .._rigid.formats import LEAST_SHARE, mjcf
 
 Array = Any
 

@@ -4,13 +4,8 @@ Follows the interface of :class:`gymnasium.experimental.functional.FuncEnv`. Its
 and ledger are those of the other environments, run on JAX arrays.
 """
 
-from typing import TYPE_CHECKING
+from .environment import FunctionalEnv
+from .mixture import make
+from .params import Params, start_range
 
-from integ_gym.support import lazy_door
-
-if TYPE_CHECKING:
-    from .environment import FunctionalEnv
-    from .mixture import make
-    from .params import Params, start_range
-else:
-    __getattr__, __dir__ = lazy_door(__name__)
+__all__ = ["FunctionalEnv", "Params", "make", "start_range"]

@@ -9,10 +9,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
-from ...arithmetic import Component, Components, JaxOps, jax, jnp
-from ...catalogue import environment_setup
-from ...episode import EnvState, Outcome, Setup, initial_state, sensed, step_info, transition
-from ...plants import join_state, split_state
+from ...arithmetic.jax_ops import JaxOps, jax, jnp
+from ...arithmetic.ops import Component, Components
+from ...catalogue.lookup import environment_setup
+from ...episode.control_period import (
+    EnvState,
+    Outcome,
+    initial_state,
+    sensed,
+    transition,
+)
+from ...episode.info import step_info
+from ...episode.settings import Setup
+from ...plants.interface import join_state, split_state
 from ..environment import observation_space
 from .params import Params, params_of, structure_of, traced_setup
 

@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arithmetic import Component, Components, jax, jnp
-from ...catalogue import environment_mixture
-from ...episode import WEIGHT, EnvState, Outcome
+from ...arithmetic.jax_ops import jax, jnp
+from ...arithmetic.ops import Component, Components
+from ...catalogue.lookup import environment_mixture
+from ...episode.control_period import EnvState, Outcome
+from ...episode.mixture import WEIGHT
 from .environment import FunctionalEnv
 from .params import Params
 

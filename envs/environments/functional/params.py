@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arithmetic import Component, Components
-from ...episode import GivenNumbers, Setup, Timing
-from ...plants import Plant
+from ...arithmetic.ops import Component, Components
+from ...episode.settings import Setup
+from ...episode.starts import GivenNumbers
+from ...episode.timing import Timing
+from ...plants.interface import Plant
 
 OPTIONAL = ("stops", "dry_friction")
 """Parts of a plant that it may lack, which decides the program."""

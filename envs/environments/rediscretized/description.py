@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from integ_gym.support import (
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import package_version
+from integ_gym.support.parameters import (
     check_values,
     finite_number,
-    load,
-    package_version,
     parameter,
     positive,
     text,
     unknown_name,
 )
 
-from ...episode import check_divides
+from ...episode.timing import check_divides
 from ..foreign import ForeignPlant
 
 _PLACE = (("_x", "m"), ("_y", "m"), ("_z", "m"))

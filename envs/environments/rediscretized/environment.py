@@ -12,11 +12,19 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import check_versions, load
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import check_versions
 
 from ...engines.mujoco import silencer
-from ...episode import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES, Settings, Timing
-from ...plants import join_state
+from ...episode.control_period import (
+    DIVERGED,
+    NOT_CONVERGED,
+    OK,
+    STATUS_NAMES,
+)
+from ...episode.settings import Settings
+from ...episode.timing import Timing
+from ...plants.interface import join_state
 from ..bounds import at_bounds
 from ..foreign import ForeignSetup, ForeignTask, ReturnGoal, return_of_success, time_limit
 from ..lanes import as_floats

@@ -9,7 +9,8 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from ...episode import NOT_REPORTED, Discretization
+from ...episode.control_period import NOT_REPORTED
+from ...episode.discretization import Discretization
 from ..bounds import at_bounds
 from ..foreign import ReturnGoal, return_of_success
 from ..lanes import as_floats

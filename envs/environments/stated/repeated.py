@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, cast
 import gymnasium as gym
 from gymnasium import wrappers
 
-from integ_gym.support import unknown_name
+from integ_gym.support.parameters import unknown_name
 
 from ..foreign import wrappers_of
 

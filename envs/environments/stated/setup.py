@@ -10,9 +10,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.support import running_version
+from integ_gym.support.packages.versions import running_version
 
-from ...episode import Discretization, Settings, Timing
+from ...episode.discretization import Discretization
+from ...episode.settings import Settings
+from ...episode.timing import Timing
 from ..foreign import ForeignPlant, ForeignSetup, ForeignTask, time_limit
 
 ASSUMED_RATE = "rate, which nobody said"

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from operator import itemgetter, mul
 from typing import Any, TypeAlias
 
-from ...arithmetic import Component, Components, Ops
+from ...arithmetic.ops import Component, Components, Ops
 
 Row: TypeAlias = tuple[tuple[int, float], ...]
 Weighted: TypeAlias = tuple[Callable[[list[Component]], Any], tuple[float, ...]]

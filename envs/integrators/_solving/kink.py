@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...arithmetic import Component, Components, Ops
+from ...arithmetic.ops import Component, Components, Ops
 from ..interface import System
 
 

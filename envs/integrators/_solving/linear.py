@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...arithmetic import Components, Ops
+from ...arithmetic.ops import Components, Ops
 
 
 def solve_linear(ops: Ops, matrix: tuple[Components, ...], rhs: Components) -> Components:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, NamedTuple, Protocol
 
-from ...arithmetic import Component, Components, Ops
+from ...arithmetic.ops import Component, Components, Ops
 from ..interface import System, along
 from .linear import solve_linear
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from ...arithmetic import Component, Components, Ops
-from ...integrators import Step, along
-from ...integrators._solving import solve_linear
-from ...mechanics import PlantSystem
+from ...arithmetic.ops import Component, Components, Ops
+from ...integrators._solving.linear import solve_linear
+from ...integrators.interface import Step, along
+from ...mechanics.system import PlantSystem
 
 
 class LinearlyImplicit(ABC):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
-from ...arithmetic import Component, Components, Ops
-from ...integrators import Step, System
-from ...integrators._solving import Solved, differences, solve
+from ...arithmetic.ops import Component, Components, Ops
+from ...integrators._solving.newton import Solved, differences, solve
+from ...integrators.interface import Step, System
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]

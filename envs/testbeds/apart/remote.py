@@ -16,9 +16,11 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from integ_gym.support import Apart, Worker
+from integ_gym.support.packages.apart.environments import Apart
+from integ_gym.support.packages.apart.worker import Worker
 
-from ...episode import Discretization, whole_multiple
+from ...episode.discretization import Discretization
+from ...episode.timing import whole_multiple
 from ..gym_testbed import GymTestbed
 from ..interface import Applied
 

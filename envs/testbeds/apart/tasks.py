@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from integ_gym.support import APART
+from integ_gym.support.packages.apart.environments import APART
 
 from .remote import RemoteTestbed
 

@@ -12,9 +12,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support import replace_file
+from integ_gym.support.files.writing import replace_file
 
-from ...statistics import Interval, mean_interval
+from ...statistics.interval import Interval
+from ...statistics.scalars import mean_interval
 from .summary import Summary
 
 FILE = "agreements.json"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...panel import Home
-from ...verdict import LEARNED
+from ...panel.specification.cells.cell import Home
+from ...verdict.rules import LEARNED
 from ..specification import Atlas, Block
 from .agreement import Agreement, check_agree
 from .summary import Summary

@@ -8,10 +8,13 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence import open_run, read_seal
-from integ_gym.support import package_version, read_bounded, replace_file
+from integ_gym.evidence.store.store import open_run
+from integ_gym.evidence.verification.sealing import read_seal
+from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files.writing import replace_file
+from integ_gym.support.packages.versions import package_version
 
-from ...panel import FILE_NAME, read_panel
+from ...panel.model.files import FILE_NAME, read_panel
 from ..specification import Block
 from .code_version import code_version
 

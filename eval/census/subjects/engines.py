@@ -6,7 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs import CartPole, Pendulum, PlantSystem, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
 
 from .settable import Settable
 from .subject import Statement, Subject

@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from integ_gym.envs import Plant, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import Plant
 
 from .subject import Sample, State, Subject, Transition
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from integ_gym.envs import Components, Plant, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.plants.interface import Plant
 
 COAST = 10.0
 """Duration of the free motion whose energy is followed, s."""

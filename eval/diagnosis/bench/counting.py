@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from integ_gym.envs import IntegEnv, NativeEngine, PlantSystem
+from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.environments.environment import IntegEnv
+from integ_gym.envs.mechanics.system import PlantSystem
 
 
 class CountingSystem(PlantSystem):

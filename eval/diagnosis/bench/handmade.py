@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.envs import TRUTH, environment_setup
-from integ_gym.train import has_handmade, make_baseline
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.registries import TRUTH
+from integ_gym.train.baselines.making import has_handmade, make_baseline
 
-from ...verdict import EQUIVALENCE_MARGIN
-from ..lines import Expectation, undeclared
+from ...verdict.rules import EQUIVALENCE_MARGIN
+from ..lines.expectation import Expectation, undeclared
 from ..section import Diagnosis
 
 TOLERANCE = EQUIVALENCE_MARGIN

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from integ_gym.support import COOL, INK, PAPER, SOFT, WARM, Entry, SeriesStyles, axes_at
+from integ_gym.support.figures.series import SeriesStyles
+from integ_gym.support.figures.style import (
+    COOL,
+    INK,
+    PAPER,
+    SOFT,
+    WARM,
+    Entry,
+    axes_at,
+)
 
-from ..bench import theory_of
+from ..bench.integrators import theory_of
 from .drawing import Curve, draw_grid, named, numbers
 
 if TYPE_CHECKING:

@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from integ_gym.envs import TRUTH
-from integ_gym.support import INK, SOFT, Entry, SeriesStyles, marker_style
+from integ_gym.envs.registries import TRUTH
+from integ_gym.support.figures.series import SeriesStyles
+from integ_gym.support.figures.style import (
+    INK,
+    SOFT,
+    Entry,
+    marker_style,
+)
 
-from ..bench import theory_of
+from ..bench.integrators import theory_of
 from .drawing import Curve, curve_style, draw_grid, entries, named, numbers, plants_of
 
 if TYPE_CHECKING:

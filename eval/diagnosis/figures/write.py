@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import SeriesStyles, load, write_figure
+from integ_gym.support.figures.series import SeriesStyles
+from integ_gym.support.figures.style import write_figure
+from integ_gym.support.packages.extras import load
 
 from .contact import draw_contact
 from .curves import draw_convergence, draw_stability, draw_work

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bench import Array, Rollout
+from ..bench.rollout import Array, Rollout
 from ..section import Diagnosis
 from .order import order_line
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.envs import TRUTH, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.registries import TRUTH
 
 from ..section import Diagnosis
 from .expectation import Expectation, below, undeclared

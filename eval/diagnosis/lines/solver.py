@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from integ_gym.envs import INTEGRATORS
+from integ_gym.envs.registries import INTEGRATORS
 
-from ..bench import Rollout
+from ..bench.rollout import Rollout
 from ..section import Diagnosis
 from .expectation import Expectation, said
 

@@ -6,10 +6,15 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import FLOAT32_ROUNDING, environment_setup, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.tasks._box import FLOAT32_ROUNDING
 
-from ..bench import Array, Commands, Rollout, Subject
-from ..lines import Expectation, booked_line, ledger_line, near, said
+from ..bench.bench import Commands
+from ..bench.rollout import Array, Rollout
+from ..bench.subject import Subject
+from ..lines.expectation import Expectation, near, said
+from ..lines.ledger import booked_line, ledger_line
 from ..section import Diagnosis
 
 LEVELS = (3.0, 0.6, -3.0, -0.6)

@@ -6,10 +6,20 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import TRUTH
+from integ_gym.envs.registries import TRUTH
 
-from ..bench import PHASES, Array, Commands, Impact, Rollout, impact_of, theory_of
-from ..lines import Expectation, ledger_line, near, said, solver_line, undeclared
+from ..bench.bench import Commands
+from ..bench.impact import PHASES, Impact, impact_of
+from ..bench.integrators import theory_of
+from ..bench.rollout import Array, Rollout
+from ..lines.expectation import (
+    Expectation,
+    near,
+    said,
+    undeclared,
+)
+from ..lines.ledger import ledger_line
+from ..lines.solver import solver_line
 from ..section import NO_CONTROL, Diagnosis
 
 HALVINGS = 6

@@ -6,10 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ARRAY, Plant, PlantSystem, numerics, split_state
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.plants.interface import Plant, split_state
 
-from ..bench import Array, theory_of
-from ..lines import booked_line, ledger_line, near, undeclared
+from ..bench.integrators import theory_of
+from ..bench.rollout import Array
+from ..lines.expectation import near, undeclared
+from ..lines.ledger import booked_line, ledger_line
 from ..section import Diagnosis
 from .stiffness import LARGEST, largest_stable, radii
 

@@ -7,10 +7,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from integ_gym.envs import TRUTH, numerics, state_names, state_units
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.registries import TRUTH
 
-from ..bench import Array, Rollout, theory_of
-from ..lines import EXACT, Expectation, below, order_line, said, solver_line, undeclared
+from ..bench.integrators import theory_of
+from ..bench.rollout import Array, Rollout
+from ..lines.expectation import (
+    Expectation,
+    below,
+    said,
+    undeclared,
+)
+from ..lines.order import EXACT, order_line
+from ..lines.solver import solver_line
 from ..section import Diagnosis
 
 PERIODS = 8

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import state_names, state_units
+from integ_gym.envs.plants.interface import state_names, state_units
 
-from ..bench import RELEASE, Rollout, theory_of
-from ..lines import Expectation, booked_line, ledger_line, near, said
+from ..bench.integrators import theory_of
+from ..bench.rollout import Rollout
+from ..bench.subject import RELEASE
+from ..lines.expectation import Expectation, near, said
+from ..lines.ledger import booked_line, ledger_line
 from ..section import Diagnosis
 from .damping import decay_rate, undriven
 

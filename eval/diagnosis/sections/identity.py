@@ -7,10 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import TRUTH, numerics, state_names, state_units
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.registries import TRUTH
 
-from ..bench import theory_of
-from ..lines import Expectation, above, below, near, said, undeclared
+from ..bench.integrators import theory_of
+from ..lines.expectation import (
+    Expectation,
+    above,
+    below,
+    near,
+    said,
+    undeclared,
+)
 from ..section import Diagnosis
 
 Z = 0.2

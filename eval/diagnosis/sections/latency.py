@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..bench import Array, Commands, success_lines
-from ..lines import Expectation
+from ..bench.bench import Commands
+from ..bench.handmade import success_lines
+from ..bench.rollout import Array
+from ..lines.expectation import Expectation
 from ..section import Diagnosis
 from .actuation import actuator_limit
 

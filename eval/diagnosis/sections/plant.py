@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ARRAY, Plant, PlantSystem, join_state, numerics, split_state
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.plants.interface import Plant, join_state, split_state
 
-from ..bench import Array
-from ..lines import ANY, Expectation, below, near
+from ..bench.rollout import Array
+from ..lines.expectation import Expectation, below, near
+from ..lines.finding import ANY
 from ..section import Diagnosis
 
 STATES = 32

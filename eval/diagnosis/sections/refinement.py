@@ -6,10 +6,13 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import TRUTH, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.registries import TRUTH
 
-from ..bench import Array, Rollout, success_lines
-from ..lines import ledger_line, order_line
+from ..bench.handmade import success_lines
+from ..bench.rollout import Array, Rollout
+from ..lines.ledger import ledger_line
+from ..lines.order import order_line
 from ..section import Diagnosis
 from .actuation import actuator_limit
 

@@ -6,10 +6,18 @@ import math
 
 import numpy as np
 
-from integ_gym.envs import Plant, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import Plant
 
-from ..bench import Array, Rollout, theory_of
-from ..lines import Expectation, near, said, solver_line, undeclared
+from ..bench.integrators import theory_of
+from ..bench.rollout import Array, Rollout
+from ..lines.expectation import (
+    Expectation,
+    near,
+    said,
+    undeclared,
+)
+from ..lines.solver import solver_line
 from ..section import Diagnosis
 
 LARGEST = 6.0

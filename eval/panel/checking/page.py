@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence import EvidenceStore, Finding, broken_seals
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.sealing import broken_seals
 
-from ..model import FILE_NAME, Panel, read_panel
-from ..running import MANIFEST, RunDirectory, read_manifest
-from ..specification import names_code, planned_spec
+from ..model.files import FILE_NAME, read_panel
+from ..model.panel import Panel
+from ..running.run_directory import MANIFEST, RunDirectory, read_manifest
+from ..specification.planned import names_code, planned_spec
 from .plan import UNFIT, planned
 from .remaking import deviations
 from .sample import of_sample, refuse_first

@@ -6,38 +6,33 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence import SEAL_FILE, EvidenceStore, Finding
-from integ_gym.train import (
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.sealing import SEAL_FILE
+from integ_gym.train.policy_files.reading import read_weights
+from integ_gym.train.policy_files.sidecar import (
     WEIGHTS_FILE,
     policy_file,
     read_trained,
-    read_weights,
     readable_file,
 )
 
-from ..existing import hashes_of
-from ..model import FILE_NAME
-from ..running import (
+from ..existing.policy import hashes_of
+from ..model.files import FILE_NAME
+from ..running.evaluation.achievability import unit_of_cell
+from ..running.evaluation.units import Evaluated, evaluated
+from ..running.run_directory import (
     MANIFEST,
-    Evaluated,
     RunDirectory,
-    Unit,
-    evaluated,
     first_of,
-    is_card_of,
     read_manifest,
-    trained_units,
-    unit_of_cell,
 )
-from ..specification import (
-    PanelSpec,
-    SpecError,
-    engine_versions,
-    inputs,
-    names_code,
-    planned_home,
-    planned_spec,
-)
+from ..running.units import Unit, is_card_of, trained_units
+from ..specification.cells.engines import engine_versions
+from ..specification.growth import inputs
+from ..specification.panel_spec import PanelSpec
+from ..specification.planned import names_code, planned_home, planned_spec
+from ..specification.values import SpecError
 from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
 from .trained import Trained, planned_key
 from .yardsticks import of_attempts, of_replays

@@ -6,14 +6,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.evidence import Finding
-from integ_gym.support import plural
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.support.terminal.formatting import plural
 
-from ..existing import given_panel, other_facts
-from ..model import FILE_NAME, Panel
-from ..results import differences, noted_call, panel_of, seen_now
-from ..running import MANIFEST, RunDirectory
-from ..specification import PanelSpec
+from ..existing.facts import given_panel, other_facts
+from ..model.files import FILE_NAME
+from ..model.panel import Panel
+from ..results.comparing import differences
+from ..results.outputs import noted_call, panel_of, seen_now
+from ..running.run_directory import MANIFEST, RunDirectory
+from ..specification.panel_spec import PanelSpec
 
 
 def deviations(

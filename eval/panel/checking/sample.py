@@ -7,10 +7,13 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
-from integ_gym.evidence import EvidenceStore, Finding, recompute, replay_some
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.recomputing import recompute
+from integ_gym.evidence.verification.sampling import replay_some
 
-from ..existing import acting_in
-from ..running import RunDirectory, RunDirectoryError
+from ..existing.run_policies import acting_in
+from ..running.run_directory import RunDirectory, RunDirectoryError
 from .plan import EVALUATION, of_files
 
 SAMPLED = 128

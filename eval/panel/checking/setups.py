@@ -9,27 +9,28 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from integ_gym.envs import DISCRETIZATION, NATIVE, is_integ_environment
-from integ_gym.evidence import (
-    EvidenceError,
-    EvidenceStore,
-    Finding,
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.episode.discretization import DISCRETIZATION, NATIVE
+from integ_gym.evidence.episodes.record import (
     argument_values,
     told_json,
     told_perturbation,
     told_training,
 )
-from integ_gym.train import mixture_of
+from integ_gym.evidence.schema.errors import EvidenceError, Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.card import mixture_of
 
-from ..running import PACKAGES, Unit, trained_units, training_config
-from ..specification import (
+from ..running.run_directory import PACKAGES
+from ..running.units import Unit, trained_units, training_config
+from ..specification.cells.cell import (
     Cell,
     Home,
-    PanelSpec,
     changes_of,
     environments_of,
-    planned_home,
 )
+from ..specification.panel_spec import PanelSpec
+from ..specification.planned import planned_home
 
 _SETUPS = """
 SELECT policy_id, cell, env_id, engine, integrator, dt, control_period, perturbation, arguments,

@@ -16,20 +16,24 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from integ_gym.envs import DISCRETIZATION, NATIVE, Mixture, is_integ_environment
-from integ_gym.evidence import EvidenceStore, Finding
-from integ_gym.train import (
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.episode.discretization import DISCRETIZATION, NATIVE
+from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.card import (
     LAST_EPISODES,
-    POLICY_FILE,
-    WEIGHTS_FILE,
     episode_summary,
     make_card,
     mixture_of,
-    zip_faults,
 )
+from integ_gym.train.policy_files.formats.sb3_zip.published import zip_faults
+from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
-from ..running import PACKAGES, Unit, key_of, training_config
-from ..specification import PanelSpec, engine_versions
+from ..running.run_directory import PACKAGES, key_of
+from ..running.units import Unit, training_config
+from ..specification.cells.engines import engine_versions
+from ..specification.panel_spec import PanelSpec
 from .setups import BASE, differing
 
 _ELSEWHERE = ("card_hash", "content_hash", "format", "last_episodes", "platform", "versions")

@@ -16,28 +16,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence import (
-    ATTEMPT,
-    LATER_ATTEMPT,
-    SECOND_HORIZON,
-    EvidenceStore,
-    Finding,
-    argument_values,
-)
+from integ_gym.evidence.episodes.record import argument_values
+from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ..running import (
+from ..running.evaluation.achievability import (
     HANDMADE,
-    Evaluated,
-    RunDirectory,
-    Successes,
-    baseline_of,
     has_controller,
     search_of,
-    statuses,
     tried_in,
     unit_of_cell,
 )
-from ..specification import Cell, PanelSpec
+from ..running.evaluation.replays import Successes
+from ..running.evaluation.units import Evaluated, statuses
+from ..running.run_directory import RunDirectory
+from ..running.units import baseline_of
+from ..specification.cells.cell import Cell
+from ..specification.panel_spec import PanelSpec
 from .setups import PlannedPolicy
 
 Flags = npt.NDArray[np.bool_]

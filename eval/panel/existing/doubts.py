@@ -10,22 +10,21 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs import SURVIVAL
-from integ_gym.evidence import EvidenceStore
-from integ_gym.support import percent
-from integ_gym.train import HOW_TO_STATE, STATE_DICT_ENDINGS
+from integ_gym.envs.environments.foreign import SURVIVAL
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.terminal.formatting import percent
+from integ_gym.train.policy_files.formats.state_dict import STATE_DICT_ENDINGS
+from integ_gym.train.policy_files.stated_home import HOW_TO_STATE
 
-from ...verdict import ALPHA, FAIL_MARGIN, p_text
-from ..model import Estimate, PairedEpisodes
-from ..results import (
-    Matrix,
-    PanelLayout,
-    compares_success,
-    home_cell,
-    paired_episodes,
-    reward_doubts,
-)
-from ..specification import PanelSpec
+from ...verdict.rules import ALPHA, FAIL_MARGIN, p_text
+from ..model.conclusions import PairedEpisodes
+from ..model.part import Estimate
+from ..results.findings.paired import paired_episodes
+from ..results.given import compares_success, home_cell
+from ..results.layout import PanelLayout
+from ..results.matrix import Matrix
+from ..results.rewards import reward_doubts
+from ..specification.panel_spec import PanelSpec
 from .policy import Existing
 
 FEWEST, ENOUGH = 6, 20

@@ -7,37 +7,29 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from integ_gym.support import (
-    Cluster,
-    Storage,
-    check_spawning,
-    cores,
-    installed_versions,
-    replace_file,
-)
+from integ_gym.support.files.writing import replace_file
+from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.processes.spawning import check_spawning
+from integ_gym.support.processes.workers import cores
+from integ_gym.support.sharing.clusters import Cluster
+from integ_gym.support.storing.storage import Storage
 
-from ..checking import check_records
-from ..model import Panel
-from ..results import (
+from ..checking.sample import check_records
+from ..model.panel import Panel
+from ..results.ending import (
     CHECKING,
     JUDGING,
     Begin,
-    call_of,
     phases,
-    write_outputs,
 )
-from ..running import (
-    GIVEN,
-    RunDirectory,
-    Seen,
-    Subject,
-    all_seconds,
-    as_there,
-    baseline_of,
-    evaluate_all,
-)
-from ..sharing import evaluate_on, write_pages
-from ..specification import TRAINERS, PanelSpec
+from ..results.outputs import call_of, write_outputs
+from ..running.evaluation.subjects import Subject
+from ..running.evaluation.units import all_seconds, evaluate_all
+from ..running.panel import as_there
+from ..running.run_directory import GIVEN, RunDirectory, Seen
+from ..running.units import baseline_of
+from ..sharing.driving import evaluate_on, write_pages
+from ..specification.panel_spec import TRAINERS, PanelSpec
 from .facts import facts_of, given_panel
 from .policy import Existing
 

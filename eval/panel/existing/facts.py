@@ -14,14 +14,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.evidence import EvidenceStore
-from integ_gym.train import unscaled
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.reading import unscaled
 
-from ..model import Panel
-from ..model import Policy as PanelPolicy
-from ..results import artefact_of, cost_of, given_rows, look_warnings, of_plan, reduced
-from ..running import GIVEN, MANIFEST, RunDirectory
-from ..specification import PanelSpec, environments_of, planned_home
+from ..model.matrix import Policy as PanelPolicy
+from ..model.panel import Panel
+from ..results.given import given_rows
+from ..results.outputs import (
+    artefact_of,
+    cost_of,
+    look_warnings,
+    of_plan,
+    reduced,
+)
+from ..running.run_directory import GIVEN, MANIFEST, RunDirectory
+from ..specification.cells.cell import environments_of
+from ..specification.panel_spec import PanelSpec
+from ..specification.planned import planned_home
 from .doubts import doubts_of
 from .home import VARIED, Provenance, provenance
 from .policy import Existing, kept_policy, read_policy_file

@@ -7,17 +7,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from integ_gym.envs import (
-    DISCRETIZATION,
-    Discretization,
-    DiscretizedVectorEnv,
-    Mixture,
-    make_training_environments,
-    testbed_of,
+from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs.testbeds.making import make_training_environments, testbed_of
+from integ_gym.train.policy_files.own_hash import HASH_KEY
+from integ_gym.train.policy_files.stated_home import (
+    HOW_TO_STATE,
+    STOCK,
+    UNKNOWN,
+    Stated,
+    stated_arguments,
 )
-from integ_gym.train import HASH_KEY, HOW_TO_STATE, STOCK, UNKNOWN, Stated, stated_arguments
 
-from ..specification import UNNAMED, DiscretizationMixture, Home, texts_of
+from ..specification.cells.cell import UNNAMED, DiscretizationMixture, Home
+from ..specification.planned import texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from integ_gym.envs import Discretization, testbed_of
-from integ_gym.train import possible_baselines
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.train.baselines.making import possible_baselines
 
-from ..specification import PanelSpec, environments_of, main_home, standard_perturbations
+from ..specification.cells.cell import environments_of, main_home
+from ..specification.cells.perturbations import standard_perturbations
+from ..specification.panel_spec import PanelSpec
 from .policy import Existing
 
 

@@ -10,24 +10,21 @@ from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.train import (
-    BASELINES,
+from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy_files.formats.onnx_file.reading import onnx_card, onnx_data
+from integ_gym.train.policy_files.reading import (
     ONNX_ENDING,
     POLICY_ENDINGS,
-    MlpPolicy,
-    Policy,
-    PolicyFileError,
-    Stated,
-    has_sidecar,
-    onnx_card,
-    onnx_data,
-    read_trained,
     read_weights,
-    readable_file,
     unscaled,
 )
+from integ_gym.train.policy_files.sidecar import has_sidecar, read_trained, readable_file
+from integ_gym.train.policy_files.stated_home import Stated
 
-from ..specification import Home
+from ..specification.cells.cell import Home
 from .home import Provenance, provenance
 
 

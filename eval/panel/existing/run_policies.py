@@ -8,10 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import environment_setup, testbed_of
-from integ_gym.evidence import Acting, EvidenceRecord, EvidenceStore, argument_values
-from integ_gym.support import read_object
-from integ_gym.train import BASELINES, Policy, make_baseline
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.evidence.episodes.record import EvidenceRecord, argument_values
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.replaying import Acting
+from integ_gym.support.files.reading import read_object
+from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.policy.interface import Policy
 
 from .policy import kept_policy, read_existing
 

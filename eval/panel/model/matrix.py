@@ -6,7 +6,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from ...verdict import Achievability, CellRole, ReferenceClass
+from ...verdict.achievability import Achievability
+from ...verdict.comparison import CellRole
+from ...verdict.reference import ReferenceClass
 from .part import Estimate, Part
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]

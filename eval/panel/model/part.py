@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from integ_gym.support import fixed
+from integ_gym.support.terminal.formatting import fixed
 
-from ...statistics import Interval
+from ...statistics.interval import Interval
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -11,34 +11,35 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.envs import Discretization
-from integ_gym.support import host, instruction_sets
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.support.processes.machine import host, instruction_sets
 
-from ...statistics import draws_for, rate_interval
-from ...verdict import (
+from ...statistics.episodes import draws_for
+from ...statistics.rates import rate_interval
+from ...verdict.comparison import PolicyCell, compare_policies
+from ...verdict.family import (
     WITHOUT_VERDICT,
     Judgement,
-    PolicyCell,
-    compare_policies,
     judge_family,
     postponed,
-    seeds_wanted,
 )
+from ...verdict.power import seeds_wanted
 from ..answer import answer_lines
-from ..model import Cell as PanelCell
-from ..model import (
+from ..model.conclusions import (
     EngineAgreement,
-    Estimate,
     Failure,
-    Panel,
-    Policy,
     PolicyComparison,
     Verdict,
-    build,
 )
-from ..model import Row as PanelRow
-from ..specification import Cell
-from .findings import paired_episodes, rankings, remedies
+from ..model.matrix import Cell as PanelCell
+from ..model.matrix import Policy
+from ..model.matrix import Row as PanelRow
+from ..model.panel import Panel
+from ..model.part import Estimate, build
+from ..specification.cells.cell import Cell
+from .findings.paired import paired_episodes
+from .findings.ranking import rankings
+from .findings.remedy import remedies
 from .layout import PanelLayout
 from .matrix import Matrix, Row
 

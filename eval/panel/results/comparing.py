@@ -8,8 +8,9 @@ from typing import Any, Final
 
 import msgspec
 
-from ..model import FILE_NAME, Panel, read_panel
-from ..running import RunDirectory
+from ..model.files import FILE_NAME, read_panel
+from ..model.panel import Panel
+from ..running.run_directory import RunDirectory
 
 ROUNDING: Final = 1e-6
 """By how much numbers may differ, relative to the larger of 1 and themselves: other processors and

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import accumulate
 from typing import Final, Literal
 
-from ..running import panel_bar
+from ..running.work import panel_bar
 
 Phase = Literal["checking records", "judging", "drawing figures", "writing the page"]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..specification import Cell, Home, PanelSpec, main_home
+from ..specification.cells.cell import Cell, Home, main_home
+from ..specification.panel_spec import PanelSpec
 from .matrix import Matrix, Row
 
 

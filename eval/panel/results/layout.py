@@ -7,10 +7,17 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from ...verdict import UNSOLVABLE, Achieved, Attempt, Comparison, Loss, Rates, shares_of, split
-from ..model import AppliedDiscretization, Look, build
-from ..running import Seen, Tried
-from ..specification import Cell, PanelSpec
+from ...verdict.achievability import UNSOLVABLE, Achieved, Attempt
+from ...verdict.family import Comparison
+from ...verdict.looks import shares_of
+from ...verdict.loss import Loss, Rates, split
+from ..model.matrix import AppliedDiscretization
+from ..model.panel import Look
+from ..model.part import build
+from ..running.evaluation.achievability import Tried
+from ..running.run_directory import Seen
+from ..specification.cells.cell import Cell
+from ..specification.panel_spec import PanelSpec
 from .matrix import Matrix, Row
 
 

@@ -7,30 +7,37 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence import EvidenceStore, seal
-from integ_gym.support import limit_threads, plural, told_path
-from integ_gym.train import policy_file
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.verification.sealing import seal
+from integ_gym.support.files.writing import told_path
+from integ_gym.support.processes.workers import limit_threads
+from integ_gym.support.terminal.formatting import plural
+from integ_gym.train.policy_files.sidecar import policy_file
 
-from ...report.figures import write_figures
-from ...report.page import write_report
-from ...verdict import ALPHA, share_of_look
-from ..checking import check_records
-from ..model import Cost, Panel, Policy, write_panel
-from ..running import (
+from ...report.figures.write import write_figures
+from ...report.page.page import write_report
+from ...verdict.looks import share_of_look
+from ...verdict.rules import ALPHA
+from ..checking.sample import check_records
+from ..model.files import write_panel
+from ..model.matrix import Policy
+from ..model.panel import Cost, Panel
+from ..running.evaluation.achievability import tried
+from ..running.evaluation.units import evaluated
+from ..running.run_directory import (
     CALLED,
     MANIFEST,
     RunDirectory,
     Seen,
-    evaluated,
-    training_config,
-    tried,
-    units_of,
 )
-from ..specification import PanelSpec
+from ..running.units import training_config, units_of
+from ..specification.panel_spec import PanelSpec
 from .artefact import build_artefact
 from .comparing import as_sealed
 from .ending import CHECKING, DRAWING, JUDGING, WRITING, Begin, untold
-from .findings import agreements, applied_in, training_costs
+from .findings.applied import applied_in
+from .findings.engine_agreement import agreements
+from .findings.training_cost import training_costs
 from .layout import PanelLayout
 from .matrix import COLUMNS, Matrix, Row
 from .rewards import reward_doubts

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from integ_gym.envs import ASSUMED_RATE
-from integ_gym.evidence import EvidenceStore
+from integ_gym.envs.environments.stated.setup import ASSUMED_RATE
+from integ_gym.evidence.store.store import EvidenceStore
 
 _SAY_IT = (
     "does not say what its rewards are, so that a decision pays their mean, and of an episode's "

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from integ_gym.support import read_object, write_json
-from integ_gym.train import GIB_PER_WORKER, Workers
+from integ_gym.support.files.reading import read_object
+from integ_gym.support.files.writing import write_json
+from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers
 
-from ..specification import PanelSpec, stages
+from ..specification.growth import stages
+from ..specification.panel_spec import PanelSpec
 from .run_directory import RunDirectory
 from .staging import DIVISION, WORK
 from .units import Unit, is_there, trained_units, training_config
@@ -91,7 +93,7 @@ def _divided(
         return []
     if not spec.fleet:
         return [(unit.policy,) for unit in units]
-    from integ_gym.train import plan
+    from integ_gym.train.fleet.planning import plan
 
     configs = [training_config(spec, unit) for unit in units]
     chunks = plan(configs, workers, memory_gib)  # type: ignore[arg-type]

@@ -7,12 +7,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.support import LEASE, Storage, as_storage, cores
-from integ_gym.train import Workers, fleet_workers, read_trained, readable_file
+from integ_gym.support.processes.workers import cores
+from integ_gym.support.sharing.claims import LEASE
+from integ_gym.support.storing.places import as_storage
+from integ_gym.support.storing.storage import Storage
+from integ_gym.train.fleet.worker import Workers, fleet_workers
+from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
-from ..specification import PanelSpec, SpecError, continued
-from .costs import check_cost
-from .evaluation import Subject, evaluate_all, evaluated
+from ..specification.difference import continued
+from ..specification.panel_spec import PanelSpec
+from ..specification.values import SpecError
+from .costs.expected_time import check_cost
+from .evaluation.subjects import Subject
+from .evaluation.units import evaluate_all, evaluated
 from .reuse import bring, finished_policies
 from .run_directory import MANIFEST, RunDirectory, read_manifest
 from .training import check_training, train_units

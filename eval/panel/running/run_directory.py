@@ -15,23 +15,26 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence import SEAL_FILE, broken_seals, lift_seal, lower_seal
-from integ_gym.support import (
-    LEASE,
-    Busy,
-    Gone,
-    Kinds,
-    Storage,
-    as_storage,
+from integ_gym.evidence.verification.sealing import (
+    SEAL_FILE,
+    broken_seals,
+    lift_seal,
+    lower_seal,
+)
+from integ_gym.support.files.reading import Kinds, read_object
+from integ_gym.support.files.writing import (
     file_hash,
-    installed_versions,
-    read_object,
     remove_leftovers,
     replace_file,
     write_json,
 )
+from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.sharing.claims import LEASE
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.support.storing.places import as_storage
+from integ_gym.support.storing.storage import Busy, Storage
 
-from ..specification import GROWING, additions, contradictions
+from ..specification.difference import GROWING, additions, contradictions
 from .staging import DIVISION, DRIVEN, SHARED, WORK, Desk, clear, earlier, retire
 
 MANIFEST = "run.json"

@@ -13,17 +13,16 @@ from itertools import count, groupby
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import (
-    PROBE,
+from integ_gym.support.sharing.claims import (
     Claim,
-    Gone,
-    SharedFiles,
-    Storage,
-    as_storage,
     close_units,
     is_fence,
     was_committed,
 )
+from integ_gym.support.sharing.folder_files import Gone, SharedFiles
+from integ_gym.support.sharing.probing import PROBE
+from integ_gym.support.storing.places import as_storage
+from integ_gym.support.storing.storage import Storage
 
 WORK = ".work"
 """Folder in a run's directory for what is there only while it is worked on."""

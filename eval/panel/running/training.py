@@ -7,18 +7,15 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from integ_gym.evidence import EpisodeContext
-from integ_gym.support import require
-from integ_gym.train import (
-    TrainedPolicy,
-    TrainingConfig,
-    TrainingEvidence,
-    Workers,
-    card_hash,
-    fleet_workers,
-)
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.support.packages.extras import require
+from integ_gym.train.fleet.worker import Workers, fleet_workers
+from integ_gym.train.policy_files.own_hash import card_hash
+from integ_gym.train.policy_files.sidecar import TrainedPolicy
+from integ_gym.train.running.config import TrainingConfig
+from integ_gym.train.running.evidence import TrainingEvidence
 
-from ..specification import PanelSpec
+from ..specification.panel_spec import PanelSpec
 from .division import waiting_chunks
 from .run_directory import RunDirectory
 from .staging import WORK
@@ -53,7 +50,7 @@ def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None =
             "the specification",
             name=error.name,
         ) from None
-    from integ_gym.train import plan
+    from integ_gym.train.fleet.planning import plan
 
     plan(configs, workers, memory_gib)
 
@@ -85,7 +82,7 @@ def train_units(
     options: dict[str, Any] = {"tensorboard": False}
     train: Any = spec.algorithm.train
     if spec.fleet:
-        from integ_gym.train import train_fleet as train
+        from integ_gym.train.fleet.training import train_fleet as train
 
         ends = iter(range(len(units)))
         together = [tuple(next(ends) for _ in chunk) for chunk in chunks]
@@ -115,7 +112,7 @@ def train_chunk_here(spec: PanelSpec, directory: RunDirectory, units: Sequence[U
     evidence = [_evidence(spec, directory, unit) for unit in units]
     mark = _marking(spec, units, [directory] * len(units))
     if spec.fleet:
-        from integ_gym.train import train_together
+        from integ_gym.train.fleet.training import train_together
 
         train_together(configs, folders, evidence, mark)
         return

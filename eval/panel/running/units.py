@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from integ_gym.train import Policy, TrainingConfig, card_hash, make_baseline, policy_file
+from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy_files.own_hash import card_hash
+from integ_gym.train.policy_files.sidecar import policy_file
+from integ_gym.train.running.config import TrainingConfig
 
-from ..specification import (
-    ALGORITHM,
-    Home,
-    PanelSpec,
-    engine_versions,
-    file_name,
-    training_arguments,
-)
+from ..specification.cells.cell import Home, file_name, training_arguments
+from ..specification.cells.engines import engine_versions
+from ..specification.panel_spec import ALGORITHM, PanelSpec
 from .run_directory import RunDirectory, key_of
 
 

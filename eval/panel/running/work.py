@@ -8,7 +8,8 @@ from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from typing import Any
 
-from integ_gym.support import ESTIMATE_LOOK, Cluster, Progress, work_bar
+from integ_gym.support.processes.workers import ESTIMATE_LOOK, Progress, work_bar
+from integ_gym.support.sharing.clusters import Cluster
 
 
 class PanelError(RuntimeError):

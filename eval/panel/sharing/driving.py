@@ -13,39 +13,30 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from integ_gym.support import (
-    BucketStorage,
-    Claim,
-    Claims,
-    Cluster,
-    FolderStorage,
-    Gone,
-    Place,
-    Storage,
-    named_place,
-    stored,
-)
-from integ_gym.train import Workers, fleet_workers, training_bar, workers_of
+from integ_gym.support.sharing.claims import Claim, Claims
+from integ_gym.support.sharing.clusters import Cluster
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.support.storing.bucket import BucketStorage
+from integ_gym.support.storing.places import Place, named_place, stored
+from integ_gym.support.storing.storage import FolderStorage, Storage
+from integ_gym.train.fleet.worker import Workers, fleet_workers, workers_of
+from integ_gym.train.running.side_by_side import training_bar
 
-from ..running import (
-    TRYING,
-    Desk,
+from ..running.division import memory_of, noted_division
+from ..running.evaluation.achievability import TRYING
+from ..running.evaluation.subjects import Subject
+from ..running.evaluation.units import evaluated, expected_seconds, not_evaluated
+from ..running.panel import subject_of
+from ..running.run_directory import RunDirectory
+from ..running.staging import Desk
+from ..running.units import training_config, units_of
+from ..running.work import (
     PanelError,
-    RunDirectory,
-    Subject,
     Work,
-    evaluated,
-    expected_seconds,
-    memory_of,
-    not_evaluated,
-    noted_division,
     panel_bar,
-    subject_of,
-    training_config,
-    units_of,
     working_on,
 )
-from ..specification import PanelSpec
+from ..specification.panel_spec import PanelSpec
 from . import planning
 from .shared_unit import SharedUnit, commit, do_and_commit
 
@@ -138,7 +129,7 @@ def _prepare(cluster: Cluster, spec: PanelSpec) -> Callable[[int], None] | None:
     """What every process of the engine does first; the same for all that it does of a panel."""
     if not spec.fleet:
         return None
-    from integ_gym.train import preparation  # of the fleet alone, which needs JAX
+    from integ_gym.train.fleet.training import preparation
 
     return preparation(processes(cluster).device)
 

@@ -5,24 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.train import Workers
+from integ_gym.train.fleet.worker import Workers
 
-from ..running import (
-    RunDirectory,
-    Subject,
-    Unit,
+from ..running.division import divide, waiting_chunks
+from ..running.evaluation.achievability import not_tried, unit_of_cell
+from ..running.evaluation.subjects import Subject
+from ..running.evaluation.units import (
     batches_of,
-    divide,
     knowing_home,
     not_evaluated,
-    not_tried,
-    subject_of,
     unit_of,
-    unit_of_cell,
-    units_of,
-    waiting_chunks,
 )
-from ..specification import PanelSpec
+from ..running.panel import subject_of
+from ..running.run_directory import RunDirectory
+from ..running.units import Unit, units_of
+from ..specification.panel_spec import PanelSpec
 from .shared_unit import SharedUnit
 
 

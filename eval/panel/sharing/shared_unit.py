@@ -10,24 +10,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from integ_gym.support import Claim, Storage
+from integ_gym.support.sharing.claims import Claim
+from integ_gym.support.storing.storage import Storage
 
-from ..running import (
-    MANIFEST,
-    Desk,
-    RunDirectory,
-    Subject,
-    evaluate_batch,
-    is_there,
-    read_manifest,
-    statuses,
-    subject_of,
-    train_chunk_here,
-    try_and_note,
-    unit_of_cell,
-    units_of,
-)
-from ..specification import PanelSpec, planned_spec
+from ..running.evaluation.achievability import try_and_note, unit_of_cell
+from ..running.evaluation.subjects import Subject
+from ..running.evaluation.units import evaluate_batch, statuses
+from ..running.panel import subject_of
+from ..running.run_directory import MANIFEST, RunDirectory, read_manifest
+from ..running.staging import Desk
+from ..running.training import train_chunk_here
+from ..running.units import is_there, units_of
+from ..specification.panel_spec import PanelSpec
+from ..specification.planned import planned_spec
 
 Kind = Literal["train", "try", "evaluate"]
 

@@ -16,33 +16,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support import (
+from integ_gym.support.processes.workers import limit_threads, work_bar
+from integ_gym.support.sharing.claims import (
     BLOCK,
     LEASE,
     Claim,
     Claims,
-    Gone,
-    Storage,
-    held,
-    limit_threads,
-    pauses,
-    work_bar,
 )
-from integ_gym.train import Workers
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.support.sharing.holding import held, pauses
+from integ_gym.support.storing.storage import Storage
+from integ_gym.train.fleet.worker import Workers
 
-from ..results import phases, write_artefact
-from ..running import (
-    TRYING,
-    UNITS,
-    PanelError,
-    RunDirectory,
-    bring,
-    check_spec,
-    finished_policies,
-    memory_of,
-    note_division,
-)
-from ..specification import PanelSpec
+from ..results.ending import phases
+from ..results.outputs import write_artefact
+from ..running.division import memory_of, note_division
+from ..running.evaluation.achievability import TRYING
+from ..running.panel import check_spec
+from ..running.reuse import bring, finished_policies
+from ..running.run_directory import RunDirectory
+from ..running.staging import UNITS
+from ..running.work import PanelError
+from ..specification.panel_spec import PanelSpec
 from . import planning
 from .driving import PAGES, commit_pages, in_time
 from .shared_unit import SharedUnit, do_and_commit
@@ -85,7 +80,7 @@ def work_on(spec: PanelSpec, out: Storage, share: Share) -> int:
     fleet = Workers(share.workers, "gpu" if share.gpus else "cpu")
     limit_threads()
     if spec.fleet:
-        from integ_gym.train import preparation  # of the fleet alone, which needs JAX
+        from integ_gym.train.fleet.training import preparation
 
         preparation(fleet.device)(0)
     check_spec(spec, fleet, memory_of(spec, fleet))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs import DISCRETIZATION, Discretization
-from integ_gym.train import ALGORITHMS
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.train.algorithms import ALGORITHMS
 
-from .cells import environments_of, file_name
+from .cells.cell import environments_of, file_name
 from .panel_spec import ALGORITHM, STARTS_APART, TRAINERS, PanelSpec
 from .values import SpecError, check_known, check_unique
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
-from .cells import Cell, changes_of
+from .cells.cell import Cell, changes_of
 from .panel_spec import PanelSpec
 from .values import SpecError
 

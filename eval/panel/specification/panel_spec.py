@@ -8,19 +8,25 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
-from integ_gym.envs import INTEGRATORS, WEIGHT, Discretization, Testbed, testbed_of
-from integ_gym.support import install_command, package_version
-from integ_gym.train import ALGORITHMS, BASELINES, Algorithm
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.episode.mixture import WEIGHT
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.support.packages.extras import install_command
+from integ_gym.support.packages.versions import package_version
+from integ_gym.train.algorithms import ALGORITHMS, Algorithm
+from integ_gym.train.baselines.making import BASELINES
 
-from .cells import (
+from .cells.cell import (
     Cell,
     DiscretizationMixture,
     Home,
     Perturbation,
-    Sweep,
-    engine_versions,
     nominal_setup,
 )
+from .cells.engines import engine_versions
+from .cells.sweeps import Sweep
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
 """Arguments that disturb what the policy is told and does, not the plant."""

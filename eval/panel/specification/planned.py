@@ -7,9 +7,16 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.envs import WEIGHT, Discretization
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.episode.mixture import WEIGHT
 
-from .cells import UNNAMED, DiscretizationMixture, Home, Perturbation, Sweep
+from .cells.cell import (
+    UNNAMED,
+    DiscretizationMixture,
+    Home,
+    Perturbation,
+)
+from .cells.sweeps import Sweep
 from .panel_spec import TRAINERS, PanelSpec
 from .values import SpecError
 

@@ -9,19 +9,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs import testbed_of
-from integ_gym.support import read_bounded
-from integ_gym.train import possible_baselines
+from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.support.files.reading import read_bounded
+from integ_gym.train.baselines.making import possible_baselines
 
-from .cells import (
-    absent_engines,
-    asks_for_installed,
-    evaluated,
-    nominal_setup,
-    perturbations_of,
-    sweeps_of,
-    trained,
-)
+from .cells.cell import nominal_setup
+from .cells.discretizations import asks_for_installed, evaluated, trained
+from .cells.engines import absent_engines
+from .cells.perturbations import perturbations_of
+from .cells.sweeps import sweeps_of
 from .checks import check_environment, check_parts
 from .panel_spec import PanelSpec
 from .values import (

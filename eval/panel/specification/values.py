@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.support import unknown_name
+from integ_gym.support.parameters import unknown_name
 
 LARGEST_SEED = 2**32 - 1
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support import fixed
+from integ_gym.support.terminal.formatting import fixed
 
-from ...panel.model import Estimate
+from ...panel.model.part import Estimate
 
 _FEW: Final = 5
 """Ticks that a narrow axis has room for."""

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from integ_gym.support import NONE, fixed
+from integ_gym.support.terminal.formatting import NONE, fixed
 
-from ...panel.model import Cell, Entry, Panel, Row
-from ...panel.specification import swept_name
+from ...panel.model.matrix import Cell, Entry, Row
+from ...panel.model.panel import Panel
+from ...panel.specification.cells.sweeps import swept_name
 from .axes import RATE_AXIS
 from .forest import Block, Forest, Line, Mark
 

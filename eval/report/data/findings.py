@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support import NONE, fixed, plural
+from integ_gym.support.terminal.formatting import NONE, fixed, plural
 
-from ...panel.model import Entry, Panel, Row, Verdict
-from ...verdict import PASS, UNSOLVABLE
+from ...panel.model.conclusions import Verdict
+from ...panel.model.matrix import Entry, Row
+from ...panel.model.panel import Panel
+from ...verdict.achievability import UNSOLVABLE
+from ...verdict.rules import PASS
 from .trust import CLASS_WORDS, Trust
 
 _NAMED: Final = 5  # names in one sentence

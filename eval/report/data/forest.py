@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ...panel.model import Estimate
+from ...panel.model.part import Estimate
 from .axes import Axis
 
 Tone: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned", "soft", "accent"]

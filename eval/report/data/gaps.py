@@ -6,10 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support import fixed, percent
+from integ_gym.support.terminal.formatting import fixed, percent
 
-from ...panel.model import Estimate, Panel, Verdict
-from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, WITHOUT_VERDICT
+from ...panel.model.conclusions import Verdict
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
+from ...verdict.family import WITHOUT_VERDICT
+from ...verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .axes import difference_axis
 from .forest import Block, Forest, Line, Mark, Tone
 

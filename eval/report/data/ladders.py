@@ -8,9 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from integ_gym.support import SeriesStyle, SeriesStyles, step
+from integ_gym.support.figures.series import SeriesStyle, SeriesStyles
+from integ_gym.support.terminal.formatting import step
 
-from ...panel.model import Entry, Estimate, Panel, Row
+from ...panel.model.matrix import Entry, Row
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
 from ...scheme_style import styles_of
 from .checks import close
 

@@ -6,10 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.support import ENERGY_FLOOR, NONE, compact, fixed, plural, symlog, true_minus
+from integ_gym.support.figures.colours import ENERGY_FLOOR, symlog
+from integ_gym.support.terminal.formatting import (
+    NONE,
+    compact,
+    fixed,
+    plural,
+    true_minus,
+)
 
-from ...panel.model import Cell, Entry, Group, Panel, Row
-from ...verdict import Achievability
+from ...panel.model.matrix import Cell, Entry, Row
+from ...panel.model.panel import Group, Panel
+from ...verdict.achievability import Achievability
 from .trust import CLASS_WORDS
 
 KIND_WORDS: Final = {

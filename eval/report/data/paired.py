@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from integ_gym.support import compact, fixed, percent
+from integ_gym.support.terminal.formatting import compact, fixed, percent
 
-from ...panel.model import Estimate, PairedEpisodes, Panel
-from ...verdict import ALPHA, EQUIVALENCE_MARGIN, p_text
+from ...panel.model.conclusions import PairedEpisodes
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
+from ...verdict.rules import ALPHA, EQUIVALENCE_MARGIN, p_text
 from .axes import Axis, difference_axis, value_axis
 from .forest import Block, Forest, Line, Mark, Tone
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.support import NONE, fixed
+from integ_gym.support.terminal.formatting import NONE, fixed
 
-from ...panel.model import Entry, Estimate, Panel, Remedy, RemedyCell, Row, TrainingCost
+from ...panel.model.conclusions import Remedy, RemedyCell, TrainingCost
+from ...panel.model.matrix import Entry, Row
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
 from .axes import RATE_AXIS
 from .forest import Block, Forest, Line, Mark
 

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.support import DASHES, SeriesStyle, SeriesStyles
+from integ_gym.support.figures.series import DASHES, SeriesStyle, SeriesStyles
 
-from ...panel.model import Cell, Panel, Row
-from ...panel.specification import swept_name
+from ...panel.model.matrix import Cell, Row
+from ...panel.model.panel import Panel
+from ...panel.specification.cells.sweeps import swept_name
 from ...scheme_style import styles_of
 from .checks import alike
 from .ladders import LadderPlot, LadderPlots, Point, Series

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from ...panel.model import Cell, Entry, Panel
+from ...panel.model.matrix import Cell, Entry
+from ...panel.model.panel import Panel
 
 CLASS_WORDS: Final = {
     "true_pass": "true pass",

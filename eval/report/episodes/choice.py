@@ -8,10 +8,12 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from ...panel import finding_of
-from ...panel.model import Entry, Panel
-from ...verdict import UNSOLVABLE, WITHOUT_VERDICT
-from ..data import ordered_verdicts
+from ...panel.answer import finding_of
+from ...panel.model.matrix import Entry
+from ...panel.model.panel import Panel
+from ...verdict.achievability import UNSOLVABLE
+from ...verdict.family import WITHOUT_VERDICT
+from ..data.gaps import ordered_verdicts
 from .outcomes import Array, Outcomes
 
 Kind: TypeAlias = Literal["held", "worst", "failure", "success"]

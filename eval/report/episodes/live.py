@@ -9,19 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from integ_gym.envs import (
-    ENVIRONMENTS,
-    INTEGRATORS,
-    NATIVE,
-    SCALAR,
-    Script,
-    Setup,
-    environment_setup,
-    script_of,
-)
-from integ_gym.train import WEIGHTS_FILE, MlpPolicy, PolicyFileError, read_weights
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.episode.script import Script, script_of
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy_files.reading import read_weights
+from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 
-from ...panel.model import Cell, Panel, Policy
+from ...panel.model.matrix import Cell, Policy
+from ...panel.model.panel import Panel
 from .choice import Lead
 
 MOST_POLICIES: Final = 6

@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ...panel.model import Entry, Panel
+from ...panel.model.matrix import Entry
+from ...panel.model.panel import Panel
 
 Array = npt.NDArray[Any]
 

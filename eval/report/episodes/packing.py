@@ -16,9 +16,9 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.train import MlpPolicy
+from integ_gym.train.policy.mlp_policy import MlpPolicy
 
-from ...panel.model import Panel
+from ...panel.model.panel import Panel
 from .live import Live
 from .outcomes import LEDGER, Array
 from .told import Told

@@ -10,9 +10,12 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs import SCALAR, Setup, environment_setup, is_integ_environment, testbed_of
+from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.testbeds.making import testbed_of
 
-from ...panel.model import Panel
+from ...panel.model.panel import Panel
 
 _FARTHEST: Final = {"rad": math.pi, "m": 10.0}
 """How far from zero the edge of the goal is sought, by a coordinate's unit."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ...panel.model import Panel
+from ...panel.model.panel import Panel
 from .choice import Lead, chosen
 from .live import Live, live_of
 from .outcomes import Outcomes, outcomes_of

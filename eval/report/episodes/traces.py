@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ...panel.model import Panel
+from ...panel.model.panel import Panel
 from .choice import Lead
 from .outcomes import Array
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support import (
+from integ_gym.support.figures.colours import PALETTE
+from integ_gym.support.figures.style import (
     INK,
     LINE,
-    PALETTE,
     PAPER,
     SOFT,
     axes_at,
@@ -19,8 +19,9 @@ from integ_gym.support import (
     plain,
 )
 
-from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
-from ..data import Axis, Forest, Line, Mark
+from ...verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN
+from ..data.axes import Axis
+from ..data.forest import Forest, Line, Mark
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

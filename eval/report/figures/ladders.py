@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import (
+from integ_gym.support.figures.style import (
     INK,
     LINE,
     SOFT,
@@ -23,7 +23,8 @@ from integ_gym.support import (
     scheme_entries,
 )
 
-from ..data import RATE_AXIS, LadderPlot, LadderPlots, Series
+from ..data.axes import RATE_AXIS
+from ..data.ladders import LadderPlot, LadderPlots, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import (
+from integ_gym.support.figures.colours import (
+    PALETTE,
+    ink_on,
+    mixed,
+    success_colour,
+)
+from integ_gym.support.figures.style import (
     BOLD,
     INK,
     LINE,
-    NONE,
-    PALETTE,
     PAPER,
     SOFT,
     SUNK,
@@ -18,15 +22,13 @@ from integ_gym.support import (
     draw_heading,
     fitting,
     inch_canvas,
-    ink_on,
-    mixed,
     plain,
-    step,
-    success_colour,
 )
+from integ_gym.support.terminal.formatting import NONE, step
 
-from ...panel.model import Cell, Group
-from ..data import Matrix, MatrixLine, Shade
+from ...panel.model.matrix import Cell
+from ...panel.model.panel import Group
+from ..data.matrices import Matrix, MatrixLine, Shade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,25 +6,23 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final
 
-from integ_gym.support import FORMATS, load, write_figure
+from integ_gym.support.figures.style import FORMATS, write_figure
+from integ_gym.support.packages.extras import load
 
-from ...panel.model import Panel
-from ..data import (
-    check_forest,
-    energy_matrix,
-    gap_forest,
-    ladder_plots,
-    paired_return,
-    paired_success,
-    remedy_forest,
-    return_matrix,
-    success_matrix,
-    sweep_plots,
-)
+from ...panel.model.panel import Panel
+from ..data.checks import check_forest
+from ..data.gaps import gap_forest
+from ..data.ladders import ladder_plots
+from ..data.matrices import energy_matrix, return_matrix, success_matrix
+from ..data.paired import paired_return, paired_success
+from ..data.remedy import remedy_forest
+from ..data.sweeps import sweep_plots
 from .forest import draw_forest
 from .ladders import draw_ladders
 from .matrix import draw_matrix
-from .paper import print_forest, print_ladders, print_matrix
+from .paper.forest import print_forest
+from .paper.ladders import print_ladders
+from .paper.matrix import print_matrix
 
 FIGURES: Final[dict[str, tuple[Any, Any]]] = {
     "success_matrix": (success_matrix, draw_matrix),

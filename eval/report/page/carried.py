@@ -6,12 +6,19 @@ import shlex
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.support import compact, fixed, percent, step, together
+from integ_gym.support.terminal.formatting import (
+    compact,
+    fixed,
+    percent,
+    step,
+    together,
+)
 
-from ...film import LEAST_START
-from ...panel.model import Entry, Estimate, Panel
-from ..data import (
-    CLASS_WORDS,
+from ...film.film import LEAST_START
+from ...panel.model.matrix import Entry
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
+from ..data.matrices import (
     Matrix,
     energy_matrix,
     loss_matrix,
@@ -21,7 +28,11 @@ from ..data import (
     success_matrix,
     time_matrix,
 )
-from ..episodes import TaskWords, Told, chosen_words, packed
+from ..data.trust import CLASS_WORDS
+from ..episodes.choice import chosen_words
+from ..episodes.packing import packed
+from ..episodes.task import TaskWords
+from ..episodes.told import Told
 from .commands import readable
 from .drawing import shading
 from .failures import LABEL_WORDS

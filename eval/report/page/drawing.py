@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from integ_gym.support import MARKERS, ink_on, success_colour
+from integ_gym.support.figures.colours import ink_on, success_colour
+from integ_gym.support.figures.series import MARKERS
 
-from ..data import Axis, Series, Shade
+from ..data.axes import Axis
+from ..data.ladders import Series
+from ..data.matrices import Shade
 
 LEFT, TOP, RIGHT, BOTTOM = 36.0, 12.0, 286.0, 176.0
 """Edges of a ladder's axes, in a frame of 300 by 212."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any, Final
 
-from ...panel.model import Failure, Panel
-from ..episodes import Told
+from ...panel.model.conclusions import Failure
+from ...panel.model.panel import Panel
+from ..episodes.told import Told
 from .commands import readable
 
 LABEL_WORDS: Final = {

@@ -6,11 +6,15 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.support import fixed, true_minus
+from integ_gym.support.terminal.formatting import fixed, true_minus
 
-from ... import verdict as rules
-from ...panel.model import CellFinding, Estimate, Panel, PolicyComparison, Verdict
-from ..data import VERDICT_ORDER, Line, Mark, Tone, difference_axis
+from ...panel.model.conclusions import CellFinding, PolicyComparison, Verdict
+from ...panel.model.panel import Panel
+from ...panel.model.part import Estimate
+from ...verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
+from ..data.axes import difference_axis
+from ..data.forest import Line, Mark, Tone
+from ..data.gaps import VERDICT_ORDER
 
 _ROLES = {"quarter_step": "dt/4", "reference": "truth"}
 _TONES: dict[str, Tone] = {
@@ -35,8 +39,8 @@ _PARTS = ("difficulty", "deadline", "overfitting")
 def card_of(panel: Panel, judged: Verdict) -> dict[str, Any]:
     """One verdict of the declared family."""
     p_values = [
-        (f"overfitting > {rules.FAIL_MARGIN}", judged.p_exceeds_adjusted),
-        (f"overfitting within ±{rules.EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
+        (f"overfitting > {FAIL_MARGIN}", judged.p_exceeds_adjusted),
+        (f"overfitting within ±{EQUIVALENCE_MARGIN}", judged.p_equivalent_adjusted),
     ]
     sign, tone = _VERDICTS.get(judged.verdict, _WITHOUT)
     return {
@@ -50,7 +54,7 @@ def card_of(panel: Panel, judged: Verdict) -> dict[str, Any]:
         "reason": true_minus(judged.reason),
         "tail": _tail(panel, judged),
         "wanted": judged.seeds_wanted,
-        "p_values": [(words, rules.p_text(p)) for words, p in p_values if p is not None],
+        "p_values": [(words, p_text(p)) for words, p in p_values if p is not None],
     }
 
 

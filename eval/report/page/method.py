@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.support import plural
+from integ_gym.support.terminal.formatting import plural
 
-from ... import verdict as rules
-from ...panel.model import AppliedDiscretization, Panel
+from ...panel.model.matrix import AppliedDiscretization
+from ...panel.model.panel import Panel
+from ...verdict.rules import LEARNED, MIN_SEEDS
 
 
 def limits_of(panel: Panel) -> list[str]:
@@ -18,9 +19,9 @@ def limits_of(panel: Panel) -> list[str]:
     rows = [row for row in panel.rows if not (row.baseline or panel.given_alone)]
     fewest = min((row.seeds for row in rows), default=0)
     limits = []
-    if rows and fewest < rules.MIN_SEEDS:
+    if rows and fewest < MIN_SEEDS:
         limits.append(
-            f"Some rows have {plural(fewest, 'seed')}; below {rules.MIN_SEEDS} seeds nothing is "
+            f"Some rows have {plural(fewest, 'seed')}; below {MIN_SEEDS} seeds nothing is "
             "concluded, whatever the numbers look like."
         )
     if rows and fewest < 30:
@@ -35,7 +36,7 @@ def limits_of(panel: Panel) -> list[str]:
     if unlearned:
         limits.append(
             f"Not learned, hence without a verdict: {', '.join(unlearned)} (home success below "
-            f"{rules.LEARNED})."
+            f"{LEARNED})."
         )
     limits += panel.protocol_gaps
     if panel.given_alone:

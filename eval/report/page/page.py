@@ -11,34 +11,28 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.evidence import unbroken_seal
-from integ_gym.support import (
-    VIRIDIS,
-    page_environment,
-    page_parts,
-    plural,
-    replace_file,
-    true_minus,
-)
+from integ_gym.evidence.verification.sealing import unbroken_seal
+from integ_gym.support.figures.colours import VIRIDIS
+from integ_gym.support.files.writing import replace_file
+from integ_gym.support.pages.frame import page_environment, page_parts
+from integ_gym.support.terminal.formatting import plural, true_minus
 
 from ... import verdict as rules
-from ...panel import Panel, answer_lines, finding_of, next_step
-from ..data import (
-    RATE_AXIS,
-    check_forest,
-    costs_of,
-    findings_of,
-    gap_forest,
-    ladder_plots,
-    mixtures_of,
-    ordered_verdicts,
-    paired_return,
-    paired_success,
-    success_matrix,
-    sweep_plots,
-    trust_of,
-)
-from ..episodes import Told, task_words, told_by
+from ...panel.answer import answer_lines, finding_of, next_step
+from ...panel.model.panel import Panel
+from ...verdict.rules import PASS
+from ..data.axes import RATE_AXIS
+from ..data.checks import check_forest
+from ..data.findings import findings_of
+from ..data.gaps import gap_forest, ordered_verdicts
+from ..data.ladders import ladder_plots
+from ..data.matrices import success_matrix
+from ..data.paired import paired_return, paired_success
+from ..data.remedy import costs_of, mixtures_of
+from ..data.sweeps import sweep_plots
+from ..data.trust import trust_of
+from ..episodes.task import task_words
+from ..episodes.told import Told, told_by
 from . import drawing
 from .carried import carried_by
 from .failures import LABEL_WORDS, failure_table, failures_of
@@ -186,7 +180,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "applied": applied_of(panel),
         "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
         "rules": rules,
-        "pass_line": rules.PASS,
+        "pass_line": PASS,
         "label_words": LABEL_WORDS,
         "shown_findings": SHOWN_FINDINGS,
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),

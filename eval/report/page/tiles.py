@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from integ_gym.support import plural, seconds
+from integ_gym.support.terminal.formatting import plural, seconds
 
-from ...panel.model import Panel
-from ..data import Trust
+from ...panel.model.panel import Panel
+from ..data.trust import Trust
 
 
 def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from integ_gym.eval import Panel, next_step
-from integ_gym.support import say
+from integ_gym.eval.panel.answer import next_step
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.support.terminal.text_table import say
 
 
 def print_headline(panel: Panel) -> None:

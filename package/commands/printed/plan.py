@@ -5,8 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from integ_gym.eval import PanelSpec, fixed_cost, policy_costs, total_cost
-from integ_gym.support import cores, plural, print_aligned, say
+from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.support.processes.workers import cores
+from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal.text_table import print_aligned, say
 
 COUNTS = (10, 1_000, 100_000)
 """Policies whose cost is told beside the panel's own."""

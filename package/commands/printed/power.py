@@ -5,8 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from integ_gym.eval import FILE_NAME, Panel, PanelSpec, family_power, read_panel
-from integ_gym.support import print_aligned, say
+from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.power import family_power
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.support.terminal.text_table import print_aligned, say
 
 
 def print_power(spec: PanelSpec, out: Path | None) -> None:

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from typing import Final, TextIO
 
-from integ_gym.eval import Estimate, Panel, Verdict, ordered_verdicts
-from integ_gym.support import DIM, GREEN, NONE, RED, YELLOW, fixed, print_aligned
+from integ_gym.eval.panel.model.conclusions import Verdict
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.model.part import Estimate
+from integ_gym.eval.report.data.gaps import ordered_verdicts
+from integ_gym.support.terminal.colour import (
+    DIM,
+    GREEN,
+    RED,
+    YELLOW,
+)
+from integ_gym.support.terminal.formatting import NONE, fixed
+from integ_gym.support.terminal.text_table import print_aligned
 
 TONES: Final = {
     "fails": RED,

@@ -3,13 +3,3 @@
 The process is started by that environment's interpreter, serves one file of ours and is spoken to
 over pipes, a line of JSON for each call and each answer.
 """
-
-from typing import TYPE_CHECKING
-
-from ...doors import lazy_door
-
-if TYPE_CHECKING:
-    from .environments import APART, Apart
-    from .worker import Worker, WorkerError
-else:
-    __getattr__, __dir__ = lazy_door(__name__)

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs import ENVIRONMENTS, environment_setup
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.arithmetic.tracing.compiling import compiled
 from integ_gym.envs.arithmetic.tracing.dialects import SCALARS, Unusual
 from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_state
 from integ_gym.envs.episode.steps import WARM_UP, plain_step, traced_step
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.registries import INTEGRATORS
 
 
 def _start(setup, seed):

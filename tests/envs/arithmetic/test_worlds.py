@@ -16,10 +16,11 @@ from pairing import covering
 from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.arithmetic.jax_ops import JaxOps
 from integ_gym.envs.arithmetic.ops import SCALAR, Ops
-from integ_gym.envs.arithmetic.tracing import SCALARS, compiled
+from integ_gym.envs.arithmetic.tracing.compiling import compiled
+from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import PLANTS
 
 LANES = 7
 PLANTS_AND_FORCES = {

@@ -9,10 +9,10 @@ import pytest
 from engine_cases import CASES, FOREIGN, lighter, needs
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import ENGINES
 
 POINT = Pendulum(gravity=9.81, mass_distribution="point")
 

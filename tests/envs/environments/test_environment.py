@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from motions import ALL
 
 import integ_gym
-from integ_gym.envs.arithmetic import SCALAR
+from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 

@@ -13,11 +13,11 @@ from gymnasium.vector import AutoresetMode
 from motions import ALL
 from pairing import covering
 
-from integ_gym.envs import ENVIRONMENTS
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.environments import functional
 from integ_gym.envs.episode.control_period import STATUS_NAMES
 from integ_gym.envs.integrators._solving.newton import TOLERANCE
+from integ_gym.envs.registries import ENGINES
 
 LANES = 6
 VARIANTS = {

@@ -15,7 +15,7 @@ import integ_gym
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import PLANTS
 
 FASTEST_START = 3.0
 """Speed that starts of any environment may have; a limit below it is refused."""

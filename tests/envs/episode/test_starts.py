@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from integ_gym.envs import ENVIRONMENTS, environment_setup
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.episode.lane_starts import AT_ONCE, LaneStarts
 from integ_gym.envs.episode.starts import GivenNumbers, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp

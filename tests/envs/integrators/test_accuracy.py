@@ -22,9 +22,9 @@ from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.order import slope
 from integ_gym.envs.numerics.probe import fastest_rate
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import PLANTS
 
 PERIOD = 0.05
 CONTROLS = np.random.default_rng(3).uniform(-2.0, 2.0, 200)

@@ -27,7 +27,6 @@ from checks import (
 from own_plants import PolarElasticPendulum
 from stated import stated
 
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving import newton as _newton
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
 from integ_gym.envs.numerics.phase_space import (
@@ -38,6 +37,7 @@ from integ_gym.envs.numerics.phase_space import (
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.registries import INTEGRATORS
 
 CART_POLE_STATE = (0.1, 0.3, 2.0, 3.0)
 """(x, ẋ, θ, θ̇) at which the failures on the cart-pole were recorded, h = 0.02."""

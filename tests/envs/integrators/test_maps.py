@@ -14,16 +14,17 @@ from checks import (
 )
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.maps import MAPS, map_names, one_step_map
 from integ_gym.envs.maps._families.runge_kutta import (
     ExplicitRungeKutta,
     ImplicitRungeKutta,
     Tableau,
 )
+from integ_gym.envs.maps.lookup import map_names, one_step_map
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.registries import MAPS
 
 
 def _reference(name: str) -> str:

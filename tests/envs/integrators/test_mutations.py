@@ -23,9 +23,9 @@ from plant_checks import (
 )
 
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import PLANTS
 
 PLANT_CLASSES = [PLANTS.load(name) for name in PLANTS.names()]
 OWNERS = [*PLANT_CLASSES, CentralSpring]

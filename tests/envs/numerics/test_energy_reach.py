@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.envs import environment_setup, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.episode.settings import Setup
 
 HANGING = np.array([math.pi, 0.0])

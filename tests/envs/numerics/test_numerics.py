@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import Declared, classify, declared
@@ -20,6 +19,7 @@ from integ_gym.envs.numerics.stepping import advance, jacobian
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import INTEGRATORS
 
 NAMES = INTEGRATORS.names()
 CONTRADICTED_ON_THE_CART_POLE = {

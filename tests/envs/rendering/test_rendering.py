@@ -15,7 +15,7 @@ import pytest
 
 import integ_gym
 from integ_gym.envs.episode.settings import Setup
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.rendering import plants as drawing_plants
 from integ_gym.envs.rendering import renderer as rendering
 from integ_gym.envs.rendering.canvas import BLUE, GREEN, VERMILION, Colour, tint

@@ -15,7 +15,8 @@ from integ_gym.envs.testbeds import making
 from integ_gym.envs.testbeds.apart import tasks
 from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support import APART, Apart, Worker, WorkerError
+from integ_gym.support.packages.apart.environments import APART, Apart
+from integ_gym.support.packages.apart.worker import Worker, WorkerError
 
 HOMES = {
     "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),

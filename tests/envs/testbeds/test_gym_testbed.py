@@ -22,10 +22,11 @@ from integ_gym import (
     GymTestbed,
     RecordVectorEvidence,
 )
-from integ_gym.envs import testbeds
 from integ_gym.envs.environments.foreign import time_limit, wrappers_of
-from integ_gym.envs.environments.stated import Repeated, StatedEnv
+from integ_gym.envs.environments.stated.environment import StatedEnv
+from integ_gym.envs.environments.stated.repeated import Repeated
 from integ_gym.envs.testbeds.classic_control import CLASSIC
+from integ_gym.envs.testbeds.making import make_checked, testbed_of
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 
@@ -41,10 +42,10 @@ def acrobot(tmp_path, monkeypatch):
 
 
 def test_the_example_keeps_its_decisions_at_every_step(acrobot):
-    testbed = testbeds.testbed_of(acrobot, {"success_return": -150.0})
+    testbed = testbed_of(acrobot, {"success_return": -150.0})
     assert testbed.success.goal == "return of at least -150"
     for dt, count in ((0.2, 1), (0.1, 2), (0.05, 4)):
-        environments = testbeds.make_checked(testbed, replace(testbed.home, dt=dt), 2)
+        environments = make_checked(testbed, replace(testbed.home, dt=dt), 2)
         assert testbed.applied(environments).substeps == count
         assert environments.setups[0].timing.horizon == 500
         environments.reset(seed=0)
@@ -56,14 +57,14 @@ def test_the_example_keeps_its_decisions_at_every_step(acrobot):
 
 
 def test_a_step_that_does_not_divide_is_refused(acrobot):
-    testbed = testbeds.testbed_of(acrobot, {})
+    testbed = testbed_of(acrobot, {})
     for change, message in (
         ({"dt": 0.03}, r"`control_period`=0.2 s is not a whole multiple"),
         ({"integrator": "euler"}, "unknown integrator of Acrobot 'euler'"),
         ({"engine": "mujoco"}, "unknown engine of Acrobot 'mujoco'"),
     ):
         with pytest.raises(ValueError, match=message):
-            testbeds.make_checked(testbed, replace(testbed.home, **change), 1)
+            make_checked(testbed, replace(testbed.home, **change), 1)
 
 
 class Deaf(GymTestbed):
@@ -80,17 +81,17 @@ class Deaf(GymTestbed):
 
 
 def test_what_is_applied_decides():
-    deaf = testbeds.testbed_of(f"{__name__}:Deaf", {"g": 9.81})
-    testbeds.make_checked(deaf, deaf.home, 1).close()
+    deaf = testbed_of(f"{__name__}:Deaf", {"g": 9.81})
+    make_checked(deaf, deaf.home, 1).close()
     with pytest.raises(ValueError, match=r"`dt`=0\.025 was asked for, .* applies 0\.05;"):
-        testbeds.make_checked(deaf, replace(deaf.home, dt=0.025), 1)
+        make_checked(deaf, replace(deaf.home, dt=0.025), 1)
 
 
 @pytest.mark.parametrize("env_id", CLASSIC)
 def test_at_home_it_is_the_library_s_own(env_id):
     """Same seed, same actions: the same observations and rewards, to the bit."""
-    testbed, stock = testbeds.testbed_of(env_id, {}), gym.make(env_id)
-    environments = testbeds.make_checked(testbed, testbed.home, 1)
+    testbed, stock = testbed_of(env_id, {}), gym.make(env_id)
+    environments = make_checked(testbed, testbed.home, 1)
     observation, _ = environments.reset(seed=3)
     assert np.array_equal(observation[0], stock.reset(seed=3)[0])
     stock.action_space.seed(3)
@@ -106,8 +107,8 @@ def test_at_home_it_is_the_library_s_own(env_id):
 
 
 def test_what_is_not_known_is_null_in_records(tmp_path):
-    testbed = testbeds.testbed_of("CartPole-v1", {})
-    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=0.01), 2)
+    testbed = testbed_of("CartPole-v1", {})
+    environments = make_checked(testbed, replace(testbed.home, dt=0.01), 2)
     recorder = RecordVectorEvidence(environments, tmp_path, EpisodeContext("run", "cell"))
     recorder.reset(seed=[1, 2])
     for _ in range(60):
@@ -146,7 +147,7 @@ def test_without_a_time_limit_it_is_refused():
 
 
 def _return(testbed, dt, seed=0):
-    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=dt), 1)
+    environments = make_checked(testbed, replace(testbed.home, dt=dt), 1)
     observation, _ = environments.reset(seed=seed)
     total, ended = 0.0, False
     while not ended:
@@ -273,7 +274,7 @@ class Stacked(MountainCar):
 
 def test_a_refused_wrapper_is_taken_around_what_held_returns():
     testbed = Stacked()
-    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=0.5), 1)
+    environments = make_checked(testbed, replace(testbed.home, dt=0.5), 1)
     assert environments.single_observation_space.shape == (2, 2)
     assert environments.setups[0].timing.horizon == 200
     environments.close()
@@ -294,7 +295,7 @@ def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper(seconds):
             return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
 
     testbed = Direct()
-    environments = testbeds.make_checked(testbed, replace(testbed.home, dt=seconds), 2)
+    environments = make_checked(testbed, replace(testbed.home, dt=seconds), 2)
     assert environments.setups[0].timing.horizon == 30
     environments.reset(seed=0)
     ended = [environments.step(np.zeros((2, 1), np.float32))[3].any() for _ in range(30)]

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.envs.testbeds.making import LIBRARIES
+from integ_gym.envs.registries import TESTBEDS
 from integ_gym.envs.testbeds.state_passing import step_told
-from integ_gym.support import APART
+from integ_gym.support.packages.apart.environments import APART
 
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),
@@ -58,7 +58,7 @@ print(json.dumps(told))
 
 
 def test_every_library_has_a_task_here_or_a_recording() -> None:
-    assert set(TASKS) == {*LIBRARIES, "gymnasium_robotics"} - set(APART)
+    assert set(TASKS) == {*TESTBEDS.parts, "gymnasium_robotics"} - set(APART)
 
 
 @pytest.mark.parametrize(("kept", "told"), [(0.02, 0.02), (0.001, 0.001), (1 / 3, 0.33333334)])

@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.eval.atlas.summaries import (
+from integ_gym.eval.atlas.summaries.agreement import (
     Agreement,
-    Origin,
-    Summary,
     check_agree,
     compare,
     note,
     noted_in,
 )
 from integ_gym.eval.atlas.summaries.code_version import _bare, code_version
+from integ_gym.eval.atlas.summaries.summary import Origin, Summary
 
 ROWS = [
     {

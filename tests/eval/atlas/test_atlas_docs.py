@@ -8,8 +8,9 @@ import pytest
 from house import ROOT
 from small_panel import every_format
 
-from integ_gym.eval import publish, read_atlas
+from integ_gym.eval.atlas.publishing import publish
 from integ_gym.eval.atlas.running import finished
+from integ_gym.eval.atlas.specification import read_atlas
 
 SUMMARIES = sorted(path.parent for path in (ROOT / "docs" / "atlas").glob("*/figures"))
 FIGURES = {f"phases.{kind}" for kind in ("png", "svg", "pdf")}

@@ -19,17 +19,17 @@ from browsing import assert_fits
 from engine_cases import EVERY, lighter, needs
 
 from integ_gym.cli import main
-from integ_gym.commands.engines import integrators_of
 from integ_gym.envs import numerics
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.engines.making import integrators_of
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census import run, words
 from integ_gym.eval.census.line import Line, measure
 from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.subjects.engines import engine_subjects
+from integ_gym.eval.census.subjects.libraries import PUBLISHED, installed
 from integ_gym.eval.census.subjects.observed import nearest_turn
-from integ_gym.eval.census.subjects.published import PUBLISHED, installed
 from integ_gym.eval.census.subjects.subject import Statement
 
 DAMPED = "symplectic_euler_implicit_damping"

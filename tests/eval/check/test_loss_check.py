@@ -13,7 +13,7 @@ from small_panel import pictures_alone
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.envs import Discretization
+from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.eval import loss_check
 from integ_gym.eval.loss_check import (
     MOST_SEEDS,
@@ -21,7 +21,7 @@ from integ_gym.eval.loss_check import (
     Check,
     CheckedCell,
 )
-from integ_gym.eval.statistics import Interval
+from integ_gym.eval.statistics.interval import Interval
 
 SMALL = {"total_steps": 512, "n_envs": 4, "n_steps": 32, "batch_size": 64}
 

@@ -19,11 +19,10 @@ from planted import Falling, Hill, Slider
 from small_panel import every_format
 
 from integ_gym.cli import main
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import INTEGRATORS, PLANTS
 from integ_gym.eval.diagnosis import run
 from integ_gym.eval.diagnosis import worked_example as drift_example
 from integ_gym.eval.diagnosis.bench.bench import Bench, Commands

@@ -15,7 +15,7 @@ from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.episode.timing import Timing
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.mechanics.contact import Stops
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.tasks import _box
 from integ_gym.eval.diagnosis.bench import handmade, open_loop
 from integ_gym.eval.diagnosis.bench.subject import subjects

@@ -10,12 +10,11 @@ from examining import examine, lines, verdicts
 from pairing import covering
 
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.independent import independent_motion
 from integ_gym.envs.numerics.probe import fastest_mode
 from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import INTEGRATORS, PLANTS
 from integ_gym.eval.diagnosis.bench import bench, handmade
 from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown

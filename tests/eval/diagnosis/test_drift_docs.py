@@ -11,10 +11,10 @@ import pytest
 from checks import POINT
 from stated import stated
 
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.energy import energies
 from integ_gym.envs.numerics.linear import linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.eval.diagnosis.worked_example import (
     CART_POLE_DT,
     CART_POLE_INTEGRATORS,

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from checks import ROD, elliptic_pendulum
 
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import classify
 from integ_gym.envs.numerics.order import convergence
 from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.registries import INTEGRATORS
 
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "explanation" / "verification.md"

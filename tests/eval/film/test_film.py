@@ -10,12 +10,15 @@ import pytest
 from PIL import Image
 
 import integ_gym
-from integ_gym.envs import ENVIRONMENTS, Discretization, environment_setup
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.eval.film.choosing import chosen
 from integ_gym.eval.film.film import Film
-from integ_gym.support import AMOUNTS, PALETTE, channels, page_parts
-from integ_gym.train import make_baseline
+from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels
+from integ_gym.support.pages.frame import page_parts
+from integ_gym.train.baselines.making import make_baseline
 
 PENDULUM = "IntegPendulum-v0"
 HOME = Discretization("rk4", 0.05, 0.05)

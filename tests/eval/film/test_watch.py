@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.envs import DISCRETIZATION, Discretization
-from integ_gym.eval.film import of_record, watch
+from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.eval.film import of_record
+from integ_gym.eval.film.of_record import watch
 from integ_gym.eval.panel.existing.run_policies import policy_of
-from integ_gym.evidence import open_run
+from integ_gym.evidence.store.store import open_run
 
 
 def record_where(run, condition: str):

@@ -13,7 +13,7 @@ import pytest
 from forgery import make_fit
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.running import RunDirectory
+from integ_gym.eval.panel.running.run_directory import RunDirectory
 from integ_gym.evidence.schema.content_hash import with_hashes
 from integ_gym.evidence.verification.sealing import seal
 from integ_gym.train.policy_files.own_hash import card_hash, hashed

@@ -10,7 +10,7 @@ import pytest
 from engine_cases import EVERY, FIRST, STOPPED, TOLERANCE, lighter, needs
 
 import integ_gym
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.registries import ENGINES
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.store.store import EvidenceStore

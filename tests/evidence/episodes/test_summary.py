@@ -8,8 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.envs.plants import PLANTS
-from integ_gym.envs.tasks import TASKS
+from integ_gym.envs.registries import PLANTS, TASKS
 from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.evidence.episodes.summary import summarise
 

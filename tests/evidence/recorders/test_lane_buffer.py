@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from integ_gym.evidence.episodes import EpisodeHeads
+from integ_gym.evidence.episodes.episode_log import EpisodeHeads
 from integ_gym.evidence.recorders.lane_buffer import LaneBuffer
 
 ENTRIES, HORIZON = 3, 30

@@ -18,9 +18,9 @@ from engine_cases import DAMPING, IDS, native_name, states
 from engine_checks import defect, new_setup
 from exchanges import record
 
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.numerics.stepping import one_step
-from integ_gym.envs.testbeds import make_checked, testbed_of
+from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.testbeds.making import make_checked, testbed_of
 from integ_gym.eval.census.subjects.published.isaaclab import decision, plant_of
 
 

@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from pairing import covering
 
-from integ_gym.envs import environment_setup
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines import ENGINES, missing_modules
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.engines.making import missing_modules
 from integ_gym.envs.episode.settings import Setup
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.maps import MAPS
-from integ_gym.support import APART
+from integ_gym.envs.registries import ENGINES, INTEGRATORS, MAPS
+from integ_gym.support.packages.apart.environments import APART
 
 ELSEWHERE = tuple(name for name in ENGINES.names() if name in APART)
 """Engines that run in an environment of their own, and so not here."""

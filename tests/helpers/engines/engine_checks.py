@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from engine_cases import mapped, one_step
 
-from integ_gym.envs import environment_setup
+from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.episode.settings import Setup
-from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.maps.lookup import one_step_map
 
 
 def new_setup(engine: str, integrator: str, env_id: str, **arguments: Any) -> Setup:

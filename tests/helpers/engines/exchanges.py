@@ -21,7 +21,8 @@ RECORDED = Path(__file__).parents[2] / "envs" / "recorded"
 @contextmanager
 def recorded(name: str) -> Iterator[None]:
     """Real processes, whose exchange is written down."""
-    from integ_gym.support import Apart, Worker
+    from integ_gym.support.packages.apart.environments import Apart
+    from integ_gym.support.packages.apart.worker import Worker
 
     processes: list[list[str]] = []
 
@@ -46,7 +47,8 @@ def recorded(name: str) -> Iterator[None]:
 @contextmanager
 def replayed(name: str) -> Iterator[None]:
     """Processes that answer as recorded."""
-    from integ_gym.support import Apart, Worker
+    from integ_gym.support.packages.apart.environments import Apart
+    from integ_gym.support.packages.apart.worker import Worker
 
     def start(apart: Apart, served: Path) -> Worker:
         command = [sys.executable, "-I", __file__, str(RECORDED / f"{name}.jsonl")]

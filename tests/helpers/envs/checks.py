@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving.newton import CAP, TOLERANCE
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.energy import ledger
@@ -27,9 +26,9 @@ from integ_gym.envs.numerics.phase_space import (
     volume_defect,
 )
 from integ_gym.envs.numerics.probe import fastest_rate, probe_state
-from integ_gym.envs.plants import PLANTS
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
 APPROXIMATE = tuple(name for name in ALL if name != "reference")
 NEWTON = ("implicit_euler", "implicit_midpoint", "stormer_verlet")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from integ_gym.envs.integrators import INTEGRATORS
-from integ_gym.envs.plants import PLANTS
+from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {

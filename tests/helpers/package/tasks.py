@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from integ_gym.support import report_work
+from integ_gym.support.processes.workers import report_work
 
 _prepared: list[int] = []
 

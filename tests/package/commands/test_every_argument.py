@@ -20,8 +20,8 @@ from integ_gym.cli import main
 from integ_gym.commands import evaluate, panel, train, watch
 from integ_gym.eval.film import of_policy
 from integ_gym.eval.panel import calls
-from integ_gym.eval.panel.specification import built_in_spec
-from integ_gym.support import Resources
+from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.support.sharing.resources import Resources
 from integ_gym.train import command as training
 
 PENDULUM = "IntegPendulum-v0"

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support import named_value, told_command
 from integ_gym.support.files.writing import told_path
+from integ_gym.support.terminal.command_line import told_command
+from integ_gym.support.terminal.options import named_value
 
 
 @pytest.fixture

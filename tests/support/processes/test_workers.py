@@ -12,7 +12,13 @@ from contextlib import suppress
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support import ESTIMATE_LOOK, Progress, limit_threads, report_work, work_bar
+from integ_gym.support.processes.workers import (
+    ESTIMATE_LOOK,
+    Progress,
+    limit_threads,
+    report_work,
+    work_bar,
+)
 
 SCRIPT = """
 import signal

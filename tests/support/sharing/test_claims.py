@@ -12,8 +12,9 @@ from itertools import islice
 
 import pytest
 
-from integ_gym.support import Claims, FolderFiles, Gone, held, pauses, was_committed
-from integ_gym.support.sharing.claims import BLOCK, MOST_NUMBER, ClaimError
+from integ_gym.support.sharing.claims import BLOCK, MOST_NUMBER, ClaimError, Claims, was_committed
+from integ_gym.support.sharing.folder_files import FolderFiles, Gone
+from integ_gym.support.sharing.holding import held, pauses
 
 LEASE = 1000.0
 UNITS = ("a", "b dt-0.05", "c")

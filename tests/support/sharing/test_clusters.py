@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from tasks import fail, number_of_prepared, report_and_print
 
-from integ_gym.support import ClusterError, Progress, Resources, cluster_of
+from integ_gym.support.processes.workers import Progress
+from integ_gym.support.sharing.clusters import cluster_of
+from integ_gym.support.sharing.resources import ClusterError, Resources
 
 
 class _Bar:

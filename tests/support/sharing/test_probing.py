@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support import check_sharing
 from integ_gym.support.processes.locks import FileLock
 from integ_gym.support.sharing import folder_files
+from integ_gym.support.sharing.probing import check_sharing
 
 
 def test_this_file_system_can_be_shared(tmp_path):

@@ -11,9 +11,13 @@ import obstore
 import pytest
 from object_store import BUCKET, served_bucket
 
-from integ_gym.support import BucketStorage, Busy, Claims, Gone, close_units, held
+from integ_gym.support.sharing.claims import Claims, close_units
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.support.sharing.holding import held
 from integ_gym.support.storing import objects
+from integ_gym.support.storing.bucket import BucketStorage
 from integ_gym.support.storing.objects import StorageError
+from integ_gym.support.storing.storage import Busy
 
 pytestmark = pytest.mark.slow
 

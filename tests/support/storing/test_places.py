@@ -7,7 +7,14 @@ from pathlib import Path
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.support import FolderStorage, as_storage, is_remote, named_place, stored, told_path
+from integ_gym.support.files.writing import told_path
+from integ_gym.support.storing.places import (
+    as_storage,
+    is_remote,
+    named_place,
+    stored,
+)
+from integ_gym.support.storing.storage import FolderStorage
 
 
 @pytest.mark.parametrize("url", ["s3://bucket/run", "gs://bucket/a/run/", "az://box/run"])

@@ -15,9 +15,8 @@ import pytest
 from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_of
 
 import integ_gym
-from integ_gym.envs.tasks import TASKS
-from integ_gym.train.baselines.handmade import HANDMADE
-from integ_gym.train.baselines.making import BASELINES, has_handmade, make_baseline
+from integ_gym.envs.registries import TASKS
+from integ_gym.train.baselines.making import BASELINES, HANDMADE, has_handmade, make_baseline
 from integ_gym.train.policy.interface import Policy
 
 pytest.importorskip("scipy")

@@ -20,10 +20,11 @@ from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.commands.train import main
-from integ_gym.envs import ENVIRONMENTS, environment_setup
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.command import training_command as main
 from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet.network import ACTIVATIONS, log_prob_and_entropy, outputs
 from integ_gym.train.fleet.planning import kind_of

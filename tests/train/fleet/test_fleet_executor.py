@@ -6,7 +6,7 @@ import pytest
 from fleet_runs import small_run
 
 from integ_gym import train_fleet
-from integ_gym.support import ClusterError
+from integ_gym.support.sharing.resources import ClusterError
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ import pytest
 from fleet_runs import OF_EACH_ACTION
 from small_ppo import trained
 
-from integ_gym.commands.train import main
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.command import training_command as main
 from integ_gym.train.fleet.planning import plan
 from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.worker import Workers

@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train import policy_file, read_trained, readable_file
-from integ_gym.train.policy_files import actor_of, write_actor
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.own_hash import hashed
-from integ_gym.train.sb3 import initial_stack, state_dict
+from integ_gym.train.policy_files.sidecar import (
+    actor_of,
+    policy_file,
+    read_trained,
+    readable_file,
+    write_actor,
+)
+from integ_gym.train.sb3.initial_weights import initial_stack, state_dict
 
 TORQUE = spaces.Box(-2.0, 2.0, (1,), np.float32)
 CARD = {"policy_id": "mine", "seed": 0}

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL
 
-from integ_gym.commands.train import main
 from integ_gym.train import command
+from integ_gym.train.command import training_command as main
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_trained
 from integ_gym.train.ppo import PPOConfig
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL, Recorder, files_of, looked_on, trained
 
-from integ_gym.commands.train import main
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.train import ppo
+from integ_gym.train.command import training_command as main
 from integ_gym.train.sb3.model import saved
 
 torch = pytest.importorskip("torch")

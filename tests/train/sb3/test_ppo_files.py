@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trained
 
-from integ_gym.commands.train import main
+from integ_gym.train.command import training_command as main
 from integ_gym.train.policy_files import sidecar
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.own_hash import hashed

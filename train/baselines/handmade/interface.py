@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs import Setup
+from integ_gym.envs.episode.settings import Setup
 
-from ...policy import ActionArray
+from ...policy.arrays import ActionArray
 from ..interface import Baseline
 
 if TYPE_CHECKING:

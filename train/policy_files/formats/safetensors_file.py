@@ -19,9 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.support import check_regular, missing
+from integ_gym.support.files.reading import check_regular
+from integ_gym.support.packages.extras import missing
 
-from ...policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ...policy.actions import BoxActions, DiscreteActions
+from ...policy.mlp_policy import MlpPolicy
+from ...policy.observation_statistics import ObservationStatistics
 from ..error import PolicyFileError
 
 try:

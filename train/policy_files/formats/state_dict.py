@@ -11,11 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from integ_gym.support import read_bounded
+from integ_gym.support.files.reading import read_bounded
 
-from ...policy import BoxActions, DiscreteActions, Layer, MlpPolicy, spread
+from ...policy.actions import BoxActions, DiscreteActions, spread
+from ...policy.mlp_policy import MlpPolicy
+from ...policy.network import Layer
 from ..error import PolicyFileError
-from .sb3_zip import MAX_WEIGHTS_BYTES, load_tensors
+from .sb3_zip.limits import MAX_WEIGHTS_BYTES
+from .sb3_zip.weights import load_tensors
 
 STATE_DICT_ENDINGS = (".pt", ".pth", ".cleanrl_model")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...policy import ObservationStatistics
+from ...policy.observation_statistics import ObservationStatistics
 from ..error import PolicyFileError
 from .pickles import ARRAYS, SPACES, Held, array_of, entries_of, read_pickle
 

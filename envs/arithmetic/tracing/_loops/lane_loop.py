@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 from ...trees import leaves_of
 from ..dialects import Unusual

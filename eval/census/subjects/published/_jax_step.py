@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import Components, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import Components
 
 
 def jax_step(

@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import SCALAR, CartPole, Components, Pendulum, Plant, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import SCALAR, Components
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.plants.pendulum import Pendulum
 
 from ..subject import Statement
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import CartPole, Pendulum
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.pendulum import Pendulum
 
 from ..observed import Episode, Observed, Policy, nearest_turn
 from ..subject import State, Statement, Subject

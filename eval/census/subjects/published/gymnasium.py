@@ -8,7 +8,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from integ_gym.envs import Components, join_state, numerics, split_state
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.plants.interface import join_state, split_state
 
 from ..subject import Subject
 from .interface import Library

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
-from integ_gym.envs import join_state, numerics, split_state
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import join_state, split_state
 
 from ..subject import Subject
 from ._jax_step import jax_step

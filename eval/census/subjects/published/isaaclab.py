@@ -6,8 +6,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs import CartPole, Components, make_checked, numerics, testbed_of
-from integ_gym.support import APART
+from integ_gym.envs import numerics
+from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.support.packages.apart.environments import APART
 
 from ..settable import Settable
 from ..subject import Statement, Subject

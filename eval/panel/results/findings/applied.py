@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ...model import AppliedDiscretization, build
+from ...model.matrix import AppliedDiscretization
+from ...model.part import build
 
 COLUMNS = ("engine", "engine_version", "integrator", "dt", "substeps", "control_period")
 

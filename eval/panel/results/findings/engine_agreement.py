@@ -7,10 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs import ENGINES, NATIVE, Discretization, Plant, numerics
+from integ_gym.envs import numerics
+from integ_gym.envs.episode.discretization import NATIVE, Discretization
+from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.registries import ENGINES
 
-from ...model import EngineAgreement
-from ...specification import Cell, PanelSpec, is_engine, map_of
+from ...model.conclusions import EngineAgreement
+from ...specification.cells.cell import Cell
+from ...specification.cells.engines import is_engine, map_of
+from ...specification.panel_spec import PanelSpec
 from ..layout import PanelLayout
 from ..matrix import Matrix
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....statistics import ranking_intervals
-from ...model import Estimate, RankingAgreement
+from ....statistics.ranking import ranking_intervals
+from ...model.conclusions import RankingAgreement
+from ...model.part import Estimate
 from ..layout import PanelLayout
 from ..matrix import Matrix, Row
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from integ_gym.support import percent
+from integ_gym.support.terminal.formatting import percent
 
-from ....statistics import unpaired_difference
-from ....verdict import FAIL_MARGIN, UNSOLVED, Loss
-from ...model import Estimate, Remedy, RemedyCell, RemedyLoss
+from ....statistics.rates import unpaired_difference
+from ....verdict.loss import Loss
+from ....verdict.rules import FAIL_MARGIN, UNSOLVED
+from ...model.conclusions import Remedy, RemedyCell, RemedyLoss
+from ...model.part import Estimate
 from ..layout import PanelLayout
 from ..matrix import Matrix
 

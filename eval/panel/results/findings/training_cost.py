@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence import EvidenceStore
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ....statistics import Interval, median_interval
-from ...model import Median, TrainingCost
+from ....statistics.interval import Interval
+from ....statistics.scalars import median_interval
+from ...model.conclusions import Median, TrainingCost
 
 WINDOW = 100
 """Finished training episodes over which success is averaged."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from integ_gym.evidence import Layout
+from integ_gym.evidence.episodes.layout import Layout
 
-from ...specification import Home, PanelSpec
+from ...specification.cells.cell import Home
+from ...specification.panel_spec import PanelSpec
 from ..units import Unit, trained_units, training_config
 from .expected_time import cell_seconds, cell_timing
 
@@ -104,7 +105,7 @@ def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
 def _training_seconds(spec: PanelSpec, config: Any) -> float:
     if not spec.fleet:
         return float(config.rounded_steps) * DECISION_SECONDS[config.algorithm]
-    from integ_gym.train import training_seconds
+    from integ_gym.train.fleet.planning import training_seconds
 
     return training_seconds(config)
 

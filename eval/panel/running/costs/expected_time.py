@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from integ_gym.envs import ENGINES, Discretization, Timing
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.episode.timing import Timing
+from integ_gym.envs.registries import ENGINES
 
-from ...specification import Cell, Home, PanelSpec, SpecError, is_engine
+from ...specification.cells.cell import Cell, Home
+from ...specification.cells.engines import is_engine
+from ...specification.panel_spec import PanelSpec
+from ...specification.values import SpecError
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""

@@ -17,20 +17,22 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.evidence import EvidenceStore
-from integ_gym.support import report_work
-from integ_gym.train import possible_baselines
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.processes.workers import report_work
+from integ_gym.train.baselines.making import possible_baselines
 
-from ....verdict import ACHIEVED, Achieved, Attempt, Search, achieved
-from ...specification import (
-    Cell,
-    PanelSpec,
-    engine_versions,
-    environments_of,
-    file_name,
-    inputs,
+from ....verdict.achievability import (
+    Achieved,
+    Attempt,
+    Search,
+    achieved,
 )
-from ..costs import trying_seconds
+from ....verdict.rules import ACHIEVED
+from ...specification.cells.cell import Cell, environments_of, file_name
+from ...specification.cells.engines import engine_versions
+from ...specification.growth import inputs
+from ...specification.panel_spec import PanelSpec
+from ..costs.expected_time import trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..units import baseline_of
 from ..work import Work

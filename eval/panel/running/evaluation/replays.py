@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs import Discretization, Settings
-from integ_gym.evidence import Home as HomeReplay
-from integ_gym.evidence import Replays
+from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.episode.settings import Settings
+from integ_gym.evidence.episodes.labels import Home as HomeReplay
+from integ_gym.evidence.episodes.labels import Replays
 
-from ...specification import Cell, Home
+from ...specification.cells.cell import Cell, Home
 
 Flags = npt.NDArray[np.bool_]
 Key = tuple[Discretization, str | None]

@@ -11,20 +11,18 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs import DiscretizedVectorEnv
-from integ_gym.evidence import (
-    ATTEMPT,
-    LATER_ATTEMPT,
-    SECOND_HORIZON,
-    EpisodeContext,
-    EvidenceStore,
-    RecordVectorEvidence,
-)
-from integ_gym.support import report_work
-from integ_gym.train import Policy, PolicyStack
+from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.processes.workers import report_work
+from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy.stack import PolicyStack
 
-from ...specification import Cell, Home, PanelSpec, environments_of
-from ..costs import cell_seconds
+from ...specification.cells.cell import Cell, Home, environments_of
+from ...specification.panel_spec import PanelSpec
+from ..costs.expected_time import cell_seconds
 from .replays import Successes, with_what_they_rest_on
 
 Array = npt.NDArray[Any]

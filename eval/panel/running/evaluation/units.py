@@ -15,10 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.evidence import EvidenceStore, Layout
+from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.evidence.store.store import EvidenceStore
 
-from ...specification import Cell, PanelSpec, engine_versions, inputs
-from ..costs import cell_seconds, cell_timing, trying_seconds
+from ...specification.cells.cell import Cell
+from ...specification.cells.engines import engine_versions
+from ...specification.growth import inputs
+from ...specification.panel_spec import PanelSpec
+from ..costs.expected_time import cell_seconds, cell_timing, trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..work import Work, working
 from .achievability import Tried, not_tried, tried, try_cells

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs import ENGINES, NATIVE, Discretization, map_names, missing_modules
-from integ_gym.support import APART, install_command, running_version
+from integ_gym.envs.engines.making import missing_modules
+from integ_gym.envs.episode.discretization import NATIVE, Discretization
+from integ_gym.envs.maps.lookup import map_names
+from integ_gym.envs.registries import ENGINES
+from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.packages.extras import install_command
+from integ_gym.support.packages.versions import running_version
 
 from ..values import SpecError, check_known, many
 
@@ -76,7 +81,7 @@ def map_of(discretization: Discretization) -> str:
 
 def is_engine(name: str) -> bool:
     """Whether a name is of an engine of ours or a user's; a testbed's own is its package."""
-    return name in ENGINES.names() or ":" in name
+    return ":" in name or name in ENGINES
 
 
 def engine_versions(engines: Iterable[str]) -> dict[str, str]:

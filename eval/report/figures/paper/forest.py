@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support import PALETTE, PAPER, SOFT, axes_at, blank_figure, inch_canvas
+from integ_gym.support.figures.colours import PALETTE
+from integ_gym.support.figures.style import (
+    PAPER,
+    SOFT,
+    axes_at,
+    blank_figure,
+    inch_canvas,
+)
 
-from ....verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
-from ...data import Axis, Forest, Line, Mark
+from ....verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN
+from ...data.axes import Axis
+from ...data.forest import Forest, Line, Mark
 from .sheet import COLUMN, LINE_HEIGHT, TYPE, framed, short
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support import (
+from integ_gym.support.figures.style import (
     INK,
     Entry,
     axes_at,
@@ -15,7 +15,8 @@ from integ_gym.support import (
     scheme_entries,
 )
 
-from ...data import RATE_AXIS, LadderPlot, LadderPlots, thinned
+from ...data.axes import RATE_AXIS
+from ...data.ladders import LadderPlot, LadderPlots, thinned
 from ..ladders import draw_series
 from .sheet import COLUMN, LETTER, LINE_HEIGHT, PAGE, TYPE, framed, short
 

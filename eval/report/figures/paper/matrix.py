@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from integ_gym.support import (
+from integ_gym.support.figures.colours import ink_on
+from integ_gym.support.figures.style import (
     INK,
-    NONE,
     SOFT,
     SUNK,
     blank_figure,
     inch_canvas,
-    ink_on,
     plain,
-    step,
 )
+from integ_gym.support.terminal.formatting import NONE, step
 
-from ....panel.model import Group
-from ...data import Matrix, MatrixLine, Shade
+from ....panel.model.panel import Group
+from ...data.matrices import Matrix, MatrixLine, Shade
 from ..matrix import draw_box, shade_colour, stripes
 from .sheet import LETTER, LINE_HEIGHT, TYPE, short, width_for
 

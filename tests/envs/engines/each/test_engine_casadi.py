@@ -12,11 +12,11 @@ from engine_cases import needs, setup_of
 from own_plants import CentralSpring
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines.casadi import engine as _casadi_engine
-from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.maps.lookup import one_step_map
 from integ_gym.envs.mechanics.system import PlantSystem
 from integ_gym.envs.numerics.fingerprinting import fingerprint
+from integ_gym.envs.registries import ENGINES
 from integ_gym.support.packages.extras import load
 
 INTEGRATORS = tuple(ENGINES.load("casadi").maps)

@@ -15,7 +15,7 @@ from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.drake.engine import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
 from integ_gym.envs.engines.drake.implicit import Stepper, implicit_steps, rest_serves
 from integ_gym.envs.engines.drake.steps import SPAN, Clock
-from integ_gym.envs.maps import one_step_map
+from integ_gym.envs.maps.lookup import one_step_map
 from integ_gym.envs.numerics.fingerprinting import fingerprint
 from integ_gym.support.packages.extras import load
 

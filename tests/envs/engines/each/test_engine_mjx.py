@@ -12,8 +12,8 @@ from engine_cases import needs, one_step, setup_of, states
 from engine_checks import new_setup
 
 from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines import ENGINES
 from integ_gym.envs.engines._rigid.formats import mjcf
+from integ_gym.envs.registries import ENGINES
 
 ENGINE = ("mjx", "Euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}

@@ -10,9 +10,9 @@ from engine_cases import DAMPING, IDS, needs, setup_of, states
 from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.pinocchio import ArticulatedBodies
 from integ_gym.envs.episode.steps import traced_step
-from integ_gym.envs.integrators import INTEGRATORS
 from integ_gym.envs.integrators._solving import newton as _newton
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.registries import INTEGRATORS
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
 

@@ -15,10 +15,14 @@ from integ_gym.eval.panel.existing.doubts import doubts_of
 from integ_gym.eval.panel.existing.given import given_policy
 from integ_gym.eval.panel.existing.planning import plan
 from integ_gym.eval.panel.existing.policy import read_existing
-from integ_gym.eval.panel.results import Matrix, PanelLayout, given_rows
-from integ_gym.evidence import EvidenceStore
-from integ_gym.train import BASELINES, save_policy, write_sidecar
-from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
+from integ_gym.eval.panel.results.given import given_rows
+from integ_gym.eval.panel.results.layout import PanelLayout
+from integ_gym.eval.panel.results.matrix import Matrix
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.policy.actions import BoxActions, DiscreteActions
+from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 
 PENDULUM = "IntegPendulum-v0"
 HOME, OTHER, TRUTH = "rk4 dt=0.05", "explicit_euler dt=0.05", "reference dt=0.05"

@@ -11,11 +11,12 @@ from stable_baselines3 import PPO
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.envs import Discretization
+from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.eval.panel.existing.home import provenance
 from integ_gym.eval.panel.existing.policy import read_existing
-from integ_gym.evidence import EvidenceStore
-from integ_gym.train import stated_arguments, write_sidecar
+from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.train.policy_files.stated_home import stated_arguments
+from integ_gym.train.policy_files.writing import write_sidecar
 
 PENDULUM = "IntegPendulum-v0"
 PUMPED = {"integrator": "explicit_euler", "dt": 0.05, "control_period": 0.1}

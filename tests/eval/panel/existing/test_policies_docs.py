@@ -22,7 +22,8 @@ from integ_gym.eval.panel.existing.given import given_policy
 from integ_gym.eval.panel.existing.planning import plan
 from integ_gym.eval.panel.existing.policy import read_existing
 from integ_gym.eval.panel.model.files import read_panel
-from integ_gym.train import POLICY_ENDINGS, save_policy, write_sidecar
+from integ_gym.train.policy_files.reading import POLICY_ENDINGS
+from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 
 PENDULUM = "IntegPendulum-v0"
 PAGE = (Path(__file__).parents[4] / "docs" / "how-to" / "policies.md").read_text(encoding="utf-8")

@@ -10,18 +10,16 @@ import pytest
 
 from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.eval.panel.answer import Finding, answer_lines, finding_of, next_step
-from integ_gym.eval.panel.model import Panel
 from integ_gym.eval.panel.model.matrix import Policy
-from integ_gym.eval.panel.model.panel import Cost
+from integ_gym.eval.panel.model.panel import Cost, Panel
 from integ_gym.eval.panel.results.artefact import build_artefact
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.running import Tried
-from integ_gym.eval.panel.specification.cells.cell import Cell
-from integ_gym.eval.panel.specification.cells.perturbations import Perturbation
+from integ_gym.eval.panel.running.evaluation.achievability import Tried
+from integ_gym.eval.panel.specification.cells.cell import Cell, Perturbation
 from integ_gym.eval.report.data.paired import paired_success
 from integ_gym.eval.report.page.page import _headline
-from integ_gym.eval.verdict import Search
+from integ_gym.eval.verdict.achievability import Search
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)
 FINER = Discretization("symplectic_euler", 0.025, 0.05)

@@ -9,9 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.eval.panel.model import Panel
 from integ_gym.eval.panel.model.matrix import Policy
-from integ_gym.eval.panel.model.panel import Cost
+from integ_gym.eval.panel.model.panel import Cost, Panel
 from integ_gym.eval.panel.results.artefact import build_artefact
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row

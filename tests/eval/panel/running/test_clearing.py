@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from integ_gym.eval.panel.running.staging import WORK, clear
-from integ_gym.support import PROBE
+from integ_gym.support.sharing.probing import PROBE
 
 
 def test_only_what_was_for_the_work_is_removed(tmp_path):

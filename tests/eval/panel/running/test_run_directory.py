@@ -15,7 +15,7 @@ from integ_gym.eval.panel.running.run_directory import (
     RunDirectoryError,
     key_of,
 )
-from integ_gym.eval.panel.specification import TRAINERS
+from integ_gym.eval.panel.specification.panel_spec import TRAINERS
 from integ_gym.eval.panel.specification.reading import built_in_spec
 from integ_gym.evidence.verification.sealing import seal
 

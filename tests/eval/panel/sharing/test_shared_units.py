@@ -9,14 +9,17 @@ import time
 import pytest
 from shared_panel import specification
 
-from integ_gym.eval.panel.running import DRIVEN, Desk, RunDirectory, trained_units, waiting_chunks
-from integ_gym.eval.panel.running.staging import clear, retire
+from integ_gym.eval.panel.running.division import waiting_chunks
+from integ_gym.eval.panel.running.run_directory import RunDirectory
+from integ_gym.eval.panel.running.staging import DRIVEN, Desk, clear, retire
+from integ_gym.eval.panel.running.units import trained_units
 from integ_gym.eval.panel.sharing.planning import training
 from integ_gym.eval.panel.sharing.shared_unit import SharedUnit
 from integ_gym.eval.panel.specification.growth import grown
 from integ_gym.eval.panel.specification.reading import read_spec
-from integ_gym.support import Claims, FolderFiles
-from integ_gym.train import Workers
+from integ_gym.support.sharing.claims import Claims
+from integ_gym.support.sharing.folder_files import FolderFiles
+from integ_gym.train.fleet.worker import Workers
 
 TWO, MANY = Workers(2, "cpu"), Workers(64, "cpu")
 

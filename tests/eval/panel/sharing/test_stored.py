@@ -11,9 +11,12 @@ from object_store import BUCKET, counts, served_bucket
 from shared_panel import assert_equal_records, ended, kill_group, started, until, words
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.running import RunDirectory
+from integ_gym.eval.panel.running.run_directory import RunDirectory
 from integ_gym.eval.panel.running.staging import retire
-from integ_gym.support import BucketStorage, Claims, Gone, fetched
+from integ_gym.support.sharing.claims import Claims
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.support.storing.bucket import BucketStorage
+from integ_gym.support.storing.places import fetched
 
 pytestmark = pytest.mark.slow
 

@@ -7,15 +7,15 @@ import json
 import pytest
 from shared_panel import specification
 
-from integ_gym.eval.panel.running import DRIVEN, SHARED, Desk, RunDirectory
 from integ_gym.eval.panel.running.division import noted_division
-from integ_gym.eval.panel.running.staging import clear, retire
+from integ_gym.eval.panel.running.run_directory import RunDirectory
+from integ_gym.eval.panel.running.staging import DRIVEN, SHARED, Desk, clear, retire
 from integ_gym.eval.panel.sharing.planning import training_and_division
 from integ_gym.eval.panel.sharing.shared_unit import SharedUnit
 from integ_gym.eval.panel.specification.reading import read_spec
-from integ_gym.evidence import seal
-from integ_gym.support import Gone
-from integ_gym.train import Workers
+from integ_gym.evidence.verification.sealing import seal
+from integ_gym.support.sharing.folder_files import Gone
+from integ_gym.train.fleet.worker import Workers
 
 
 @pytest.fixture

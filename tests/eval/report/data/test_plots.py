@@ -13,10 +13,8 @@ from matplotlib.text import Text
 from report_pages import every_panel, page_of, panel_of
 from report_rows import IMPOSSIBLE, SLOW
 
-from integ_gym.envs.engines import ENGINES
-from integ_gym.envs.integrators import INTEGRATORS
+from integ_gym.envs.registries import ENGINES, INTEGRATORS
 from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.report import page as report
 from integ_gym.eval.report.data.axes import value_axis
 from integ_gym.eval.report.data.checks import check_forest
 from integ_gym.eval.report.data.gaps import gap_forest
@@ -25,6 +23,7 @@ from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix
 from integ_gym.eval.report.data.paired import paired_return, paired_success
 from integ_gym.eval.report.data.remedy import remedy_forest
 from integ_gym.eval.report.figures.write import FIGURES
+from integ_gym.eval.report.page.page import render
 from integ_gym.eval.scheme_style import NATIVE, styles_of
 from integ_gym.support.figures.colours import PALETTE, channels
 from integ_gym.support.figures.series import HUES, MARKERS
@@ -243,7 +242,7 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
 
 def test_ladders_are_the_same_on_the_page_and_in_the_figure() -> None:
     ladders = ladder_plots(panel_of("full"))
-    text, html = _drawn("refinement_ladder"), report.render(panel_of("full"))
+    text, html = _drawn("refinement_ladder"), render(panel_of("full"))
     page = page_of("full")
     hues = {}
     for name, style in ladders.schemes.items():
@@ -265,7 +264,7 @@ def test_ladders_are_the_same_on_the_page_and_in_the_figure() -> None:
 @every_panel
 def test_colours_are_written_once(name: str) -> None:
     """A page has the colours of the palette, and figures have no others by hand."""
-    html = report.render(panel_of(name))
+    html = render(panel_of(name))
     for colour, (light, dark) in PALETTE.items():
         if colour not in ("warm", "cool"):
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1

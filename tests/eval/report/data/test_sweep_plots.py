@@ -9,7 +9,7 @@ from report_pages import panel_from
 from integ_gym.eval.report.data.checks import checks_of
 from integ_gym.eval.report.data.sweeps import sweep_plots
 from integ_gym.eval.report.figures.ladders import draw_ladders
-from integ_gym.eval.report.figures.paper import print_ladders
+from integ_gym.eval.report.figures.paper.ladders import print_ladders
 from integ_gym.eval.report.page.page import render
 
 

@@ -14,7 +14,7 @@ import report_example as example
 from report_pages import panel_from, panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
-from integ_gym.eval.report import figures
+from integ_gym.eval.report.figures.write import write_figures
 from integ_gym.support.figures import style
 
 ALL_FIGURES = [
@@ -51,7 +51,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Figures of the full panel."""
     before = dict(matplotlib.rcParams)
     folder = tmp_path_factory.mktemp("panel") / "figures"
-    written = figures.write_figures(panel_of("full"), folder)
+    written = write_figures(panel_of("full"), folder)
     assert dict(matplotlib.rcParams) == before
     assert sorted(folder.iterdir()) == sorted(written)
     return written
@@ -66,7 +66,7 @@ def test_figures_are_drawn_sharp_and_not_blank(drawn: list[Path]) -> None:
 
 def test_figures_show_the_data(drawn: list[Path], tmp_path: Path) -> None:
     with pictures_alone():  # all that is compared
-        other = _pixels(figures.write_figures(panel_from(example.full_panel(seed=9)), tmp_path))
+        other = _pixels(write_figures(panel_from(example.full_panel(seed=9)), tmp_path))
     for name, a in _pixels(drawn).items():
         b = other[name]
         assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
@@ -89,7 +89,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("given")
     for name in (*_stale(), "mine.png"):
         (folder / name).write_bytes(b"old")
-    return figures.write_figures(panel_of("given"), folder)
+    return write_figures(panel_of("given"), folder)
 
 
 def _stale() -> list[str]:
@@ -101,7 +101,7 @@ def test_the_same_panel_gives_the_same_figures(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     before: list[Path] = request.getfixturevalue({"given": "given", "full": "drawn"}[name])
-    again = figures.write_figures(panel_of(name), tmp_path)
+    again = write_figures(panel_of(name), tmp_path)
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in before]
 
 
@@ -117,13 +117,13 @@ LACKING = {
 def test_figures_take_whatever_a_panel_lacks(name: str, tmp_path: Path) -> None:
     """As PNG files; those of other formats are the same figures, and drawn in `make test-slow`."""
     with pictures_alone():
-        assert _names(figures.write_figures(panel_of(name), tmp_path)) == LACKING[name]
+        assert _names(write_figures(panel_of(name), tmp_path)) == LACKING[name]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LACKING)
 def test_every_format_takes_whatever_a_panel_lacks(name: str, tmp_path: Path) -> None:
-    assert _names(figures.write_figures(panel_of(name), tmp_path)) == LACKING[name]
+    assert _names(write_figures(panel_of(name), tmp_path)) == LACKING[name]
 
 
 def test_figures_of_a_policy_given(given: list[Path]) -> None:
@@ -139,5 +139,5 @@ def test_figures_of_an_earlier_panel_do_not_stay(given: list[Path]) -> None:
 
 @pytest.mark.slow
 def test_figures_of_a_large_panel(tmp_path: Path) -> None:
-    written = figures.write_figures(panel_of("large"), tmp_path)
+    written = write_figures(panel_of("large"), tmp_path)
     assert len(_names(written)) == 4

@@ -18,10 +18,10 @@ import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
 from integ_gym.eval.panel.answer import answer_lines
-from integ_gym.eval.report import figures
-from integ_gym.eval.report import page as report
+from integ_gym.eval.report.figures.write import write_figures
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
+from integ_gym.eval.report.page.page import render, write_report
 from integ_gym.evidence.schema.fields import LABELS
 from integ_gym.support.terminal.formatting import fixed, together, true_minus
 
@@ -34,10 +34,10 @@ AN_ENTRY = re.compile(r"r\d+c\d+(s\d+e\d+)?")
 
 @every_panel
 def test_writes_one_file_with_the_rendered_page(name: str, tmp_path: Path) -> None:
-    path = report.write_report(panel_of(name), tmp_path / "new" / "panel")
+    path = write_report(panel_of(name), tmp_path / "new" / "panel")
     assert path == tmp_path / "new" / "panel" / "report.html"
     assert [entry.name for entry in path.parent.iterdir()] == ["report.html"]
-    assert path.read_text("utf-8") == report.render(panel_of(name))
+    assert path.read_text("utf-8") == render(panel_of(name))
 
 
 @every_panel
@@ -72,7 +72,7 @@ def test_loads_nothing_and_links_only_beside_itself(name: str) -> None:
     for link in page.values("href"):
         assert link.startswith(("#", "./")) or link == "data:,"
     assert not {tag for tag, _ in page.tags} & {"iframe", "img", "object", "embed", "base"}
-    html = report.render(panel_of(name))
+    html = render(panel_of(name))
     assert "url(" not in html
     assert "@import" not in html
     assert set(re.findall(r"https?://[^\"]*", html)) == {"http://www.w3.org/2000/svg"}
@@ -239,7 +239,7 @@ def test_a_legend_speaks_of_homes_where_there_are_any() -> None:
 def test_a_task_of_gymnasium_is_told_in_words() -> None:
     raw = copy.deepcopy(raw_of("full"))
     raw["spec"]["env_id"], raw["spec"]["environment"] = "InvertedPendulum-v5", {}
-    text = " ".join(Page(report.render(panel_from(raw))).text.split())
+    text = " ".join(Page(render(panel_from(raw))).text.split())
     assert "The task. InvertedPendulum-v5 of Gymnasium." in text
     assert "not terminated within the time limit" in text
 
@@ -251,14 +251,14 @@ def test_the_page_says_what_was_applied() -> None:
         "engine": "playground", "engine_version": "0.2.0", "integrator": "Euler", "dt": 0.007,
         "substeps": 3, "control_period": 0.021,
     }  # fmt: skip
-    text = " ".join(re.sub(r"<[^>]+>", " ", report.render(panel_from(raw))).split())
+    text = " ".join(re.sub(r"<[^>]+>", " ", render(panel_from(raw))).split())
     assert "never from what was asked" in text
     assert "playground 0.2.0 Euler 0.007 3 0.021 1" in text
     others = {json.dumps(cell["applied"], sort_keys=True) for cell in raw["cells"][1:]}
     assert text.count("native 0.1.0") == len(others)
     for place in raw["cells"]:
         place["applied"] = None
-    assert "never from what was asked" not in Page(report.render(panel_from(raw))).text
+    assert "never from what was asked" not in Page(render(panel_from(raw))).text
 
 
 def test_engines_have_a_section_where_a_panel_has_them() -> None:
@@ -270,24 +270,24 @@ def test_engines_have_a_section_where_a_panel_has_them() -> None:
     }  # fmt: skip
     lost = {"twin": None, "twin_success": None, "differing": None, "largest": None}
     alone = {**line, "integrator": "runge_kutta5", **lost}
-    page = report.render(panel_from({**raw_of("full"), "engine_agreement": [line, alone]}))
+    page = render(panel_from({**raw_of("full"), "engine_agreement": [line, alone]}))
     for text in ('id="engines"', "drake radau1", "7 of 28", "0.75"):
         assert text in page
-    assert 'id="engines"' not in report.render(panel_of("full"))
+    assert 'id="engines"' not in render(panel_of("full"))
 
 
 def test_an_almost_empty_panel_still_reads(tmp_path: Path) -> None:
     lists = ("rows", "cells", "matrix", "verdicts", "policy_comparisons", "failures", "remedies")
     raw = {**raw_of("full"), **{name: [] for name in lists}, "training_costs": {}}
     panel = panel_from(raw)
-    Page(report.render(panel))
-    assert figures.write_figures(panel, tmp_path) == []
+    Page(render(panel))
+    assert write_figures(panel, tmp_path) == []
 
 
 def test_a_failed_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = report.write_report(panel_of("given"), tmp_path)
+    path = write_report(panel_of("given"), tmp_path)
     before = path.read_bytes()
 
     def broken(source: Path, target: Path) -> None:
@@ -295,7 +295,7 @@ def test_a_failed_write_leaves_the_old_file(
 
     monkeypatch.setattr("os.replace", broken)
     with pytest.raises(OSError, match="disk full"):
-        report.write_report(panel_of("full"), tmp_path)
+        write_report(panel_of("full"), tmp_path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -306,7 +306,7 @@ def test_a_missing_extra_names_its_remedy(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     report_page._template.cache_clear()
-    write: Any = report.write_report if module == "jinja2" else figures.write_figures
+    write: Any = write_report if module == "jinja2" else write_figures
     with pytest.raises(ModuleNotFoundError) as caught:
         write(panel_of("given"), tmp_path)
     assert str(caught.value) == (f'{module} is not installed; run: pip install -e ".[report]"')

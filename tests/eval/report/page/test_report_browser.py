@@ -10,18 +10,18 @@ from browsing import assert_fits, browser, complaints
 from driving import driven
 from report_pages import PANELS, panel_of, pixels
 
-from integ_gym.eval.report import page as report
+from integ_gym.eval.report.page.page import render, write_report
 
 
 @pytest.mark.slow
 def test_pages_fit_a_desktop_and_a_phone(tmp_path: Path) -> None:
-    pages = {name: report.render(panel_of(name)) for name in PANELS}
+    pages = {name: render(panel_of(name)) for name in PANELS}
     assert_fits(tmp_path, pages)
 
 
 @pytest.mark.slow
 def test_a_link_to_a_cell_opens_its_numbers(tmp_path: Path) -> None:
-    path = report.write_report(panel_of("full"), tmp_path)
+    path = write_report(panel_of("full"), tmp_path)
     run = browser(tmp_path, "--dump-dom", f"{path.as_uri()}#r1c2")
     assert complaints(run) == []
     drawer = run.stdout.split('<dialog id="drawer"')[1]
@@ -33,7 +33,7 @@ def test_a_link_to_a_cell_opens_its_numbers(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", [0, 1], ids=["dark", "light"])
 def test_the_page_is_drawn_in_both_schemes(scheme: int, tmp_path: Path) -> None:
-    path = report.write_report(panel_of("full"), tmp_path)
+    path = write_report(panel_of("full"), tmp_path)
     shot = tmp_path / "shot.png"
     colours = f"--blink-settings=preferredColorScheme={scheme}"
     window = ("--window-size=1280,1800", f"--screenshot={shot}", colours)
@@ -49,7 +49,7 @@ def test_the_page_is_drawn_in_both_schemes(scheme: int, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_page_is_readable_with_forced_colours(tmp_path: Path) -> None:
     """Cells have borders where their grounds are taken away; homes have wider ones."""
-    path = report.write_report(panel_of("full"), tmp_path)
+    path = write_report(panel_of("full"), tmp_path)
     width = "(e) => parseFloat(getComputedStyle(e).borderTopWidth)"
     with driven(tmp_path / "profile") as chromium:
         chromium.size(1280, 900)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 from .packages import ACTIVATION_OPS, onnx
 

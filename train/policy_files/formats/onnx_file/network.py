@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy import MOST, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ....policy.actions import BoxActions, DiscreteActions
+from ....policy.mlp_policy import MOST, MlpPolicy
+from ....policy.observation_statistics import ObservationStatistics
 from .chain import NotAChain, Step
 
 _NO_CLIP = 1e300

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.support import load
+from integ_gym.support.packages.extras import load
 
 OPSET = 20
 IR_VERSION = 10

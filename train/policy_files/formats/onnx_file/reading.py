@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support import load, parse_json, read_bounded
+from integ_gym.support.files.reading import parse_json, read_bounded
+from integ_gym.support.packages.extras import load
 
-from ....policy import MlpPolicy
+from ....policy.mlp_policy import MlpPolicy
 from ...error import PolicyFileError
 from ...own_hash import check_own_hash
 from .chain import NotAChain, steps_of

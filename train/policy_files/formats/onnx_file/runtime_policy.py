@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ....policy import ActionArray
+from ....policy.arrays import ActionArray
 from ...error import PolicyFileError
 from .packages import onnxruntime
 

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ....policy.actions import BoxActions, DiscreteActions
+from ....policy.mlp_policy import MlpPolicy
+from ....policy.observation_statistics import ObservationStatistics
 from ...own_hash import hashed
 from .packages import ACTIVATION_OPS, FORMAT, IR_VERSION, METADATA, OPSET, onnx
 

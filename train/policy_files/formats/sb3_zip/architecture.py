@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from ....policy import ACTIVATIONS
+from ....policy.network import ACTIVATIONS
 from ...error import DAMAGED, RETRAIN, PolicyFileError
 from .algorithms import Actor, actor_of
 from .data import Json, printed_class, section

@@ -10,9 +10,9 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from integ_gym.support import read_bounded
+from integ_gym.support.files.reading import read_bounded
 
-from ....policy import ObservationStatistics
+from ....policy.observation_statistics import ObservationStatistics
 from ...error import PolicyFileError
 from ..pickles import looks_pickled
 from ..vec_normalize import read_vec_normalize

@@ -17,7 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy import ACTIVATIONS, BoxActions, MlpPolicy
+from ....policy.actions import BoxActions
+from ....policy.mlp_policy import MlpPolicy
+from ....policy.network import ACTIVATIONS
 from ...error import DAMAGED, PolicyFileError
 from ..pickles import ARRAYS, SPACES, entries_of, read_pickle
 from ..safetensors_file import read_safetensors

@@ -15,9 +15,11 @@ from typing import Any, BinaryIO
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from integ_gym.support import check_regular
+from integ_gym.support.files.reading import check_regular
 
-from ....policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ....policy.actions import BoxActions, DiscreteActions
+from ....policy.mlp_policy import MlpPolicy
+from ....policy.observation_statistics import ObservationStatistics
 from ...error import DAMAGED, PolicyFileError
 from . import limits
 from .algorithms import SHARED, Actor

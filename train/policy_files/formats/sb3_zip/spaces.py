@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....policy import BoxActions, DiscreteActions, FloatArray, spread
+from ....policy.actions import BoxActions, DiscreteActions, spread
+from ....policy.arrays import FloatArray
 from ...error import PolicyFileError
 from .data import Json, printed_class
 

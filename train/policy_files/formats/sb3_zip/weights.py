@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support import missing
+from integ_gym.support.packages.extras import missing
 
-from ....policy import Layer
+from ....policy.network import Layer
 from ...error import DAMAGED, RETRAIN, PolicyFileError
 from . import limits
 

@@ -6,7 +6,8 @@ import pytest
 from shared_panel import specification
 
 from integ_gym.cli import main
-from integ_gym.eval import fixed_cost, policy_costs, specified, total_cost
+from integ_gym.eval.panel.calls import specified
+from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
 from integ_gym.eval.panel.running.units import trained_units
 
 

@@ -12,7 +12,7 @@ import small_panel
 from engine_cases import needs
 
 from integ_gym.cli import main
-from integ_gym.envs.engines import ENGINES
+from integ_gym.envs.registries import ENGINES
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.support.packages.versions import package_version
 

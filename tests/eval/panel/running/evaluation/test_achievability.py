@@ -9,19 +9,12 @@ from dataclasses import replace
 import pytest
 from small_panel import small_data
 
-from integ_gym.eval.panel.running import (
-    TRYING,
-    RunDirectory,
-    RunDirectoryError,
-    evaluate_all,
-    expected_seconds,
-    statuses,
-    tried,
-)
-from integ_gym.eval.panel.running.costs import trying_seconds
+from integ_gym.eval.panel.running.costs.expected_time import trying_seconds
 from integ_gym.eval.panel.running.evaluation import achievability
-from integ_gym.eval.panel.specification import built_in_spec
-from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.running.evaluation.achievability import TRYING, tried
+from integ_gym.eval.panel.running.evaluation.units import evaluate_all, expected_seconds, statuses
+from integ_gym.eval.panel.running.run_directory import RunDirectory, RunDirectoryError
+from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
 from integ_gym.eval.verdict.achievability import Search
 
 WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))

@@ -1,0 +1,104 @@
+"""The parts that environments are made of: names, and where their classes are.
+
+A new part is a file and a line here. An installed package adds parts by entry points of the groups
+named here, and a user's own class is given as ``"module:Class"``.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from integ_gym.support.registry import Registry
+
+PLANTS: Final = Registry(
+    "plant",
+    "acceleration",
+    {
+        "cart_pole": "integ_gym.envs.plants.cart_pole:CartPole",
+        "elastic_pendulum": "integ_gym.envs.plants.elastic_pendulum:ElasticPendulum",
+        "pendulum": "integ_gym.envs.plants.pendulum:Pendulum",
+    },
+    group="integ_gym.plants",
+)
+
+INTEGRATORS: Final = Registry(
+    "integrator",
+    "step",
+    {
+        "explicit_euler": "integ_gym.envs.integrators.explicit_euler:ExplicitEuler",
+        "implicit_euler": "integ_gym.envs.integrators.implicit_euler:ImplicitEuler",
+        "implicit_midpoint": "integ_gym.envs.integrators.implicit_midpoint:ImplicitMidpoint",
+        "reference": "integ_gym.envs.integrators.reference:Reference",
+        "rk4": "integ_gym.envs.integrators.rk4:RK4",
+        "stormer_verlet": "integ_gym.envs.integrators.stormer_verlet:StormerVerlet",
+        "symplectic_euler": "integ_gym.envs.integrators.symplectic_euler:SymplecticEuler",
+    },
+    group="integ_gym.integrators",
+)
+
+TRUTH: Final = "reference"
+"""The integrator that solves a plant to rounding."""
+
+MAPS: Final = Registry(
+    "one-step map",
+    "step",
+    {
+        "bogacki_shampine3": "integ_gym.envs.maps.bogacki_shampine3:BogackiShampine3",
+        "dormand_prince5": "integ_gym.envs.maps.dormand_prince5:DormandPrince5",
+        "gauss_legendre4": "integ_gym.envs.maps.gauss_legendre4:GaussLegendre4",
+        "heun": "integ_gym.envs.maps.heun:Heun",
+        "implicit_euler_half_steps": "integ_gym.envs.maps.implicit_euler_half_steps:ImplicitEulerHalfSteps",  # noqa: E501
+        "kutta3": "integ_gym.envs.maps.kutta3:Kutta3",
+        "radau_iia3": "integ_gym.envs.maps.radau_iia3:RadauIIA3",
+        "radau_iia5": "integ_gym.envs.maps.radau_iia5:RadauIIA5",
+        "symplectic_euler_implicit_damping": "integ_gym.envs.maps.symplectic_euler_implicit_damping:SymplecticEulerImplicitDamping",  # noqa: E501
+        "symplectic_euler_implicit_velocity": "integ_gym.envs.maps.symplectic_euler_implicit_velocity:SymplecticEulerImplicitVelocity",  # noqa: E501
+        "symplectic_euler_sequential_damping": "integ_gym.envs.maps.symplectic_euler_sequential_damping:SymplecticEulerSequentialDamping",  # noqa: E501
+    },
+)
+"""Maps that engines apply beside our own integrators; no choices for `integrator`."""
+
+TASKS: Final = Registry(
+    "task",
+    "reward",
+    {
+        "cart_pole_balance": "integ_gym.envs.tasks.cart_pole_balance:CartPoleBalance",
+        "cart_pole_swing_up": "integ_gym.envs.tasks.cart_pole_swing_up:CartPoleSwingUp",
+        "elastic_pendulum_quiet": "integ_gym.envs.tasks.elastic_pendulum_quiet:ElasticPendulumQuiet",  # noqa: E501
+        "pendulum_swing_up": "integ_gym.envs.tasks.pendulum_swing_up:PendulumSwingUp",
+    },
+    group="integ_gym.tasks",
+)
+
+ENGINES: Final = Registry(
+    "engine",
+    "advance",
+    {
+        "casadi": "integ_gym.envs.engines.casadi.engine:CasadiEngine",
+        "dart": "integ_gym.envs.engines.dart:DartEngine",
+        "drake": "integ_gym.envs.engines.drake.engine:DrakeEngine",
+        "isaaclab": "integ_gym.envs.engines.isaaclab.engine:IsaaclabEngine",
+        "mjx": "integ_gym.envs.engines.mjx.engine:MjxEngine",
+        "mujoco": "integ_gym.envs.engines.mujoco:MujocoEngine",
+        "mujoco_warp": "integ_gym.envs.engines.mujoco_warp:MujocoWarpEngine",
+        "native": "integ_gym.envs.engines.native:NativeEngine",
+        "newton": "integ_gym.envs.engines.newton:NewtonEngine",
+        "pinocchio": "integ_gym.envs.engines.pinocchio:PinocchioEngine",
+        "pybullet": "integ_gym.envs.engines.pybullet:PybulletEngine",
+        "sapien": "integ_gym.envs.engines.sapien:SapienEngine",
+    },
+    group="integ_gym.engines",
+)
+
+TESTBEDS: Final = Registry(
+    "testbed",
+    "make",
+    {
+        "brax": "integ_gym.envs.testbeds.brax_tasks:BraxTask",
+        "dm_control": "integ_gym.envs.testbeds.apart.tasks:DmControlTask",
+        "isaaclab": "integ_gym.envs.testbeds.apart.tasks:IsaaclabTask",
+        "playground": "integ_gym.envs.testbeds.playground:Playground",
+    },
+    group="integ_gym.testbeds",
+)
+"""Testbeds of other libraries' tasks, ``"library:task"``; each is made from the task's name."""

@@ -1,0 +1,43 @@
+from integ_gym.envs import numerics as numerics
+from integ_gym.envs.catalogue.registration import ENVIRONMENTS as ENVIRONMENTS
+from integ_gym.envs.engines.interface import Engine as Engine
+from integ_gym.envs.environments import functional as functional
+from integ_gym.envs.environments.environment import IntegEnv as IntegEnv
+from integ_gym.envs.environments.rediscretized.environment import rediscretize as rediscretize
+from integ_gym.envs.environments.vector import IntegVectorEnv as IntegVectorEnv
+from integ_gym.envs.episode.discretization import Discretization as Discretization
+from integ_gym.envs.integrators.interface import Integrator as Integrator
+from integ_gym.envs.integrators.interface import Step as Step
+from integ_gym.envs.integrators.interface import along as along
+from integ_gym.envs.plants.interface import Plant as Plant
+from integ_gym.envs.tasks.interface import Command as Command
+from integ_gym.envs.tasks.interface import Task as Task
+from integ_gym.envs.testbeds.gym_testbed import GymTestbed as GymTestbed
+from integ_gym.envs.testbeds.interface import Applied as Applied
+from integ_gym.envs.testbeds.interface import Success as Success
+from integ_gym.envs.testbeds.interface import Testbed as Testbed
+from integ_gym.eval.film.of_policy import side_by_side as side_by_side
+from integ_gym.eval.loss_check import check as check
+from integ_gym.eval.panel.calls import evaluate as evaluate
+from integ_gym.eval.panel.calls import run_panel as run_panel
+from integ_gym.eval.panel.model.files import read_panel as read_panel
+from integ_gym.evidence.episodes.context import EpisodeContext as EpisodeContext
+from integ_gym.evidence.recorders.recorder import RecordEvidence as RecordEvidence
+from integ_gym.evidence.recorders.vector_recorder import (
+    RecordVectorEvidence as RecordVectorEvidence,
+)
+from integ_gym.evidence.store.store import EvidenceStore as EvidenceStore
+from integ_gym.support.parameters import nonnegative as nonnegative
+from integ_gym.support.parameters import parameter as parameter
+from integ_gym.support.parameters import positive as positive
+from integ_gym.train.fleet.training import train_fleet as train_fleet
+from integ_gym.train.monitoring.gap import discretization_gap as discretization_gap
+from integ_gym.train.monitoring.sb3_callback import DiscretizationCallback as DiscretizationCallback
+from integ_gym.train.policy.interface import Policy as Policy
+from integ_gym.train.policy_files.writing import save_policy as save_policy
+from integ_gym.train.policy_files.writing import write_sidecar as write_sidecar
+from integ_gym.train.ppo import PPOConfig as PPOConfig
+from integ_gym.train.ppo import train_ppo as train_ppo
+from integ_gym.train.running.evidence import TrainingEvidence as TrainingEvidence
+from integ_gym.train.sac import SACConfig as SACConfig
+from integ_gym.train.sac import train_sac as train_sac

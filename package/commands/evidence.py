@@ -1,0 +1,505 @@
+"""``integ-gym evidence``: show, query, verify, seal, export and merge records."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import random
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from integ_gym.evidence.episodes.record import EvidenceRecord
+from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
+from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
+from integ_gym.evidence.schema.errors import EvidenceError, Finding
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION
+from integ_gym.evidence.store.elsewhere import query_in_place
+from integ_gym.evidence.store.merging import merge
+from integ_gym.evidence.store.printing import TABLE_FORMATS, print_table
+from integ_gym.evidence.store.showing import ASCII_BARS, BARS, show
+from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
+from integ_gym.evidence.verification.recomputing import recompute
+from integ_gym.evidence.verification.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.verification.sampling import replay_some
+from integ_gym.evidence.verification.sealing import (
+    SEAL_FILE,
+    SIGNATURE_FILE,
+    broken_seals,
+    read_seal,
+    seal,
+)
+from integ_gym.evidence.verification.signing import (
+    broken_signature,
+    can_check_signatures,
+    check_key,
+    sign,
+    signer_of,
+)
+from integ_gym.support.files.writing import make_folder
+from integ_gym.support.packages.extras import absent
+from integ_gym.support.processes.workers import ESTIMATE_LOOK, work_bar
+from integ_gym.support.storing.places import fetched, is_remote
+from integ_gym.support.terminal.command_line import CommandParser
+from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal.options import whole_number
+from integ_gym.support.terminal.text_table import FITS, width_of
+
+from .work_options import add_progress
+
+HASH_SECONDS, TRACE_SECONDS, REPLAY_SECONDS = 1e-4, 2e-4, 1e-2
+"""Time of one record, s: of its hash, of its outcome from its trace, of playing it again."""
+
+
+class Checking:
+    """What is being checked, and how much of it is done, in a bar on standard error.
+
+    Args:
+        seconds: that it takes, about.
+        shown: whether the bar is; never without the package that draws it, which no check needs.
+    """
+
+    def __init__(self, seconds: float, shown: bool) -> None:
+        self._bar: Any = None
+        if shown and not absent(["tqdm"]):
+            self._bar = work_bar("verify", seconds, True, bar_format=ESTIMATE_LOOK)
+
+    def begin(self, phase: str, each: float = 0.0) -> Callable[[int], None]:
+        """Say what is checked now; what counts the records of it.
+
+        Args:
+            phase: in words.
+            each: time that one takes, s.
+        """
+        if self._bar is not None:
+            self._bar.set_postfix_str(phase)
+        return partial(self._add, each)
+
+    def close(self) -> None:
+        """Leave the bar as a full one: what was expected of it is a guess."""
+        if self._bar is not None:
+            self._bar.set_postfix_str("", refresh=False)
+            self._bar.fill()
+            self._bar.close()
+
+    def _add(self, each: float, count: int) -> None:
+        if self._bar is not None:
+            self._bar.update(count * each)
+
+
+def add_export_arguments(command: argparse.ArgumentParser) -> None:
+    """The options of `export`."""
+    add = command.add_argument
+    add(
+        "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
+        help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
+        "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
+        "episode (default: csv)",
+    )  # fmt: skip
+    add(
+        "--out", metavar="PATH", type=Path,
+        help="where to, which must not be there yet: a file for csv and jsonl (default: standard "
+        "output), a folder for the others",
+    )  # fmt: skip
+    add(
+        "--where", metavar="SQL", default="TRUE",
+        help="export records that meet this condition (default: all)",
+    )  # fmt: skip
+    add_progress(command)
+
+
+def run(store: EvidenceStore, given: argparse.Namespace) -> int:
+    """Export records, and say how many were and were not: 0.
+
+    Raises:
+        EvidenceError: on bad input, in one sentence.
+    """
+    if given.out is None and given.form not in TEXT_FORMATS:
+        raise EvidenceError(f"{given.form} is a folder of files; say where with --out DIR")
+    out = sys.stdout if given.out is None else given.out
+    done = export(store, given.form, out, where=given.where, progress=not given.no_progress)
+    if given.out is not None:
+        print(f"{plural(done.records, 'record')} written to {given.out}", file=sys.stderr)
+    for reason, count in done.left_out.items():
+        print(f"left out: {plural(count, 'record')} {reason}", file=sys.stderr)
+    return 0
+
+
+def replayed(
+    store: EvidenceStore, given: argparse.Namespace, report: Callable[[int], object]
+) -> tuple[list[str], list[str]]:
+    """Deviations of what was played again, and sentences that say what was.
+
+    Args:
+        store: of the run.
+        given: ``all``, ``sample``, ``seed``, ``exact``, ``own_code`` and ``policy`` of `verify`.
+        report: told now and then how many more records are done with.
+    """
+    done = replay_some(
+        store,
+        None if given.all else max(0, given.sample),
+        random.Random(given.seed),
+        _policies(store, given.own_code),
+        decide=given.policy,
+        exact=given.exact,
+        own_code=given.own_code,
+        report=report,
+    )
+    count = store.count()
+    told = [
+        f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
+        f"bit, the others within {ELSEWHERE:g}"
+    ]
+    if done.sensitive:
+        told.append(
+            f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "
+            "rounding grows to: most numbers differ here, so another machine made them"
+        )
+    told += [f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n]
+    left = count - done.records - sum(done.skipped.values())
+    if left:
+        told.append(f"not replayed: {plural(left, 'record')} not drawn, see --all")
+    return list(map(str, done.findings)), told
+
+
+def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord], Acting]:
+    """What gives the policy of a record, loaded when it is first asked for."""
+
+    @cache
+    def found() -> Callable[[EvidenceRecord], Acting]:
+        from integ_gym.eval.panel.existing.run_policies import acting_in
+
+        return acting_in(store, own_code)
+
+    return lambda record: found()(record)
+
+
+def add_seal_arguments(command: argparse.ArgumentParser) -> None:
+    """The options of `seal`."""
+    command.add_argument(
+        "--sign", type=Path, metavar="KEY",
+        help="sign it with this private key through ssh-keygen",
+    )  # fmt: skip
+
+
+def seal_run(store: EvidenceStore, given: argparse.Namespace) -> int:
+    """Seal a run, sign the seal if a key is given, and print both: 0.
+
+    Raises:
+        EvidenceError: if the run has a seal that does not hold, or the key cannot sign.
+    """
+    run = store.run
+    if given.sign is not None:
+        check_key(given.sign)
+    for broken in broken_seals(run):
+        raise EvidenceError(
+            f"{run} has a seal that does not hold: {broken}; find out why, and remove "
+            f"{run / SEAL_FILE} to seal what is there now"
+        )
+    print(f"Seal: {seal(run)}")
+    if given.sign is not None:
+        print(f"Signed by {sign(run, given.sign)}")
+    return 0
+
+
+DEPTHS = ("whole", "sealed", "replayed")
+
+SAMPLE = 2000
+"""Records that are played again unless more are asked for."""
+
+_PAGE = "panel.json"
+_PLANNED = ("run.json", _PAGE, "units")
+"""What a panel writes, any of which says that there was a plan."""
+
+
+def add_verify_arguments(command: argparse.ArgumentParser) -> None:
+    """The options of `verify`."""
+    add = command.add_argument
+    add(
+        "--depth", choices=DEPTHS, default=DEPTHS[-1],
+        help="whole: hashes, the run's plan, and outcomes from traces; sealed: the run's seal as "
+        "well; replayed: episodes simulated again as well, and the seal if there is one (default)",
+    )  # fmt: skip
+    add(
+        "--sample", type=whole_number, default=SAMPLE, metavar="N",
+        help="records that are simulated again, about, drawn by --seed; those without a trace by "
+        f"whole cells of a policy (default: {SAMPLE})",
+    )  # fmt: skip
+    add("--all", action="store_true", help="simulate all of them again")
+    add("--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)")
+    add(
+        "--exact", action="store_true",
+        help=f"let no bit differ, where otherwise numbers within {ELSEWHERE:g} are let pass",
+    )  # fmt: skip
+    add(
+        "--policy", action="store_true",
+        help="let the policies of the run decide again everywhere, where otherwise they do without "
+        "a trace alone, and recorded controls are repeated",
+    )  # fmt: skip
+    add("--own-code", action="store_true", help="load classes that records name as module:Class")
+    add(
+        "--public-key", type=Path, metavar="FILE",
+        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "
+        "ssh-keygen",
+    )  # fmt: skip
+    add_progress(command)
+
+
+def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
+    """Print what is wrong with a run: 1 if anything is, else 0 and what was checked.
+
+    Args:
+        store: of the run.
+        given: the options of :func:`add_verify_arguments`.
+
+    Raises:
+        EvidenceError: for ``sealed`` or a signature without a seal, and a sample below 0.
+    """
+    if given.sample < 0:
+        raise EvidenceError(f"--sample must be 0 or above, got {given.sample}")
+    run = store.run
+    sealed, exported = read_seal(run), read_export(run)
+    if sealed is None and (given.depth == "sealed" or given.public_key is not None):
+        raise EvidenceError(
+            f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end, and `integ-gym "
+            "evidence seal` of any run"
+        )
+    if given.depth == "whole" and given.public_key is not None:
+        raise EvidenceError("--public-key is about the seal; leave --depth whole out")
+    checking = Checking(_seconds(store, given), not given.no_progress)
+    with contextlib.closing(checking):
+        found, told = _found(store, given, sealed, exported, checking)
+    for line in found or [*_checked(store, given, sealed, exported), *told]:
+        print(line)
+    if found:
+        print(f"problems in {run}: {len(found)}")
+    return 1 if found else 0
+
+
+def _found(
+    store: EvidenceStore,
+    given: argparse.Namespace,
+    sealed: Mapping[str, Any] | None,
+    exported: Mapping[str, Any] | None,
+    checking: Checking,
+) -> tuple[list[str], list[str]]:
+    """What is wrong with a run, and sentences that say what was played again."""
+    run = store.run
+    report = checking.begin("hashes", HASH_SECONDS)
+    found = [str(problem) for problem in store.verify(report)]
+    report = checking.begin("outcomes from traces", TRACE_SECONDS)
+    _collect(found, _whole(store, exported, report))
+    checking.begin("plan and verdicts")
+    if any((run / name).exists() for name in _PLANNED):
+        from integ_gym.eval.panel.checking.page import against_plan
+
+        _collect(found, against_plan(run, given.own_code, given.all))
+    if given.depth != "whole":
+        checking.begin("seal")
+        _collect(found, broken_seals(run))
+        if sealed is None and (run / _PAGE).exists():
+            found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
+    if given.public_key is not None or (given.depth != "whole" and can_check_signatures()):
+        found += map(str, broken_signature(run, given.public_key))
+    if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
+        return found, []
+    played, told = replayed(store, given, checking.begin("playing again", REPLAY_SECONDS))
+    return found + played, told
+
+
+def _seconds(store: EvidenceStore, given: argparse.Namespace) -> float:
+    """Time that checking a run takes, about, s."""
+    count = 0
+    with contextlib.suppress(EvidenceError):  # what cannot be read is a finding
+        count = store.count()
+    again = count if given.all else min(count, given.sample)
+    replays = again * REPLAY_SECONDS if given.depth == "replayed" else 0.0
+    return count * (HASH_SECONDS + TRACE_SECONDS) + replays
+
+
+def _checked(
+    store: EvidenceStore,
+    given: argparse.Namespace,
+    sealed: Mapping[str, Any] | None,
+    exported: Mapping[str, Any] | None,
+) -> Iterator[str]:
+    """What was found to be in order before any episode was played again."""
+    count, files = store.count(), len(store.files())
+    yield f"records: {count}, files: {files}, schema version {SCHEMA_VERSION}"
+    if exported is None:
+        planned = any((store.run / name).exists() for name in _PLANNED)
+        whole = "no episode is missing"
+        part = "no episode is missing between those that are there (the run is not finished)"
+        complete = part if planned and sealed is None else whole
+    else:
+        complete = "nothing was changed since the export"
+        yield (
+            f"exported: {exported['records']} of {plural(exported['of'], 'record')} of a run, "
+            f"those that are {exported['where']!r}"
+        )
+    yield (
+        f"whole: every content hash matches, {complete}, and outcomes, ledgers and labels follow "
+        "from traces and stored replays"
+    )
+    if sealed is None or given.depth == "whole":
+        return
+    yield f"sealed: {sealed['seal']}"
+    if not (store.run / SIGNATURE_FILE).exists():
+        return
+    if not can_check_signatures():
+        yield "signed: not checked, because ssh-keygen is not installed"
+    elif given.public_key is None:
+        yield f"signed: by {signer_of(store.run)}; --public-key FILE checks whose key that is"
+    else:
+        yield f"signed: by {signer_of(store.run)}, of {given.public_key}"
+
+
+def _collect(found: list[str], findings: Iterator[Finding]) -> None:
+    """Add what a check finds, and what ends the check, unless that was found before."""
+    try:
+        for finding in findings:
+            found.append(str(finding))
+    except ValueError as error:
+        if not any(str(error) in line for line in found):
+            found.append(str(error))
+
+
+def _whole(
+    store: EvidenceStore, exported: Mapping[str, Any] | None, report: Callable[[int], None]
+) -> Iterator[Finding]:
+    if exported is not None:
+        yield from changed_since_export(store, exported)
+    yield from missing_episodes(store, part=exported is not None)
+    yield from other_columns(store)
+    for file, record in store.named_records():
+        yield from recompute(record, file)
+        report(1)
+
+
+_EXAMPLES = """\
+examples:
+  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
+                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
+  integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
+                                       WHERE failure_label = 'discretization_error' LIMIT 5"
+  integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
+  integ-gym evidence show runs/panel 3f9a
+  integ-gym evidence verify runs/panel
+  integ-gym evidence verify runs/panel --all --exact
+  integ-gym evidence verify runs/panel --policy
+  integ-gym evidence seal runs/panel --sign ~/.ssh/id_ed25519
+  integ-gym evidence verify runs/panel --public-key id_ed25519.pub
+  integ-gym evidence export runs/panel --to csv --out summaries.csv
+  integ-gym evidence export runs/panel --to minari --out datasets --where "phase = 'evaluation'"
+  integ-gym evidence export runs/panel --to mcap --out logs --where "NOT success"
+  integ-gym evidence merge runs/one runs/two --out runs/both
+
+RUN is the directory of a run, or its directory `evidence`, or the place of a run in an object
+store: s3://…, gs://…, az://…. `query` reads it there; the others read a copy that they fetch first.
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the command: 0, or 1 if ``verify`` found a problem.
+
+    Raises:
+        EvidenceError: on bad input, in one sentence.
+    """
+    given = parser().parse_args(argv)
+    if given.run_command is _query and is_remote(given.run):
+        print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
+        return 0
+    if given.run_command is _seal and is_remote(given.run):
+        raise EvidenceError(
+            f"{given.run} is no run on this machine, as one that is sealed must be; a panel's is "
+            "sealed when it is finished, and any other once it is copied here"
+        )
+    runs = given.run if isinstance(given.run, list) else [given.run]
+    with ExitStack() as copies:
+        stores = [open_run(copies.enter_context(fetched(run))) for run in runs]
+        return int(given.run_command(given, *stores))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = CommandParser(
+        prog="integ-gym evidence",
+        description=f"Look at, check and export the evidence records of a run. {FITS}",
+        epilog=_EXAMPLES,
+    )
+    commands = made.add_subparsers(required=True, metavar="{show,query,verify,seal,export,merge}")
+
+    def add(
+        name: str, run: Callable[..., int], purpose: str, several: str | None = None
+    ) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=purpose)
+        told = "directory of a run, or its `evidence`"
+        command.add_argument("run", metavar="RUN", nargs=several, help=told)
+        command.set_defaults(run_command=run)
+        return command
+
+    command = add("show", _show, "print one record with its units")
+    command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
+
+    command = add("query", _query, "run SQL over the view `records`")
+    command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
+    command.add_argument(
+        "--format", choices=TABLE_FORMATS, default="table",
+        help="csv and json give every value in full; a table shortens numbers and long lists, and "
+        "of many columns prints each in a line with its unit, long texts cut (default: table)",
+    )  # fmt: skip
+
+    command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")
+    add_verify_arguments(command)
+
+    command = add("seal", _seal, "seal a run, and sign the seal")
+    add_seal_arguments(command)
+
+    command = add("export", _export, "write records in the format of another tool")
+    add_export_arguments(command)
+
+    command = add("merge", _merge, "put the records of several runs together, each once", "+")
+    command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
+    return made
+
+
+def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    record = store.find(arguments.record_id)
+    bars = BARS if _can_print(BARS) else ASCII_BARS
+    print(show(record, bars, width_of(sys.stdout)))
+    return 0
+
+
+def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    print_table(store.query(arguments.sql), sys.stdout, arguments.format)
+    return 0
+
+
+def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return verify(store, arguments)
+
+
+def _seal(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return seal_run(store, arguments)
+
+
+def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
+    done = merge(stores, EvidenceStore(make_folder(arguments.out) / "evidence"))
+    print(f"{done.records} records written to {arguments.out}, {done.doubled} were there already")
+    return 0
+
+
+def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:
+    return run(store, arguments)
+
+
+def _can_print(text: str) -> bool:
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,134 @@
+"""Imports run one way; the users' door, type checkers and registries agree with the files."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from house import FLOORS, ROOT
+
+import integ_gym
+from integ_gym.envs import registries
+from integ_gym.support.registry import Registry
+
+BELOW = {
+    "arithmetic": (),
+    "plants": ("arithmetic", "mechanics"),
+    "integrators": ("arithmetic", "mechanics"),
+    "maps": ("arithmetic", "mechanics", "integrators"),
+    "engines": ("arithmetic", "mechanics", "plants", "integrators", "maps"),
+    "tasks": ("arithmetic", "mechanics", "plants"),
+}
+"""Folder of ``envs`` to those that it may know: a plant knows no integrator, an engine no task."""
+
+ALWAYS = ("registries",)
+
+
+def _imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and absolute module of what a file imports of this project, within functions too."""
+    floor, *inner = path.relative_to(ROOT).with_suffix("").parts
+    own = ["integ_gym", *([] if floor == "package" else [floor]), *inner]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            package = own[: len(own) - node.level] if node.level else []
+            module = ".".join([*package, *([node.module] if node.module else [])])
+            names = [f"{module}.{alias.name}" for alias in node.names]
+        else:
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        yield from ((node.lineno, name) for name in names if name.startswith("integ_gym."))
+
+
+def _floor(module: str) -> str:
+    second = module.split(".")[1]
+    return second if second in FLOORS else "package"
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_imports_run_downwards(floor):
+    files = sorted((ROOT / floor).rglob("*.py"))
+    assert files
+    for path in files:
+        for line, module in _imports(path):
+            assert FLOORS.index(_floor(module)) <= FLOORS.index(floor), f"{path}:{line}: {module}"
+
+
+@pytest.mark.parametrize("room", BELOW)
+def test_rooms_of_envs_know_only_those_below(room):
+    files = sorted((ROOT / "envs" / room).rglob("*.py"))
+    assert files
+    for path in files:
+        for line, module in _imports(path):
+            if _floor(module) == "envs":
+                known = module.split(".")[2]
+                assert known in (room, *ALWAYS, *BELOW[room]), f"{path}:{line}: {module}"
+
+
+def test_type_checkers_are_told_what_the_users_door_offers():
+    stub = ast.parse((ROOT / "package" / "__init__.pyi").read_text(encoding="utf-8"))
+    told = {
+        alias.name: f"{node.module}"
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert set(told) == set(integ_gym.__all__)
+    assert set(dir(integ_gym)) == set(told)
+    for name, module in told.items():
+        value = getattr(integ_gym, name)
+        assert value is getattr(sys.modules[module], name), name
+
+
+def test_type_checkers_see_the_files_themselves():
+    """By links to all that is imported: a copy would be checked in their place."""
+    seen = {path.name: path for path in (ROOT / ".typing" / "integ_gym").iterdir()}
+    entries = {path.name for path in (ROOT / "package").iterdir()} - {"py.typed", "__pycache__"}
+    assert set(seen) == entries | set(FLOORS[:-1])
+    for name, path in seen.items():
+        assert path.is_symlink(), name
+        assert path.resolve() == (ROOT / ("" if name in FLOORS else "package") / name).resolve()
+
+
+def test_a_name_that_is_not_offered_is_refused():
+    with pytest.raises(AttributeError, match="module 'integ_gym' has no attribute 'no_such'"):
+        integ_gym.no_such  # noqa: B018
+
+
+REGISTRIES = {name: one for name, one in vars(registries).items() if isinstance(one, Registry)}
+PARTS = [(kind, name) for kind, registry in REGISTRIES.items() for name in registry.parts]
+
+
+@pytest.mark.parametrize(("kind", "name"), PARTS)
+def test_every_registered_part_is_there(kind, name):
+    assert REGISTRIES[kind].load(name).__doc__
+
+
+ADDED = """
+import gymnasium as gym, numpy as np, integ_gym
+from integ_gym.envs.registries import INTEGRATORS
+assert "their_euler" in INTEGRATORS.names()
+env = gym.make("IntegPendulum-v0", integrator="their_euler", dt=0.05)
+ours = gym.make("IntegPendulum-v0", integrator="explicit_euler", dt=0.05)
+env.reset(seed=0), ours.reset(seed=0)
+assert (env.step(np.ones(1))[0] == ours.step(np.ones(1))[0]).all()
+assert len(INTEGRATORS.source_hash("their_euler")) == 64
+assert INTEGRATORS.source_hash("explicit_euler") is None
+"""
+
+
+def test_an_installed_package_adds_its_parts_by_entry_points(tmp_path):
+    (tmp_path / "theirs.py").write_text(
+        "from integ_gym.envs.integrators.explicit_euler import ExplicitEuler\n"
+        "class TheirEuler(ExplicitEuler):\n    '''The same.'''\n",
+        encoding="utf-8",
+    )
+    metadata = tmp_path / "theirs-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[integ_gym.integrators]\ntheir_euler = theirs:TheirEuler\n"
+    )
+    subprocess.run([sys.executable, "-c", ADDED], cwd=tmp_path, check=True)
