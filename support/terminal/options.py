@@ -9,8 +9,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..storing.places import named_place
-
 
 def named_value(word: str) -> tuple[str, Any]:
     """``name=value``, the value read as JSON where it is JSON, else as text."""
@@ -111,6 +109,8 @@ def run_place(word: str) -> str | Path:
     Raises:
         argparse.ArgumentTypeError: for another URL.
     """
+    from ..storing.places import named_place  # which takes the extra `evidence`, as no game does
+
     try:
         return named_place(word)
     except ValueError as error:
