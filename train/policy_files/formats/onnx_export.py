@@ -10,13 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....policy.actions import BoxActions, DiscreteActions
-from ....policy.mlp_policy import MlpPolicy
-from ....policy.observation_statistics import ObservationStatistics
-from ...own_hash import hashed
-from .packages import ACTIVATION_OPS, FORMAT, IR_VERSION, METADATA, OPSET, onnx
+from ...policy.actions import BoxActions, DiscreteActions
+from ...policy.mlp_policy import MlpPolicy
+from ...policy.observation_statistics import ObservationStatistics
+from ..own_hash import hashed
+from .onnx_policy import FORMAT, METADATA, onnx
 
 INPUT, OUTPUT = "observations", "actions"
+OPSET = 20
+IR_VERSION = 10
+
+ACTIVATION_OPS = {
+    "Tanh": "Tanh",
+    "ReLU": "Relu",
+    "LeakyReLU": "LeakyRelu",
+    "ELU": "Elu",
+    "SELU": "Selu",
+    "GELU": "Gelu",
+    "Mish": "Mish",
+    "Sigmoid": "Sigmoid",
+    "Softplus": "Softplus",
+    "Softsign": "Softsign",
+}
+"""Torch classes to operators with the same defaults; ReLU6 and SiLU are made of two."""
 
 
 def onnx_bytes(policy: MlpPolicy, card: Mapping[str, Any]) -> bytes:
