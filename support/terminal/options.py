@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..storage import named_place
+
 
 def named_value(word: str) -> tuple[str, Any]:
     """``name=value``, the value read as JSON where it is JSON, else as text."""
@@ -109,8 +111,6 @@ def run_place(word: str) -> str | Path:
     Raises:
         argparse.ArgumentTypeError: for another URL.
     """
-    from ..storing.places import named_place  # which takes the extra `evidence`, as no game does
-
     try:
         return named_place(word)
     except ValueError as error:

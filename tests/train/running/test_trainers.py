@@ -31,7 +31,7 @@ pytest.importorskip("stable_baselines3")
 
 OWN = {
     train_ppo: {"tensorboard"},
-    train_fleet: {"memory_gib", "cache_dir", "executor", "address", "together"},
+    train_fleet: {"memory_gib", "cache_dir", "together"},
 }
 """What one trainer alone is told."""
 SCRIPT = Path(integ_gym.__file__).parent.parent / "train" / "ppo.py"
