@@ -60,6 +60,19 @@ _MODULES = {
     "write_sidecar": "integ_gym.train.policy_files.writing",
 }
 
+_EXTRAS = {
+    "check": "panel",
+    "DiscretizationCallback": "train",
+    "evaluate": "report",
+    "read_panel": "report",
+    "run_panel": "panel",
+    "side_by_side": "render,report",
+    "train_fleet": "fleet",
+    "train_ppo": "train",
+    "train_sac": "train",
+}
+"""Name to the smallest extra that it works with."""
+
 __all__ = sorted([*_MODULES, *_NAMESPACES])
 
 register_environments()
@@ -70,7 +83,14 @@ def __getattr__(name: str) -> Any:
         return import_module(_NAMESPACES[name])
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    try:
+        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    except ModuleNotFoundError as error:
+        if name not in _EXTRAS:
+            raise
+        from integ_gym.support.packages.extras import missing
+
+        raise missing(str(error.name), _EXTRAS[name]) from error
     return value
 
 
