@@ -15,12 +15,11 @@ from integ_gym.support.parameters import suggestion
 
 from ..catalogue.lookup import OTHER_TESTBEDS
 from ..catalogue.registration import ENVIRONMENTS
-from ..environments.discretized_vector import DiscretizedVectorEnv
-from ..environments.rediscretized.description import integrator_numbers
-from ..environments.rediscretized.environment import RediscretizedEnv, rediscretize
-from ..episode.discretization import Discretization
+from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
+from ..sequential_vector import DiscretizedVectorEnv
+from ..settings import Discretization
+from .gym_testbed import SequentialTestbed
 from .interface import Applied, Success
-from .sequential import SequentialTestbed
 
 ENGINE = "mujoco"
 

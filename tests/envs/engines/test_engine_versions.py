@@ -10,11 +10,11 @@ import pytest
 from engine_cases import FIRST, needs
 
 import integ_gym
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import Discretization
 from integ_gym.support.packages import versions
 
 BOUNDED = [

@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 from motions import ALL
 
 import integ_gym
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.ops.ops import SCALAR
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
 STOCK_ADVICE = (

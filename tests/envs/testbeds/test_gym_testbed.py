@@ -22,10 +22,8 @@ from integ_gym import (
     GymTestbed,
     RecordVectorEvidence,
 )
-from integ_gym.envs.environments.foreign import time_limit, wrappers_of
-from integ_gym.envs.environments.stated.environment import StatedEnv
-from integ_gym.envs.environments.stated.repeated import Repeated
-from integ_gym.envs.testbeds.classic_control import CLASSIC
+from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
+from integ_gym.envs.testbeds.gym_testbed import CLASSIC
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
