@@ -1,4 +1,4 @@
-"""The parts that environments are made of: names, and where their classes are.
+"""Registries: names of parts and environments, and where their classes are.
 
 A new part is a file and a line here. An installed package adds parts by entry points of the groups
 named here, and a user's own class is given as ``"module:Class"``.
@@ -7,6 +7,8 @@ named here, and a user's own class is given as ``"module:Class"``.
 from __future__ import annotations
 
 from typing import Final
+
+import gymnasium as gym
 
 from integ_gym.support.registry import Registry
 
@@ -102,3 +104,18 @@ TESTBEDS: Final = Registry(
     group="integ_gym.testbeds",
 )
 """Testbeds of other libraries' tasks, ``"library:task"``; each is made from the task's name."""
+
+ENVIRONMENTS: Final = {
+    "IntegCartPole-v0": "integ_gym.envs.catalogue.cart_pole:IntegCartPole",
+    "IntegCartPoleSwingUp-v0": "integ_gym.envs.catalogue.cart_pole_swing_up:IntegCartPoleSwingUp",
+    "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
+    "IntegPendulum-v0": "integ_gym.envs.catalogue.pendulum:IntegPendulum",
+}
+"""Environment id to module and common stem of its `Env` and `VectorEnv` class."""
+
+
+def register_environments() -> None:
+    """Register every id once; a second call changes nothing."""
+    for env_id, stem in ENVIRONMENTS.items():
+        if env_id not in gym.registry:
+            gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")

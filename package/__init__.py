@@ -11,7 +11,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from integ_gym.envs.catalogue.registration import register_environments
+from integ_gym.envs.registries import register_environments
 
 _NAMESPACES = {
     "functional": "integ_gym.envs.functional",
@@ -27,7 +27,7 @@ _MODULES = {
     "discretization_gap": "integ_gym.train.monitoring.gap",
     "DiscretizationCallback": "integ_gym.train.monitoring.sb3_callback",
     "Engine": "integ_gym.envs.engines.interface",
-    "ENVIRONMENTS": "integ_gym.envs.catalogue.registration",
+    "ENVIRONMENTS": "integ_gym.envs.registries",
     "EpisodeContext": "integ_gym.evidence.episodes.context",
     "evaluate": "integ_gym.eval.panel.calls",
     "EvidenceStore": "integ_gym.evidence.store.store",

@@ -14,8 +14,8 @@ from gymnasium.envs.registration import load_env_creator
 from integ_gym.support.parameters import unknown_name
 
 from ..environment import IntegEnv, make_setup
+from ..registries import ENVIRONMENTS
 from ..settings import Mixture, Setup, make_mixture
-from .registration import ENVIRONMENTS
 
 _OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
 

@@ -14,8 +14,8 @@ from integ_gym.support.packages.versions import check_versions
 from integ_gym.support.parameters import suggestion
 
 from ..catalogue.lookup import OTHER_TESTBEDS
-from ..catalogue.registration import ENVIRONMENTS
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
+from ..registries import ENVIRONMENTS
 from ..sequential_vector import DiscretizedVectorEnv
 from ..settings import Discretization
 from .gym_testbed import SequentialTestbed

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, check_divides
 from integ_gym.envs.testbeds.making import testbed_of
 

@@ -10,12 +10,11 @@ import pytest
 from variants import VARIANTS
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.ops.compiling import compiled, repeated
 from integ_gym.envs.ops.dialects import ARRAYS, NotTraceable, Unusual
 from integ_gym.envs.ops.ops import leaves_of
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import (
     WARM_UP,
     LanesStep,

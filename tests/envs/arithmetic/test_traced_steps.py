@@ -10,12 +10,11 @@ import pytest
 from variants import VARIANTS
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.integrators.interface import Step, along
 from integ_gym.envs.ops.compiling import compiled
 from integ_gym.envs.ops.dialects import SCALARS, NotTraceable, Unusual
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import WARM_UP, plain_step, traced_step
 from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
 

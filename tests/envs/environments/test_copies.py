@@ -12,7 +12,7 @@ from engine_cases import FIRST, lighter
 from pairing import covering
 
 from integ_gym import Step, along, rediscretize
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.steps import WARM_UP
 
 STEPS = 3 * WARM_UP

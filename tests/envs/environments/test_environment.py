@@ -420,7 +420,7 @@ def test_step_before_reset_is_refused():
 
 
 def test_registration_is_idempotent_and_by_module_prefix():
-    from integ_gym.envs.catalogue.registration import register_environments
+    from integ_gym.envs.registries import register_environments
 
     register_environments()
     env = gym.make("integ_gym:IntegPendulum-v0")

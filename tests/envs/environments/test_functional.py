@@ -14,9 +14,8 @@ from motions import ALL
 from pairing import covering
 
 from integ_gym.envs import functional
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.integrators.newton import TOLERANCE
-from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.registries import ENGINES, ENVIRONMENTS
 from integ_gym.envs.transition import STATUS_NAMES
 
 LANES = 6

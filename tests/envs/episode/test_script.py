@@ -12,9 +12,8 @@ from driving import Browser, driven
 from variants import VARIANTS
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import plain_step, script_of
 from integ_gym.envs.transition import EnvState, initial_state
 

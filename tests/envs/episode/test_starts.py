@@ -10,7 +10,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.starts import AT_ONCE, GivenNumbers, LaneStarts, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 
