@@ -1,6 +1,5 @@
 from integ_gym.envs import functional as functional
 from integ_gym.envs import numerics as numerics
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS as ENVIRONMENTS
 from integ_gym.envs.engines.interface import Engine as Engine
 from integ_gym.envs.environment import IntegEnv as IntegEnv
 from integ_gym.envs.integrators.interface import Integrator as Integrator
@@ -8,6 +7,7 @@ from integ_gym.envs.integrators.interface import Step as Step
 from integ_gym.envs.integrators.interface import along as along
 from integ_gym.envs.plants.interface import Plant as Plant
 from integ_gym.envs.rediscretized import rediscretize as rediscretize
+from integ_gym.envs.registries import ENVIRONMENTS as ENVIRONMENTS
 from integ_gym.envs.settings import Discretization as Discretization
 from integ_gym.envs.tasks.interface import Command as Command
 from integ_gym.envs.tasks.interface import Task as Task

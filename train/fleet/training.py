@@ -100,7 +100,7 @@ def train_fleet(
             written.
         memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
-        executor: what runs the processes: see :func:`integ_gym.support.open_cluster`.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
         address: of a running cluster.
         together: places in `configs` of those that are trained together; by default as
             :func:`integ_gym.train.fleet.planning.plan` divides them.

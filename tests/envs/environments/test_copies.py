@@ -11,7 +11,9 @@ import pytest
 from engine_cases import FIRST, lighter
 from pairing import covering
 
-from integ_gym import Step, along, rediscretize
+from integ_gym import along
+from integ_gym.envs.integrators.interface import Step
+from integ_gym.envs.rediscretized import rediscretize
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.steps import WARM_UP
 
