@@ -102,7 +102,7 @@ def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
 
     Raises:
         ValueError: for an unknown engine or integrator, or a package of the engine that is older
-            than its extra asks for; see :func:`~integ_gym.support.packages.versions.check_versions`.
+            than its extra asks for; see `check_versions`.
     """
     kind = ENGINES.load(name)
     check_versions(name)
