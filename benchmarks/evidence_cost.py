@@ -41,7 +41,7 @@ from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.processes.workers import peak_memory
+from integ_gym.support.processes import peak_memory
 
 ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0")
 LANES = (1, 64, 1024)

@@ -22,8 +22,8 @@ from measuring import results
 from tqdm import tqdm
 
 from integ_gym.support.executors import Resources, TaskPool, open_cluster
-from integ_gym.support.files.writing import write_files, write_once
-from integ_gym.support.processes.workers import Progress
+from integ_gym.support.files import write_files, write_once
+from integ_gym.support.processes import Progress
 
 EXAMPLES = """\
 examples:

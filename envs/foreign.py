@@ -13,7 +13,7 @@ from gymnasium import spaces, wrappers
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support.packages.versions import running_version
+from integ_gym.support.optional import running_version
 from integ_gym.support.parameters import unknown_name
 
 from .environment import at_bounds

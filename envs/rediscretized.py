@@ -14,8 +14,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.packages.extras import load
-from integ_gym.support.packages.versions import check_versions, package_version
+from integ_gym.support.optional import check_versions, load, package_version
 from integ_gym.support.parameters import (
     check_values,
     finite_number,

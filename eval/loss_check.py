@@ -20,7 +20,7 @@ import numpy as np
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import testbed_of
-from integ_gym.support.packages.extras import require
+from integ_gym.support.optional import require
 
 from .panel.answer import Cause, cause_of, closed_words
 from .panel.calls import run_panel

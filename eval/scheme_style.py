@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import product
 from typing import Final
 
-from integ_gym.support.figures.series import (
+from integ_gym.support.figures import (
     DASHES,
     HUES,
     MARKERS,

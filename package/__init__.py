@@ -88,7 +88,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if name not in _EXTRAS:
             raise
-        from integ_gym.support.packages.extras import missing
+        from integ_gym.support.optional import missing
 
         raise missing(str(error.name), _EXTRAS[name]) from error
     return value

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
-from integ_gym.support.packages.extras import missing
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.ending import end_quietly, report_errors
+from integ_gym.support.optional import missing
+from integ_gym.support.options import CommandParser
+from integ_gym.support.terminal import end_quietly, report_errors
 
 LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 """What an interruption leaves, of commands where that is not what was finished."""
@@ -85,7 +85,7 @@ class _Version(argparse.Action):
     """Looks for the version when it is asked for, which takes longer than the help."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from integ_gym.support.packages.versions import package_version
+        from integ_gym.support.optional import package_version
 
         print(f"integ-gym {package_version('integ-gym')}")
         parser.exit()

@@ -21,8 +21,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from .packages.extras import load
-from .processes.workers import (
+from .optional import load
+from .processes import (
     Progress,
     cores,
     limit_threads,

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from .packages.extras import load
+from .optional import load
 
 Place = str | os.PathLike[str]
 """A folder, or a URL."""
@@ -72,7 +72,7 @@ class Storage:
         Raises:
             Busy: if another driver holds it.
         """
-        from .processes.locks import FileLock  # of the extra `evidence`
+        from .processes import FileLock  # of the extra `evidence`
 
         lock = FileLock(self.path / LOCK)
         if not lock.acquire(holder_text()):

@@ -17,7 +17,7 @@ import pytest
 from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects.libraries import PUBLISHED, installed
-from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.isolated import APART
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

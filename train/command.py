@@ -13,9 +13,8 @@ from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.ending import report_errors
-from integ_gym.support.terminal.options import add_named_values, by_name, whole_number
+from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
+from integ_gym.support.terminal import report_errors
 
 from .algorithms import ALGORITHMS
 from .policy_files.card import told

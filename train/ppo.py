@@ -24,7 +24,7 @@ from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.testbeds.making import make_training_environments
 from integ_gym.support.executors import Cluster
-from integ_gym.support.packages.extras import require
+from integ_gym.support.optional import require
 from integ_gym.support.parameters import (
     boolean,
     finite_number,

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from integ_gym.support.executors import Cluster
-from integ_gym.support.packages.extras import require
+from integ_gym.support.optional import require
 from integ_gym.support.parameters import one_of, parameter, positive
 from integ_gym.train.ppo import train_run
 

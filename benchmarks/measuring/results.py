@@ -10,9 +10,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.packages.versions import package_version
-from integ_gym.support.processes.workers import cores
-from integ_gym.support.terminal.text_table import print_aligned
+from integ_gym.support.optional import package_version
+from integ_gym.support.processes import cores
+from integ_gym.support.terminal import print_aligned
 
 
 def machine() -> dict[str, Any]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from integ_gym.envs import functional
 from integ_gym.envs.ops.jax_ops import jax, jnp
-from integ_gym.support.processes.workers import Progress, cores
+from integ_gym.support.processes import Progress, cores
 from integ_gym.train.fleet.worker import default_cache_dir, prepare_worker
 
 GAINS = {

@@ -18,10 +18,9 @@ import numpy as np
 from tqdm import tqdm
 
 from integ_gym.eval.statistics.rates import Difference, rate_interval
-from integ_gym.support.files.writing import replace_file
-from integ_gym.support.packages.versions import package_version
-from integ_gym.support.processes.machine import instruction_sets
-from integ_gym.support.processes.workers import cores
+from integ_gym.support.files import replace_file
+from integ_gym.support.optional import package_version
+from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.train.fleet.training import preparation, train_in_stages
 from integ_gym.train.policy_files.sidecar import actor_of
 from integ_gym.train.ppo import PPOConfig

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.support.processes.workers import Progress, peak_memory
+from integ_gym.support.processes import Progress, peak_memory
 from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.update import permutations

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
 from ..mechanics import PlantSystem

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from integ_gym.support.packages.apart.environments import APART
-from integ_gym.support.packages.extras import absent
-from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.isolated import APART
+from integ_gym.support.optional import absent, check_versions
 
 from ..mechanics import PlantSystem
 from ..ops.ops import Component, Components, Ops

@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support.packages.apart.environments import APART
-from integ_gym.support.packages.apart.worker import Worker
+from integ_gym.support.isolated import APART, Worker
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Components

@@ -13,7 +13,7 @@ import numpy as np
 from mujoco import mjx
 from mujoco.mjx._src import forward
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..mechanics import Link, Mechanism, PlantSystem
 from ..ops.ops import (

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..ops.ops import Components
 from .rigid import (

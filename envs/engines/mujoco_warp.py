@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism, PlantSystem
 from ..ops.ops import Components, Ops

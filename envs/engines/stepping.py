@@ -16,8 +16,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
-from integ_gym.support.packages.versions import running_version
+from integ_gym.support.optional import load, running_version
 from integ_gym.support.parameters import suggestion
 
 from ..integrators.interface import Step

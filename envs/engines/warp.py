@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..mechanics import PlantSystem
 from ..ops.array_ops import ARRAY

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support.packages.extras import missing
+from integ_gym.support.optional import missing
 
 from .ops import Carry, Component, Components
 

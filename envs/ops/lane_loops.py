@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from .dialects import PYTHON_SYNTAX, NotTraceable, Unusual, called, target, tuple_of
 from .ops import leaves_of, map_leaves

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels
-from integ_gym.support.figures.series import HUES
-from integ_gym.support.packages.extras import load
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.figures import AMOUNTS, HUES, PALETTE, channels
+from integ_gym.support.optional import load
+from integ_gym.support.terminal import fixed
 
 Colour = tuple[int, int, int]
 Point = tuple[float, float]

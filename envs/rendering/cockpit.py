@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.terminal import fixed
 
 from ..settings import Setup
 from .canvas import (

@@ -13,8 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from integ_gym.support.packages.extras import load
-from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
 from ..settings import Discretization, whole_multiple

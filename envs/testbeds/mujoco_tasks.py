@@ -9,8 +9,7 @@ from typing import Any
 import gymnasium as gym
 
 from integ_gym.support.errors import describe_exception, translate_errors
-from integ_gym.support.packages.extras import load
-from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
 from ..catalogue.lookup import OTHER_TESTBEDS

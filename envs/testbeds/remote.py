@@ -16,8 +16,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from integ_gym.support.packages.apart.environments import APART, Apart
-from integ_gym.support.packages.apart.worker import Worker
+from integ_gym.support.isolated import APART, Apart, Worker
 
 from ..settings import Discretization, whole_multiple
 from .gym_testbed import GymTestbed

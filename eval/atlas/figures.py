@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from integ_gym.support.figures.colours import ink_on, success_colour
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     PAPER,
     SOFT,
@@ -16,8 +15,10 @@ from integ_gym.support.figures.style import (
     blank_figure,
     draw_heading,
     inch_canvas,
+    ink_on,
+    success_colour,
 )
-from integ_gym.support.terminal.formatting import NONE, fixed
+from integ_gym.support.terminal import NONE, fixed
 
 from .summaries.outcomes import Point
 

@@ -7,9 +7,9 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.support.figures.style import write_figure
-from integ_gym.support.files.writing import make_folder, replace_file
-from integ_gym.support.terminal.formatting import NONE, fixed
+from integ_gym.support.figures import write_figure
+from integ_gym.support.files import make_folder, replace_file
+from integ_gym.support.terminal import NONE, fixed
 
 from ..statistics.episodes import draws_for
 from ..statistics.rates import paired_difference, rate_interval

@@ -8,8 +8,8 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from integ_gym.support.pages.frame import page_environment, page_parts
-from integ_gym.support.terminal.formatting import compact_percent, plural
+from integ_gym.support.pages import page_environment, page_parts
+from integ_gym.support.terminal import compact_percent, plural
 
 from . import words
 

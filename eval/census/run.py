@@ -12,8 +12,7 @@ from integ_gym.envs.engines.interface import integrators_of, missing_modules
 from integ_gym.envs.engines.maps import map_names, one_step_map
 from integ_gym.envs.registries import TRUTH
 from integ_gym.support.errors import describe_exception
-from integ_gym.support.packages.extras import install_command
-from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.optional import install_command, installed_versions
 
 from .line import Line, measure
 from .subjects.engines import engine_subjects

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.support.terminal.formatting import compact_percent, step
+from integ_gym.support.terminal import compact_percent, step
 
 UNKNOWN = "no known map"
 EXACT = 1e-9

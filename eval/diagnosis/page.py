@@ -9,9 +9,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from integ_gym.support.files.writing import replace_file
-from integ_gym.support.pages.frame import page_environment, page_parts
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.files import replace_file
+from integ_gym.support.pages import page_environment, page_parts
+from integ_gym.support.terminal import plural
 
 from .lines.expectation import NOTHING
 from .lines.finding import ANY, VERDICTS

@@ -13,8 +13,8 @@ from typing import Any
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.evidence.episodes.record import plain
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.files.writing import cannot_write, make_folder, replace_file
-from integ_gym.support.processes.workers import Progress, work_bar
+from integ_gym.support.files import cannot_write, make_folder, replace_file
+from integ_gym.support.processes import Progress, work_bar
 
 from ..panel.running.run_directory import package_versions
 from .bench.bench import Bench

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
-from integ_gym.support.terminal.text_table import (
+from integ_gym.support.terminal import (
     beside,
     print_aligned,
     say,

@@ -14,8 +14,8 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import check_divides
-from integ_gym.support.figures.style import write_figure
-from integ_gym.support.terminal.formatting import compact_percent
+from integ_gym.support.figures import write_figure
+from integ_gym.support.terminal import compact_percent
 
 from .figures.drift import WINDOW, draw_drift
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.packages.extras import load, require
+from integ_gym.support.optional import load, require
 
 Frame = npt.NDArray[np.uint8]
 

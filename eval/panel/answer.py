@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.terminal.formatting import fixed, percent, plural
+from integ_gym.support.terminal import fixed, percent, plural
 
 from ..verdict.achievability import UNSOLVABLE, Achievability
 from ..verdict.family import WITHOUT_VERDICT

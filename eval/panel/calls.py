@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.support.executors import Resources, open_cluster
-from integ_gym.support.packages.extras import require
-from integ_gym.support.processes.spawning import check_spawning
+from integ_gym.support.optional import require
+from integ_gym.support.processes import check_spawning
 from integ_gym.support.storage import Place, open_storage
-from integ_gym.support.terminal.text_table import say
+from integ_gym.support.terminal import say
 from integ_gym.train.policy_files.stated_home import Stated
 
 from .existing.evaluate import evaluate_existing

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, require_finite
 from .posterior import DRAWS, paired_posterior

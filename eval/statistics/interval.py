@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.terminal.formatting import percent
+from integ_gym.support.terminal import percent
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 """A float64 array."""

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from .interval import Floats, Interval, check_level, equal_tailed, require_finite
 from .streams import Stream, generator

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from .interval import Interval, RatesLike, check_level, mean_of
 

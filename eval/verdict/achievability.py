@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from integ_gym.support.terminal.formatting import percent
+from integ_gym.support.terminal import percent
 
 from .rules import ACHIEVED
 

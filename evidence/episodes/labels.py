@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from integ_gym.support.terminal.formatting import percent
+from integ_gym.support.terminal import percent
 
 Home = bool | Literal["is home", "no home"] | None
 

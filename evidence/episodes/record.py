@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.files.reading import Kinds, checked_object, parse_json
+from integ_gym.support.files import Kinds, checked_object, parse_json
 
 from ..schema.arrow import described, is_trace
 from ..schema.errors import EvidenceError

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from integ_gym.support.files.writing import cannot_write, new_path
-from integ_gym.support.packages.extras import load
-from integ_gym.support.processes.workers import work_bar
+from integ_gym.support.files import cannot_write, new_path
+from integ_gym.support.optional import load
+from integ_gym.support.processes import work_bar
 
 from ..episodes.record import EvidenceRecord
 from ..schema.errors import EvidenceError

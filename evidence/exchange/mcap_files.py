@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..episodes.record import EvidenceRecord
 from .selection import Selection

@@ -14,7 +14,7 @@ import numpy as np
 
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 from ..episodes.record import EvidenceRecord, argument_values, told_engine
 from ..schema.errors import EvidenceError

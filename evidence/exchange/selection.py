@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal import plural
 
 from ..episodes.record import EvidenceRecord, records_of
 from ..schema.arrow import described, is_trace

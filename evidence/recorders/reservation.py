@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from integ_gym.support.files.writing import make_folder
-from integ_gym.support.processes.locks import FileLock
+from integ_gym.support.files import make_folder
+from integ_gym.support.processes import FileLock
 
 from ..episodes.context import EpisodeContext
 from ..schema.errors import EvidenceError

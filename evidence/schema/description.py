@@ -11,7 +11,7 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.settings import NATIVE, Setup
-from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.optional import installed_versions
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 

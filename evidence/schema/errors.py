@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.support.terminal.text_table import visible
+from integ_gym.support.terminal import visible
 
 
 class EvidenceError(ValueError):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 pyarrow = partial(load, "pyarrow", "evidence")
-"""``pyarrow``; see :func:`integ_gym.support.packages.extras.load`."""
+"""``pyarrow``; see :func:`integ_gym.support.optional.load`."""
 
 compute = partial(load, "pyarrow.compute", "evidence")
 """``pyarrow.compute``."""

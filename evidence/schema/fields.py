@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.transition import STATUS_NAMES
-from integ_gym.support.processes.machine import host
+from integ_gym.support.processes import host
 
 from .description import (
     action_latency,

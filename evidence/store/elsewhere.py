@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 from integ_gym.support.storage import parquet_files
 
 from ..schema.errors import EvidenceError

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.terminal.ending import SHORT_OF_MEMORY, is_short_of_memory
+from integ_gym.support.terminal import SHORT_OF_MEMORY, is_short_of_memory
 
 from ..schema.arrow import VERSION_KEY, arrow_type, is_trace
 from ..schema.errors import EvidenceError

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, Final, TextIO
 
-from integ_gym.support.terminal.text_table import (
+from integ_gym.support.terminal import (
     beside,
     print_aligned,
     say,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.terminal.text_table import beside, visible
+from integ_gym.support.terminal import beside, visible
 
 from ..episodes.record import EvidenceRecord, told_arguments
 from ..schema.fields import SUMMARY_FIELDS

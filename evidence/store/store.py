@@ -8,8 +8,8 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.files.writing import remove_leftovers, write_once
-from integ_gym.support.processes.threads import ahead
+from integ_gym.support.files import remove_leftovers, write_once
+from integ_gym.support.processes import ahead
 
 from ..episodes.record import EvidenceRecord, records_of
 from ..schema.content_hash import content_hashes, with_hashes

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal import plural
 
 from ..episodes.decisions import told_setup
 from ..schema.arrow import ENV_KEY, VERSION_KEY, described

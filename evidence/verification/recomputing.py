@@ -17,7 +17,7 @@ from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.envs.transition import STATUS_NAMES
-from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.optional import installed_versions
 
 from ..episodes.context import EpisodeContext
 from ..episodes.decisions import told_setup

@@ -13,8 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.files.reading import Kinds, read_object
-from integ_gym.support.files.writing import file_hash, write_json
+from integ_gym.support.files import Kinds, file_hash, read_object, write_json
 
 from ..schema.errors import EvidenceError, Finding
 

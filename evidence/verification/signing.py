@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-from integ_gym.support.files.writing import replace_file
+from integ_gym.support.files import replace_file
 
 from ..schema.errors import EvidenceError, Finding
 from .sealing import SEAL_FILE, SIGNATURE_FILE

@@ -12,9 +12,8 @@ from integ_gym.eval.atlas.running import again, missing, run_blocks
 from integ_gym.eval.atlas.specification import Atlas, Block, read_atlas
 from integ_gym.eval.atlas.summaries.agreement import Agreement
 from integ_gym.eval.panel.running.costs.expected_cost import policy_costs, total_cost
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.formatting import plural, seconds
-from integ_gym.support.terminal.text_table import print_aligned, say
+from integ_gym.support.options import CommandParser
+from integ_gym.support.terminal import plural, print_aligned, say, seconds
 
 from .work_options import add_work, workers_of
 

@@ -16,10 +16,10 @@ from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.run import take_census
 from integ_gym.eval.census.subjects.libraries import PUBLISHED
 from integ_gym.eval.census.words import row
-from integ_gym.support.files.writing import make_folder, replace_file
-from integ_gym.support.packages.extras import require
-from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.text_table import (
+from integ_gym.support.files import make_folder, replace_file
+from integ_gym.support.optional import require
+from integ_gym.support.options import CommandParser, told_command
+from integ_gym.support.terminal import (
     FITS,
     fits,
     print_aligned,

@@ -11,10 +11,14 @@ from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS
-from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.formatting import fixed, plural, seconds
-from integ_gym.support.terminal.options import add_named_values, by_name, whole_number
-from integ_gym.support.terminal.text_table import print_aligned, say, unbroken
+from integ_gym.support.options import (
+    CommandParser,
+    add_named_values,
+    by_name,
+    told_command,
+    whole_number,
+)
+from integ_gym.support.terminal import fixed, plural, print_aligned, say, seconds, unbroken
 
 from .work_options import add_work, workers_of
 

@@ -12,11 +12,10 @@ from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.diagnosis.worked_example import drift_example
-from integ_gym.support.packages.extras import require
-from integ_gym.support.processes.workers import cores
-from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.options import refuse_unused
-from integ_gym.support.terminal.text_table import FITS, print_aligned, say
+from integ_gym.support.optional import require
+from integ_gym.support.options import CommandParser, refuse_unused, told_command
+from integ_gym.support.processes import cores
+from integ_gym.support.terminal import FITS, print_aligned, say
 
 from .work_options import add_work, workers_of
 

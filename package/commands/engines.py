@@ -15,10 +15,10 @@ from integ_gym.envs.engines.interface import integrators_of, missing_modules
 from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.packages.extras import install_command
+from integ_gym.support.optional import install_command
+from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.text_table import (
+from integ_gym.support.terminal import (
     FITS,
     fits,
     print_aligned,

@@ -10,16 +10,17 @@ from pathlib import Path
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.calls import evaluate
-from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.options import (
+from integ_gym.support.options import (
+    CommandParser,
     add_named_values,
     by_name,
     run_place,
+    told_command,
     whole_number,
 )
-from integ_gym.support.terminal.text_table import say
+from integ_gym.support.terminal import say
 
-from .printed.answer import print_details, print_headline, print_next
+from .printed import print_details, print_headline, print_next
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\

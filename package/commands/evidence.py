@@ -40,14 +40,12 @@ from integ_gym.evidence.verification.signing import (
     sign,
     signer_of,
 )
-from integ_gym.support.files.writing import make_folder
-from integ_gym.support.packages.extras import absent
-from integ_gym.support.processes.workers import ESTIMATE_LOOK, work_bar
+from integ_gym.support.files import make_folder
+from integ_gym.support.optional import absent
+from integ_gym.support.options import CommandParser, whole_number
+from integ_gym.support.processes import ESTIMATE_LOOK, work_bar
 from integ_gym.support.storage import fetched, is_remote
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.formatting import plural
-from integ_gym.support.terminal.options import whole_number
-from integ_gym.support.terminal.text_table import FITS, width_of
+from integ_gym.support.terminal import FITS, plural, width_of
 
 from .work_options import add_progress
 

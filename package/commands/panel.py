@@ -16,15 +16,24 @@ from integ_gym.eval.panel.specification.reading import BUILT_IN
 from integ_gym.eval.report.data.gaps import ordered_verdicts
 from integ_gym.evidence.verification.sealing import read_seal
 from integ_gym.evidence.verification.signing import check_key, sign
+from integ_gym.support.options import (
+    CommandParser,
+    refuse_unused,
+    run_place,
+    told_command,
+    whole_number,
+)
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.options import refuse_unused, run_place, whole_number
-from integ_gym.support.terminal.text_table import beside, say, width_of
+from integ_gym.support.terminal import beside, say, width_of
 
-from .printed.answer import print_details, print_headline, print_next
-from .printed.plan import print_plan
-from .printed.power import print_power
-from .printed.verdicts import print_verdicts
+from .printed import (
+    print_details,
+    print_headline,
+    print_next,
+    print_plan,
+    print_power,
+    print_verdicts,
+)
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
 
 EXAMPLES = """\

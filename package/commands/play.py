@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.playing.game import Game
 from integ_gym.eval.playing.window import play_in_window
-from integ_gym.support.packages.extras import require
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.options import add_named_values, by_name, whole_number
+from integ_gym.support.optional import require
+from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 
 EXAMPLES = """\
 examples:

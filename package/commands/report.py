@@ -12,9 +12,8 @@ from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.running.run_directory import MANIFEST
 from integ_gym.eval.report.figures.write import STYLES, write_figures
 from integ_gym.eval.report.page.page import write_report
+from integ_gym.support.options import CommandParser, run_place
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.options import run_place
 
 
 def parser() -> argparse.ArgumentParser:

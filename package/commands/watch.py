@@ -12,9 +12,8 @@ from integ_gym.eval.film.of_policy import side_by_side
 from integ_gym.eval.film.of_record import candidates, watch
 from integ_gym.eval.film.window import show_film
 from integ_gym.eval.film.writing import check_writable
-from integ_gym.support.terminal.command_line import CommandParser
-from integ_gym.support.terminal.options import whole_number
-from integ_gym.support.terminal.text_table import print_aligned, say
+from integ_gym.support.options import CommandParser, whole_number
+from integ_gym.support.terminal import print_aligned, say
 from integ_gym.train.policy_files.sidecar import policy_file
 
 EXAMPLES = """\

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from integ_gym.support.executors import EXECUTORS, Resources
-from integ_gym.support.terminal.options import whole_number
+from integ_gym.support.options import whole_number
 
 
 def add_work(parser: argparse.ArgumentParser, default: str = "default: one per core") -> None:

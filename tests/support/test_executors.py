@@ -16,7 +16,7 @@ from integ_gym.support.executors import (
     TaskPool,
     open_cluster,
 )
-from integ_gym.support.processes.workers import Progress
+from integ_gym.support.processes import Progress
 
 
 class _Bar:

@@ -14,7 +14,7 @@ import pytest
 
 from integ_gym.cli import main
 from integ_gym.support import storage
-from integ_gym.support.files.writing import told_path
+from integ_gym.support.files import told_path
 from integ_gym.support.storage import (
     LOCK,
     Busy,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 Matrix: TypeAlias = NDArray[np.float64]
 

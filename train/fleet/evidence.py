@@ -17,7 +17,7 @@ from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.evidence.episodes.table import unhashed_table
 from integ_gym.evidence.recorders.recording import now
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.optional import installed_versions
 
 from ..running.evidence import TrainingEvidence
 

@@ -26,8 +26,8 @@ from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.support.executors import Cluster
-from integ_gym.support.packages.extras import require
-from integ_gym.support.processes.workers import report_work
+from integ_gym.support.optional import require
+from integ_gym.support.processes import report_work
 
 from ..policy_files.card import LAST_EPISODES, episode_summary, make_card
 from ..policy_files.sidecar import TrainedPolicy, actor_of, write_actor

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from integ_gym.support.executors import Cluster
-from integ_gym.support.processes.workers import cores
+from integ_gym.support.processes import cores
 
 Device = Literal["cpu", "gpu"]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.support.packages.extras import missing
+from integ_gym.support.optional import missing
 
 from ..policy_files.stated_home import Stated
 from .gap import compared, discretization_gap

@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.settings import Mixture, Setup
-from integ_gym.support.packages.versions import installed_versions
-from integ_gym.support.processes.machine import host
+from integ_gym.support.optional import installed_versions
+from integ_gym.support.processes import host
 
 if TYPE_CHECKING:
     from ..running.config import TrainingConfig

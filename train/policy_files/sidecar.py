@@ -21,8 +21,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.support.files.reading import read_json, read_object
-from integ_gym.support.files.writing import replace_file
+from integ_gym.support.files import read_json, read_object, replace_file
 
 from ..policy.actions import BoxActions, DiscreteActions
 from ..policy.mlp_policy import MlpPolicy

@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.support.options import named_value
 from integ_gym.support.parameters import unknown_name
-from integ_gym.support.terminal.options import named_value
 
 STOCK = "stock"
 """What is stated of a policy that was trained on Gymnasium's own environment."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION
-from integ_gym.support.files.writing import replace_file
+from integ_gym.support.files import replace_file
 
 from ..policy.actions import BoxActions
 from ..policy.mlp_policy import MlpPolicy

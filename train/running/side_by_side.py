@@ -18,12 +18,8 @@ from integ_gym.support.executors import (
     TaskPool,
     open_cluster,
 )
-from integ_gym.support.files.writing import read_files, write_files
-from integ_gym.support.processes.workers import (
-    Progress,
-    report_work,
-    work_bar,
-)
+from integ_gym.support.files import read_files, write_files
+from integ_gym.support.processes import Progress, report_work, work_bar
 
 from ..policy_files.sidecar import TrainedPolicy, check_folder
 from .error import TrainingError

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
-from integ_gym.support.packages.extras import absent
+from integ_gym.support.optional import absent
 
 from ..policy_files.card import episode_summary, told
 

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from integ_gym.support.packages.extras import missing
+from integ_gym.support.optional import missing
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper

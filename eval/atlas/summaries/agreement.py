@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.files.writing import replace_file
+from integ_gym.support.files import replace_file
 
 from ...statistics.interval import Interval
 from ...statistics.scalars import mean_interval

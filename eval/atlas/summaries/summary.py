@@ -10,9 +10,8 @@ import msgspec
 
 from integ_gym.evidence.store.store import open_run
 from integ_gym.evidence.verification.sealing import read_seal
-from integ_gym.support.files.reading import read_bounded
-from integ_gym.support.files.writing import replace_file
-from integ_gym.support.packages.versions import package_version
+from integ_gym.support.files import read_bounded, replace_file
+from integ_gym.support.optional import package_version
 
 from ...panel.model.files import FILE_NAME, read_panel
 from ..specification import Block

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from integ_gym.support.figures.series import SeriesStyles
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     COOL,
     INK,
     PAPER,
     SOFT,
     WARM,
     Entry,
+    SeriesStyles,
     axes_at,
 )
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from integ_gym.envs.registries import TRUTH
-from integ_gym.support.figures.series import SeriesStyles
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     SOFT,
     Entry,
+    SeriesStyles,
     marker_style,
 )
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from integ_gym.envs.registries import TRUTH
-from integ_gym.support.figures.series import SeriesStyles
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     LINE,
     SOFT,
     Entry,
+    SeriesStyles,
     axes_at,
     bare,
     blank_figure,

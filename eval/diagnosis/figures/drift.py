@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from integ_gym.support.figures.style import line_style
-from integ_gym.support.terminal.formatting import compact_percent, step
+from integ_gym.support.figures import line_style
+from integ_gym.support.terminal import compact_percent, step
 
 from ...scheme_style import styles_of
 from .drawing import draw_grid, named, windows

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from integ_gym.envs.registries import TRUTH
-from integ_gym.support.figures.series import SeriesStyles
-from integ_gym.support.figures.style import plain
-from integ_gym.support.terminal.formatting import step
+from integ_gym.support.figures import SeriesStyles, plain
+from integ_gym.support.terminal import step
 
 from .drawing import Curve, curve_style, draw_grid, entries, named, numbers, plants_of, windows
 

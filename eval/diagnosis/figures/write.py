@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures.series import SeriesStyles
-from integ_gym.support.figures.style import write_figure
-from integ_gym.support.packages.extras import load
+from integ_gym.support.figures import SeriesStyles, write_figure
+from integ_gym.support.optional import load
 
 from .contact import draw_contact
 from .curves import draw_convergence, draw_stability, draw_work

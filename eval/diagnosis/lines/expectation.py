@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from integ_gym.support.terminal.formatting import compact
+from integ_gym.support.terminal import compact
 
 
 @dataclass(frozen=True)

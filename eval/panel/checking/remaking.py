@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.evidence.schema.errors import Finding
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal import plural
 
 from ..existing.facts import given_panel, other_facts
 from ..model.files import FILE_NAME

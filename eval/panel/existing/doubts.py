@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.foreign import SURVIVAL
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.terminal.formatting import percent
+from integ_gym.support.terminal import percent
 from integ_gym.train.policy_files.formats.state_dict import STATE_DICT_ENDINGS
 from integ_gym.train.policy_files.stated_home import HOW_TO_STATE
 

@@ -6,10 +6,9 @@ import sys
 from collections.abc import Callable
 
 from integ_gym.support.executors import Cluster
-from integ_gym.support.files.writing import replace_file
-from integ_gym.support.packages.versions import installed_versions
-from integ_gym.support.processes.spawning import check_spawning
-from integ_gym.support.processes.workers import cores
+from integ_gym.support.files import replace_file
+from integ_gym.support.optional import installed_versions
+from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage
 
 from ..checking.sample import check_records

@@ -13,7 +13,7 @@ from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.evidence.episodes.record import EvidenceRecord, argument_values
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.verification.replaying import Acting
-from integ_gym.support.files.reading import read_object
+from integ_gym.support.files import read_object
 from integ_gym.train.baselines.making import BASELINES, make_baseline
 from integ_gym.train.policy.interface import Policy
 

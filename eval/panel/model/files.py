@@ -7,8 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
-from integ_gym.support.files.reading import read_bounded
-from integ_gym.support.files.writing import write_json
+from integ_gym.support.files import read_bounded, write_json
 
 from .panel import SCHEMA_VERSION, Panel
 

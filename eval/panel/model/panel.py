@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
-from integ_gym.support.terminal.formatting import fixed, percent
+from integ_gym.support.terminal import fixed, percent
 
 from ...verdict.achievability import UNSOLVABLE
 from ...verdict.rules import FAIL_MARGIN, require_unique

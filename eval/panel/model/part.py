@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.terminal import fixed
 
 from ...statistics.interval import Interval
 

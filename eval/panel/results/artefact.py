@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.support.processes.machine import host, instruction_sets
+from integ_gym.support.processes import host, instruction_sets
 
 from ...statistics.episodes import draws_for
 from ...statistics.rates import rate_interval

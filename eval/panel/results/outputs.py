@@ -9,9 +9,9 @@ import msgspec
 
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.verification.sealing import seal
-from integ_gym.support.files.writing import told_path
-from integ_gym.support.processes.workers import limit_threads
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.files import told_path
+from integ_gym.support.processes import limit_threads
+from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.sidecar import policy_file
 
 from ...report.figures.write import write_figures

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.support.files.reading import read_object
-from integ_gym.support.files.writing import write_json
+from integ_gym.support.files import read_object, write_json
 from integ_gym.train.fleet.worker import Workers
 
 from ..specification.growth import stages

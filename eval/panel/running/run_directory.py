@@ -22,15 +22,16 @@ from integ_gym.evidence.verification.sealing import (
     lift_seal,
     lower_seal,
 )
-from integ_gym.support.files.reading import Kinds, read_object
-from integ_gym.support.files.writing import (
+from integ_gym.support.files import (
+    Kinds,
     file_hash,
+    read_object,
     remove_leftovers,
     replace_file,
     write_files,
     write_json,
 )
-from integ_gym.support.packages.versions import installed_versions
+from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
 from ..specification.difference import GROWING, additions, contradictions

@@ -9,7 +9,7 @@ from typing import Any
 
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.support.executors import Cluster
-from integ_gym.support.packages.extras import require
+from integ_gym.support.optional import require
 from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.own_hash import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy

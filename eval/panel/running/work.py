@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from integ_gym.support.executors import Cluster, TaskPool
-from integ_gym.support.files.writing import read_files
-from integ_gym.support.processes.workers import ESTIMATE_LOOK, Progress, work_bar
+from integ_gym.support.files import read_files
+from integ_gym.support.processes import ESTIMATE_LOOK, Progress, work_bar
 
 from ..specification.panel_spec import PanelSpec
 from .run_directory import RunDirectory

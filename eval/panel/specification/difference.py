@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal import plural
 
 from .panel_spec import PanelSpec
 

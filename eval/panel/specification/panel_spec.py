@@ -12,8 +12,7 @@ from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import testbed_of
-from integ_gym.support.packages.extras import install_command
-from integ_gym.support.packages.versions import package_version
+from integ_gym.support.optional import install_command, package_version
 from integ_gym.train.algorithms import ALGORITHMS, Algorithm
 from integ_gym.train.baselines.making import BASELINES
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.testbeds.making import testbed_of
-from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files import read_bounded
 from integ_gym.train.baselines.making import possible_baselines
 
 from .cells.cell import nominal_setup

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.terminal import fixed
 
 from ...panel.model.part import Estimate
 

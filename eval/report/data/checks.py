@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from integ_gym.support.terminal.formatting import NONE, fixed
+from integ_gym.support.terminal import NONE, fixed
 
 from ...panel.model.matrix import Cell, Entry, Row
 from ...panel.model.panel import Panel

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support.terminal.formatting import NONE, fixed, plural
+from integ_gym.support.terminal import NONE, fixed, plural
 
 from ...panel.model.conclusions import Verdict
 from ...panel.model.matrix import Entry, Row

@@ -10,7 +10,7 @@ from ...panel.model.part import Estimate
 from .axes import Axis
 
 Tone: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned", "soft", "accent"]
-"""Colour of a mark, by its name in :data:`integ_gym.support.figures.colours.PALETTE`."""
+"""Colour of a mark, by its name in :data:`integ_gym.support.figures.PALETTE`."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from integ_gym.support.terminal.formatting import fixed, percent
+from integ_gym.support.terminal import fixed, percent
 
 from ...panel.model.conclusions import Verdict
 from ...panel.model.panel import Panel

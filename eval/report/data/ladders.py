@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from integ_gym.support.figures.series import SeriesStyle, SeriesStyles
-from integ_gym.support.terminal.formatting import step
+from integ_gym.support.figures import SeriesStyle, SeriesStyles
+from integ_gym.support.terminal import step
 
 from ...panel.model.matrix import Entry, Row
 from ...panel.model.panel import Panel

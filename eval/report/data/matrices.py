@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.support.figures.colours import ENERGY_FLOOR, symlog
-from integ_gym.support.terminal.formatting import (
+from integ_gym.support.figures import ENERGY_FLOOR, symlog
+from integ_gym.support.terminal import (
     NONE,
     compact,
     fixed,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from integ_gym.support.terminal.formatting import compact, fixed, percent
+from integ_gym.support.terminal import compact, fixed, percent
 
 from ...panel.model.conclusions import PairedEpisodes
 from ...panel.model.panel import Panel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from integ_gym.support.terminal.formatting import NONE, fixed
+from integ_gym.support.terminal import NONE, fixed
 
 from ...panel.model.conclusions import Remedy, RemedyCell, TrainingCost
 from ...panel.model.matrix import Entry, Row

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.support.figures.series import DASHES, SeriesStyle, SeriesStyles
+from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 
 from ...panel.model.matrix import Cell, Row
 from ...panel.model.panel import Panel

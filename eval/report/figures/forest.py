@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support.figures.colours import PALETTE
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     LINE,
+    PALETTE,
     PAPER,
     SOFT,
     axes_at,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     LINE,
     SOFT,

@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures.colours import (
-    PALETTE,
-    ink_on,
-    mixed,
-    success_colour,
-)
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     BOLD,
     INK,
     LINE,
+    PALETTE,
     PAPER,
     SOFT,
     SUNK,
@@ -22,9 +17,12 @@ from integ_gym.support.figures.style import (
     draw_heading,
     fitting,
     inch_canvas,
+    ink_on,
+    mixed,
     plain,
+    success_colour,
 )
-from integ_gym.support.terminal.formatting import NONE, step
+from integ_gym.support.terminal import NONE, step
 
 from ...panel.model.matrix import Cell
 from ...panel.model.panel import Group

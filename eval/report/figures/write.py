@@ -6,8 +6,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final
 
-from integ_gym.support.figures.style import FORMATS, write_figure
-from integ_gym.support.packages.extras import load
+from integ_gym.support.figures import FORMATS, write_figure
+from integ_gym.support.optional import load
 
 from ...panel.model.panel import Panel
 from ..data.checks import check_forest

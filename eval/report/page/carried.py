@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.support.terminal.formatting import (
+from integ_gym.support.terminal import (
     compact,
     fixed,
     percent,

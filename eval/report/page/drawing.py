@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from integ_gym.support.figures.colours import ink_on, success_colour
-from integ_gym.support.figures.series import MARKERS
+from integ_gym.support.figures import MARKERS, ink_on, success_colour
 
 from ..data.axes import Axis
 from ..data.ladders import Series

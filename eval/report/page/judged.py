@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from integ_gym.support.terminal.formatting import fixed, true_minus
+from integ_gym.support.terminal import fixed, true_minus
 
 from ...panel.model.conclusions import CellFinding, PolicyComparison, Verdict
 from ...panel.model.panel import Panel

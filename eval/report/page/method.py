@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.support.terminal.formatting import plural
+from integ_gym.support.terminal import plural
 
 from ...panel.model.matrix import AppliedDiscretization
 from ...panel.model.panel import Panel

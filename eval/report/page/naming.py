@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from integ_gym.support.packages.extras import load
-from integ_gym.support.terminal.formatting import together
+from integ_gym.support.optional import load
+from integ_gym.support.terminal import together
 
 Filter: TypeAlias = Callable[[Any, Any], Any]
 """Of a template: from its context and a value."""

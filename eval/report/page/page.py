@@ -12,10 +12,10 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from integ_gym.evidence.verification.sealing import unbroken_seal
-from integ_gym.support.figures.colours import VIRIDIS
-from integ_gym.support.files.writing import replace_file
-from integ_gym.support.pages.frame import page_environment, page_parts
-from integ_gym.support.terminal.formatting import plural, true_minus
+from integ_gym.support.figures import VIRIDIS
+from integ_gym.support.files import replace_file
+from integ_gym.support.pages import page_environment, page_parts
+from integ_gym.support.terminal import plural, true_minus
 
 from ...panel.answer import answer_lines, finding_of, next_step
 from ...panel.model.panel import Panel

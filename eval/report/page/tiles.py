@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from integ_gym.support.terminal.formatting import plural, seconds
+from integ_gym.support.terminal import plural, seconds
 
 from ...panel.model.panel import Panel
 from ..data.trust import Trust

@@ -16,7 +16,7 @@ from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import testbed_of
-from integ_gym.support.packages import versions
+from integ_gym.support import optional as versions
 
 BOUNDED = [
     case for case in FIRST if any(f'extra == "{case[0].replace("_", "-")}"' in line

@@ -15,8 +15,7 @@ from integ_gym.envs.testbeds import making
 from integ_gym.envs.testbeds import remote as tasks
 from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support.packages.apart.environments import APART, Apart
-from integ_gym.support.packages.apart.worker import Worker, WorkerError
+from integ_gym.support.isolated import APART, Apart, Worker, WorkerError
 
 HOMES = {
     "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),

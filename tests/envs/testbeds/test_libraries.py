@@ -11,7 +11,7 @@ import pytest
 
 from integ_gym.envs.registries import TESTBEDS
 from integ_gym.envs.testbeds.jax_tasks import step_told
-from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.isolated import APART
 
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),

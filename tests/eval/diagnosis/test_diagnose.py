@@ -34,7 +34,7 @@ from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.figures.style import FORMATS
+from integ_gym.support.figures import FORMATS
 
 BUILT_IN = "symplectic_euler"
 PLANTED = ("planted:Boaster", "planted:Silent")

@@ -16,8 +16,8 @@ from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.film.choosing import chosen
 from integ_gym.eval.film.film import Film
-from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels
-from integ_gym.support.pages.frame import page_parts
+from integ_gym.support.figures import AMOUNTS, PALETTE, channels
+from integ_gym.support.pages import page_parts
 from integ_gym.train.baselines.making import make_baseline
 
 PENDULUM = "IntegPendulum-v0"

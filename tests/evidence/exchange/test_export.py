@@ -23,7 +23,7 @@ from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.schema.errors import EvidenceError
 from integ_gym.evidence.store.parquet_file import parts
 from integ_gym.evidence.store.store import EvidenceStore, open_run
-from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files import read_bounded
 
 FOLDERS = tuple(form for form in EXPORT_FORMATS if form not in TEXT_FORMATS)
 ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0", "IntegCartPoleSwingUp-v0")

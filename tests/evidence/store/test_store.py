@@ -20,7 +20,7 @@ from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.errors import BatchExistsError, EvidenceError
 from integ_gym.evidence.schema.fields import SCHEMA_VERSION
 from integ_gym.evidence.store.store import EvidenceStore, open_run
-from integ_gym.support.files.writing import LEFTOVER_AGE, write_once
+from integ_gym.support.files import LEFTOVER_AGE, write_once
 
 WRITER = """
 import sys, time

@@ -19,7 +19,7 @@ from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, MAPS
 from integ_gym.envs.settings import Setup
-from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.isolated import APART
 
 ELSEWHERE = tuple(name for name in ENGINES.names() if name in APART)
 """Engines that run in an environment of their own, and so not here."""

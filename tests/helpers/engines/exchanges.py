@@ -21,8 +21,7 @@ RECORDED = Path(__file__).parents[2] / "envs" / "recorded"
 @contextmanager
 def recorded(name: str) -> Iterator[None]:
     """Real processes, whose exchange is written down."""
-    from integ_gym.support.packages.apart.environments import Apart
-    from integ_gym.support.packages.apart.worker import Worker
+    from integ_gym.support.isolated import Apart, Worker
 
     processes: list[list[str]] = []
 
@@ -37,7 +36,7 @@ def recorded(name: str) -> Iterator[None]:
             self._lines += [text, line.strip()]
             return line
 
-    with patch("integ_gym.support.packages.apart.environments.Worker", Recorded):
+    with patch("integ_gym.support.isolated.Worker", Recorded):
         assert Apart
         yield
     lines = [line for process in processes for line in process]
@@ -47,8 +46,7 @@ def recorded(name: str) -> Iterator[None]:
 @contextmanager
 def replayed(name: str) -> Iterator[None]:
     """Processes that answer as recorded."""
-    from integ_gym.support.packages.apart.environments import Apart
-    from integ_gym.support.packages.apart.worker import Worker
+    from integ_gym.support.isolated import Apart, Worker
 
     def start(apart: Apart, served: Path) -> Worker:
         command = [sys.executable, "-I", __file__, str(RECORDED / f"{name}.jsonl")]

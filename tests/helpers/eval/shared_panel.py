@@ -18,7 +18,7 @@ import psutil
 from victim import records_of
 
 from integ_gym.cli import main
-from integ_gym.support.figures import style
+from integ_gym.support import figures as style
 
 TOML = """
 name = "shared"

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from integ_gym.support.figures import style
+from integ_gym.support import figures as style
 
 TOML = """
 name = "small"

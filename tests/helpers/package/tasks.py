@@ -8,7 +8,7 @@ import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
-from integ_gym.support.processes.workers import report_work
+from integ_gym.support.processes import report_work
 
 _prepared: list[int] = []
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from victim import Task
 
-from integ_gym.support.figures import style
+from integ_gym.support import figures as style
 
 PRELOADED = (
     "duckdb", "matplotlib.figure", "pyarrow.parquet", "stable_baselines3", "integ_gym.cli",

@@ -11,7 +11,7 @@ import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.support.processes.workers import peak_memory
+from integ_gym.support.processes import peak_memory
 from integ_gym.train.fleet.training import train_chunk
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.running.evidence import TrainingEvidence

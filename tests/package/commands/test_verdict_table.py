@@ -7,9 +7,9 @@ import io
 import pytest
 from report_pages import panel_of
 
-from integ_gym.commands.printed.verdicts import TONES, print_verdicts
+from integ_gym.commands.printed import TONES, print_verdicts
 from integ_gym.eval.verdict.family import WITHOUT_VERDICT
-from integ_gym.support.terminal.formatting import fixed
+from integ_gym.support.terminal import fixed
 
 
 @pytest.mark.parametrize("width", [80, 120])

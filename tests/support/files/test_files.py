@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support.files.writing import told_path
-from integ_gym.support.terminal.command_line import told_command
-from integ_gym.support.terminal.options import named_value
+from integ_gym.support.files import told_path
+from integ_gym.support.options import named_value, told_command
 
 
 @pytest.fixture

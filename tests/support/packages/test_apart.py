@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support.packages.apart.environments import APART, Apart
-from integ_gym.support.packages.apart.worker import Worker, WorkerError
-from integ_gym.support.packages.versions import running_version
+from integ_gym.support.isolated import APART, Apart, Worker, WorkerError
+from integ_gym.support.optional import running_version
 
 SERVED = """
 import os, sys, time

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support.processes.spawning import SpawnError, check_spawning
+from integ_gym.support.processes import SpawnError, check_spawning
 
 CALL = "from integ_gym.support import check_spawning\n{}check_spawning({})\nprint('fine')\n"
 GUARD = 'if __name__ == "__main__":\n    '

@@ -9,8 +9,8 @@ import threading
 
 import pytest
 
-from integ_gym.support.processes import threads
-from integ_gym.support.processes.threads import ahead
+from integ_gym.support import processes as threads
+from integ_gym.support.processes import ahead
 
 PATIENCE = 60.0
 """Until a thread that should have come is given up, s."""
@@ -63,7 +63,7 @@ def test_no_item_is_lost_where_threads_end_in_between():
     """The main thread ends while another goes on: the second item can be given to no thread."""
     program = """
 import threading
-from integ_gym.support.processes.threads import ahead
+from integ_gym.support.processes import ahead
 
 def use():
     following = ahead(iter(range(4)))
@@ -98,7 +98,7 @@ def test_a_worker_has_one_thread(parent, monkeypatch):
 def test_items_are_made_at_the_end_of_the_process():
     """When the interpreter has stopped to start threads."""
     program = (
-        "import atexit; from integ_gym.support.processes.threads import ahead; "
+        "import atexit; from integ_gym.support.processes import ahead; "
         "atexit.register(lambda: print(list(ahead(iter(range(3))))))"
     )
     done = subprocess.run(

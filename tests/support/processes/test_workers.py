@@ -12,7 +12,7 @@ from contextlib import suppress
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support.processes.workers import (
+from integ_gym.support.processes import (
     ESTIMATE_LOOK,
     Progress,
     limit_threads,

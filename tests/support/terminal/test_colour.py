@@ -6,8 +6,7 @@ import io
 
 import pytest
 
-from integ_gym.support.terminal.colour import GREEN, RED, shows_colours
-from integ_gym.support.terminal.text_table import print_aligned
+from integ_gym.support.terminal import GREEN, RED, print_aligned, shows_colours
 
 ROWS = [("fails", "a"), ("transfers", "b"), ("fails as well", "c")]
 

@@ -9,7 +9,7 @@ import signal
 import pyarrow as pa
 import pytest
 
-from integ_gym.support.terminal.ending import report_errors
+from integ_gym.support.terminal import report_errors
 
 CALLBACK = ctypes.CFUNCTYPE(None)
 

@@ -6,8 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 
-from integ_gym.support.figures.colours import ink_on, success_colour
-from integ_gym.support.terminal.formatting import (
+from integ_gym.support.figures import ink_on, success_colour
+from integ_gym.support.terminal import (
     compact,
     compact_percent,
     fixed,

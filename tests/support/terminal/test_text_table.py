@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from integ_gym.support.terminal.text_table import (
+from integ_gym.support.terminal import (
     beside,
     print_aligned,
     say,

@@ -483,7 +483,7 @@ def test_refusals(tmp_path, capsys):
 
 
 def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr("integ_gym.support.packages.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("integ_gym.support.optional.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r'jax .* "\.\[fleet\]"$'):
         train_fleet([small_run()], [tmp_path])
 

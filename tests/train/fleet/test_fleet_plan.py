@@ -13,7 +13,7 @@ from fleet_runs import own_gpu, small_run, trained_memory
 
 from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.support.executors import MOST_LOSSES
-from integ_gym.support.processes.workers import Progress
+from integ_gym.support.processes import Progress
 from integ_gym.train.fleet import planning as fleet_plan
 from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.planning import LONGEST, PROGRAM_BYTES, default_gib, kind_of, plan

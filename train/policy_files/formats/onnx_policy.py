@@ -13,8 +13,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.support.files.reading import parse_json, read_bounded
-from integ_gym.support.packages.extras import load
+from integ_gym.support.files import parse_json, read_bounded
+from integ_gym.support.optional import load
 
 from ...policy.arrays import ActionArray
 from ...policy.observation_statistics import ObservationStatistics

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.support.files.reading import check_regular
-from integ_gym.support.packages.extras import missing
+from integ_gym.support.files import check_regular
+from integ_gym.support.optional import missing
 
 from ...policy.actions import BoxActions, DiscreteActions
 from ...policy.mlp_policy import MlpPolicy

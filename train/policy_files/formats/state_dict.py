@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files import read_bounded
 
 from ...policy.actions import BoxActions, DiscreteActions, spread
 from ...policy.mlp_policy import MlpPolicy

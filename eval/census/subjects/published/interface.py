@@ -10,8 +10,8 @@ from integ_gym.envs import numerics
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.support.packages.apart.environments import Apart
-from integ_gym.support.packages.versions import package_version
+from integ_gym.support.isolated import Apart
+from integ_gym.support.optional import package_version
 
 from ..settable import Settable
 from ..subject import Access, Statement, Subject

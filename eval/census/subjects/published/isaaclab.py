@@ -10,7 +10,7 @@ from integ_gym.envs import numerics
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
-from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.isolated import APART
 
 from ..settable import Settable
 from ..subject import Statement, Subject

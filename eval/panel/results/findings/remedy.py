@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from integ_gym.support.terminal.formatting import percent
+from integ_gym.support.terminal import percent
 
 from ....statistics.rates import unpaired_difference
 from ....verdict.loss import Loss

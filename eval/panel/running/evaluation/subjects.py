@@ -16,7 +16,7 @@ from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.support.processes.workers import report_work
+from integ_gym.support.processes import report_work
 from integ_gym.train.policy.interface import Policy
 from integ_gym.train.policy.stack import PolicyStack
 

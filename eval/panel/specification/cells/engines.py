@@ -9,9 +9,8 @@ from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE, Discretization
-from integ_gym.support.packages.apart.environments import APART
-from integ_gym.support.packages.extras import install_command
-from integ_gym.support.packages.versions import running_version
+from integ_gym.support.isolated import APART
+from integ_gym.support.optional import install_command, running_version
 
 from ..values import SpecError, check_known, many
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from integ_gym.support.figures.colours import PALETTE
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
+    PALETTE,
     PAPER,
     SOFT,
     axes_at,

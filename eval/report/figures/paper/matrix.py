@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from integ_gym.support.figures.colours import ink_on
-from integ_gym.support.figures.style import (
+from integ_gym.support.figures import (
     INK,
     SOFT,
     SUNK,
     blank_figure,
     inch_canvas,
+    ink_on,
     plain,
 )
-from integ_gym.support.terminal.formatting import NONE, step
+from integ_gym.support.terminal import NONE, step
 
 from ....panel.model.panel import Group
 from ...data.matrices import Matrix, MatrixLine, Shade

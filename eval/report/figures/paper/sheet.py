@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures.style import INK, LINE, plain
+from integ_gym.support.figures import INK, LINE, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,7 @@ from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 INTEGRATORS = tuple(ENGINES.load("casadi").maps)
 COLLOCATIONS = tuple(name for name in INTEGRATORS if name.startswith("collocation"))

@@ -25,7 +25,7 @@ from integ_gym.envs.engines.drake import (
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.support.packages.extras import load
+from integ_gym.support.optional import load
 
 ALL = tuple(DrakeEngine.maps)
 CONTINUOUS = (*EXPLICIT, *IMPLICIT)

@@ -21,7 +21,7 @@ from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.support.packages.apart.worker import WorkerError
+from integ_gym.support.isolated import WorkerError
 
 MAPS = ENGINES.load("isaaclab").maps
 RECORDED = "isaaclab_engine"

@@ -57,7 +57,7 @@ def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
     check_spec(spec, Cluster(2))
     with pytest.raises(SpecError, match="`memory_gib`=1 does not hold one policy in each of 2"):
         check_spec(replace(spec, memory_gib=1.0), Cluster(2))
-    monkeypatch.setattr("integ_gym.support.packages.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("integ_gym.support.optional.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError) as caught:
         check_spec(spec)
     message = str(caught.value)

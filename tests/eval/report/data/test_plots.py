@@ -25,8 +25,7 @@ from integ_gym.eval.report.data.remedy import remedy_forest
 from integ_gym.eval.report.figures.write import FIGURES
 from integ_gym.eval.report.page.page import render
 from integ_gym.eval.scheme_style import NATIVE, styles_of
-from integ_gym.support.figures.colours import PALETTE, channels
-from integ_gym.support.figures.series import HUES, MARKERS
+from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 
 VISION = {
     "common": np.eye(3),

@@ -14,7 +14,7 @@ from integ_gym.eval.report.figures.paper.ladders import print_ladders
 from integ_gym.eval.report.figures.paper.matrix import print_matrix
 from integ_gym.eval.report.figures.paper.sheet import COLUMN, PAGE, SIZE
 from integ_gym.eval.report.figures.write import write_figures
-from integ_gym.support.figures.style import FORMATS
+from integ_gym.support.figures import FORMATS
 
 DRAWN = {"matrix": (success_matrix, print_matrix), "forest": (gap_forest, print_forest),
          "ladders": (ladder_plots, print_ladders)}  # fmt: skip

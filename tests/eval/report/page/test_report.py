@@ -23,7 +23,7 @@ from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
 from integ_gym.eval.report.page.page import render, write_report
 from integ_gym.evidence.schema.fields import LABELS
-from integ_gym.support.terminal.formatting import fixed, together, true_minus
+from integ_gym.support.terminal import fixed, together, true_minus
 
 SECTIONS = [
     "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",

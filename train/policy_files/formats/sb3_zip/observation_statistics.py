@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from integ_gym.support.files.reading import read_bounded
+from integ_gym.support.files import read_bounded
 
 from ....policy.observation_statistics import ObservationStatistics
 from ...error import PolicyFileError

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from integ_gym.support.files.reading import check_regular
+from integ_gym.support.files import check_regular
 
 from ....policy.actions import BoxActions, DiscreteActions
 from ....policy.mlp_policy import MlpPolicy

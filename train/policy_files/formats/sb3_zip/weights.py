@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.support.packages.extras import missing
+from integ_gym.support.optional import missing
 
 from ....policy.network import Layer
 from ...error import DAMAGED, RETRAIN, PolicyFileError

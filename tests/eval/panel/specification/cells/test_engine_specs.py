@@ -24,7 +24,7 @@ from integ_gym.eval.panel.specification.cells.engines import (
 )
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
-from integ_gym.support.packages import extras
+from integ_gym.support import optional as extras
 
 
 def test_the_built_in_panel_asks_the_quick_panels_policies():

@@ -1,9 +1,12 @@
-"""Worker processes: started afresh, one thread each, ended with their parent."""
+"""Processes: how many fit, how they start, their threads, and locks between them."""
 
 from __future__ import annotations
 
+import ast
 import multiprocessing
 import os
+import pickle
+import platform
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -15,13 +18,237 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import AbstractContextManager, contextmanager
-from functools import partial
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache, partial
+from multiprocessing import parent_process
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from types import FrameType, TracebackType
+from typing import Any, Final, TypeVar
 
-from .spawning import check_spawning
+from .optional import missing
+
+try:
+    from portalocker import AlreadyLocked, LockException, LockFlags, lock, unlock
+except ModuleNotFoundError as error:
+    raise missing(str(error.name), "evidence") from error
+
+
+class FileLock:
+    """A file that one holder has at a time; released with the process, however it ends.
+
+    On Windows others cannot read it while it is held.
+
+    Args:
+        path: the file, in a folder that exists; it is there while it is held.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor: int | None = None
+
+    def acquire(self, text: str = "") -> bool:
+        """Hold it; False if somebody does, in this process or another.
+
+        Args:
+            text: written to the file, for whoever finds it held.
+
+        Raises:
+            OSError: if it cannot be made, or its file system knows no locks.
+        """
+        while True:
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                if not _lock(descriptor):
+                    return False
+                if self._is_the_file(descriptor):
+                    os.ftruncate(descriptor, 0)
+                    os.write(descriptor, text.encode())
+                    self._descriptor, descriptor = descriptor, -1
+                    return True
+            finally:
+                if descriptor >= 0:
+                    os.close(descriptor)
+
+    def read(self) -> str:
+        """What its holder wrote; empty where it cannot be read."""
+        with suppress(OSError):
+            return self.path.read_text(encoding="utf-8")
+        return ""
+
+    def release(self) -> None:
+        """Give it back, and remove the file; nothing if it is not held."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None:
+            return
+        if sys.platform == "win32":  # where a file that somebody has open is not removed
+            unlock(descriptor)
+            os.close(descriptor)
+            with suppress(PermissionError):
+                self.path.unlink(missing_ok=True)
+            return
+        self.path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+    def _is_the_file(self, descriptor: int) -> bool:
+        """Whether the file has not been removed by a holder that gave it back in between."""
+        try:
+            return os.path.samestat(os.stat(self.path), os.fstat(descriptor))
+        except FileNotFoundError:
+            return False
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock an open file; False if somebody else holds it.
+
+    Raises:
+        OSError: if it can be held by nobody.
+    """
+    try:
+        lock(descriptor, LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING)
+    except AlreadyLocked:
+        return False
+    except LockException as error:
+        raise OSError(f"files cannot be locked here: {error}; give another directory") from error
+    return True
+
+
+@cache
+def host() -> str:
+    """Operating system and processor, not the machine's own name or kernel."""
+    return f"{platform.system()} {platform.machine()}"
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Processor family, then the vector extensions that numpy found and uses, in its names.
+
+    Whether products and sums are fused decides last bits, and a policy's success after training
+    may hang on these.
+    """
+    import numpy as np
+
+    found = np.show_config(mode="dicts").get("SIMD Extensions", {})
+    return (platform.machine(), *found.get("baseline", ()), *found.get("found", ()))
+
+
+Item = TypeVar("Item")
+
+_END: Final = object()
+
+
+def ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """The same items, each made in another thread while the one before is used.
+
+    What the making of one raises is raised in its place. In a worker, which has one thread, and at
+    the end of the process, when none can be started any more, they are made when they are wanted.
+    """
+    if parent_process() is None:
+        with ThreadPoolExecutor(1) as thread:
+            following = _submitted(thread, items)
+            while following is not None:
+                item = following.result()
+                if item is _END:
+                    return
+                following = _submitted(thread, items)
+                yield item
+    yield from items
+
+
+def _submitted(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] | None:
+    """The next item, or the end; None where the interpreter starts no thread any more."""
+    try:
+        return thread.submit(next, items, _END)
+    except RuntimeError:
+        return None
+
+
+_ALONE = ", or ask for one worker (workers=1), which works in this process"
+
+
+class SpawnError(RuntimeError):
+    """Worker processes cannot be started from here; one sentence says why and what to do."""
+
+
+def check_spawning(*sent: Any, alone: bool = False) -> None:
+    """Check that a fresh process can import this program without running it, and take objects.
+
+    Args:
+        sent: what the processes will be given.
+        alone: whether one worker would work in this process, which is then said as a remedy.
+
+    Raises:
+        SpawnError: in one sentence, if not.
+    """
+    otherwise = _ALONE if alone else ""
+    main = sys.modules["__main__"]
+    file = getattr(main, "__file__", None)
+    if file is not None:
+        path = Path(file)
+        if not path.is_file():
+            raise SpawnError(
+                "a program read from standard input cannot start worker processes, which read it "
+                f"again; save it as a file{otherwise}"
+            )
+        if path.suffix != ".pyc" and not _guarded(path):
+            raise SpawnError(
+                f"{path.name} starts worker processes, which import it, without "
+                '`if __name__ == "__main__":`; put this call under it' + otherwise
+            )
+    for one in sent:
+        _check_sent(one, file, otherwise)
+
+
+def _check_sent(sent: Any, file: str | None, otherwise: str) -> None:
+    try:
+        text = pickle.dumps(sent)
+    except Exception as error:  # pickling runs what an object says of itself
+        raise SpawnError(
+            f"worker processes cannot be given {_named(sent)} ({error}); define it at the top of a "
+            f"module{otherwise}"
+        ) from error
+    if file is None and b"__main__" in text:
+        raise SpawnError(
+            f"worker processes cannot find {_named(sent)}, which was defined in a notebook or an "
+            f"interactive session; define it in a module{otherwise}"
+        )
+
+
+def _named(sent: Any) -> str:
+    name = getattr(sent, "policy_id", getattr(sent, "__name__", type(sent).__name__))
+    return repr(name)
+
+
+def _guarded(path: Path) -> bool:
+    """Whether what runs now in the main program stands under the guard."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return True
+    guards = [node for node in tree.body if isinstance(node, ast.If) and _is_guard(node.test)]
+    line = next((f.f_lineno for f in _frames() if _is_main(f, path.name)), None)
+    if line is None:
+        return bool(guards)
+    return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
+
+
+def _is_guard(test: ast.expr) -> bool:
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
+    texts = {node.value for node in ast.walk(test) if isinstance(node, ast.Constant)}
+    return "__name__" in names and "__main__" in texts
+
+
+def _is_main(frame: FrameType, file: str) -> bool:
+    """Whether a frame is of the main program, and not of what forks processes for it."""
+    own = frame.f_globals.get("__name__") == "__main__"
+    code = frame.f_code
+    return own and code.co_name == "<module>" and Path(code.co_filename).name == file
+
+
+def _frames() -> Iterator[FrameType]:
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
+
 
 _report: Callable[[float], None] | None = None
 

@@ -1,14 +1,117 @@
-"""Text and tables that fit a terminal."""
+"""What a terminal shows: numbers, tables, colours, and how a command ends."""
 
 from __future__ import annotations
 
+import errno
+import math
 import os
 import re
+import select
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TextIO
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Final, TextIO
 
-from .colour import painted, shows_colours
+from .errors import raised_here
+from .options import sentence
+
+RED: Final = "31"
+GREEN: Final = "32"
+YELLOW: Final = "33"
+DIM: Final = "2"
+
+
+def shows_colours(file: TextIO) -> bool:
+    """Whether a stream is a terminal with colours, and nobody has asked for none.
+
+    ``NO_COLOR`` asks for none, whatever its value, see https://no-color.org.
+    """
+    return file.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def painted(text: str, colour: str) -> str:
+    """A text in a colour; spaces around it stay as they are."""
+    inner = text.strip()
+    return text.replace(inner, f"\x1b[{colour}m{inner}\x1b[0m", 1) if inner else text
+
+
+NONE: Final = "–"
+"""Shown where the panel has no value."""
+
+_SUPERSCRIPT: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def fixed(value: float | None, digits: int = 2, sign: bool = False) -> str:
+    """A number with a fixed count of decimals and a true minus sign."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    plus = "+" if sign and round(value, digits) > 0.0 else ""
+    return plus + f"{value:z.{digits}f}".replace("-", "−")
+
+
+def compact(value: float | None, digits: int = 2, sign: bool = False) -> str:
+    """A number with a few significant digits, in powers of ten where it is large or small."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    plus = "+" if sign and value > 0.0 else ""
+    value = float(f"{value:.{digits - 1}e}")
+    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        return plus + f"{value:z.{decimals}f}".replace("-", "−")
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    power = str(int(exponent)).translate(_SUPERSCRIPT)
+    return f"{plus}{mantissa}·10{power}".replace("-", "−")
+
+
+def percent(share: float | None, digits: int = 0, sign: bool = False) -> str:
+    """A share in per cent, such as ``54 %``."""
+    return _in_percent(fixed(None if share is None else 100.0 * share, digits, sign))
+
+
+def compact_percent(share: float | None, digits: int = 2, sign: bool = False) -> str:
+    """The same with a few significant digits, such as ``3.8·10⁻⁶ %``."""
+    return _in_percent(compact(None if share is None else 100.0 * share, digits, sign))
+
+
+def _in_percent(text: str) -> str:
+    return text if text == NONE else f"{text} %"
+
+
+def together(text: str) -> str:
+    """A sentence in which no line begins with the sign of a per cent."""
+    return re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", text)
+
+
+def true_minus(text: str) -> str:
+    """A sentence with true minus signs before its numbers."""
+    return re.sub(r"(?<=[ (])-(?=\d)", "−", text)
+
+
+def seconds(value: float | None) -> str:
+    """A duration in the units a person would say it in."""
+    if value is None:
+        return NONE
+    if value < 60.0:
+        return f"{value:.3g} s"
+    minutes, rest = divmod(round(value), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def step(value: float | None) -> str:
+    """A step size in seconds, without a unit."""
+    return NONE if value is None else f"{value:.6g}"
+
+
+def plural(count: int, noun: str, more: str | None = None) -> str:
+    """``1 cell``, ``2 cells``."""
+    return f"{count:,} {noun if count == 1 else more or noun + 's'}"
+
 
 FITS = (
     "On a terminal, tables and sentences fit its width; into a file or another program they are "
@@ -284,3 +387,128 @@ def beside(name: str, text: str, width: int | None, most: int | None = None) -> 
     if room is not None and most is not None and len(lines) > most:
         lines = [*lines[: most - 1], lines[most - 1][: room - len(_CUT)].rstrip() + _CUT]
     return (name + f"\n{' ' * len(name)}".join(lines)).rstrip()
+
+
+INTERRUPTED = 130
+
+SHORT_OF_MEMORY = "there is not enough memory"
+_FREE = "close other programs, give it fewer --workers, or raise the limit that it runs under"
+
+_TOLD = (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError)
+"""Errors that are told in a sentence where this package raised them."""
+
+
+def end_quietly(run: Callable[[], int]) -> int:
+    """Run a command; one whose reader has seen enough, such as `head`, ends without a word.
+
+    Where a standard stream is closed, as under some schedulers, what is written to it goes nowhere.
+    """
+    nowhere = Path(os.devnull)
+    sys.stdout = sys.stdout or nowhere.open("w", encoding="utf-8")
+    sys.stderr = sys.stderr or nowhere.open("w", encoding="utf-8")
+    try:
+        try:
+            code = run()
+        except SystemExit:
+            sys.stdout.flush()
+            raise
+        sys.stdout.flush()  # what is left would else be written, and refused, at exit
+        return code
+    except BrokenPipeError:
+        unread = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
+        if not unread:
+            raise
+        for stream in unread:  # what is still to be written goes nowhere
+            descriptor = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(descriptor, stream.fileno())
+            os.close(descriptor)
+        return 0
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    """Whether a stream is a pipe of which the other end is closed."""
+    if not hasattr(select, "poll"):
+        return True
+    poll = select.poll()
+    poll.register(stream.fileno(), 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+
+
+def report_errors(
+    program: str,
+    run: Callable[[], int],
+    *,
+    mark: str = "",
+    interrupted: str = "what was finished stays",
+) -> int:
+    """Run a command; print what the user can mend as one line on standard error.
+
+    Errors that are not about the input are raised with their traceback.
+
+    Args:
+        program: the command's name, before every message.
+        run: the command.
+        mark: before what an error says.
+        interrupted: what an interruption leaves.
+    """
+    try:
+        with _interruptions() as noted:
+            code = run()
+            if noted and code != INTERRUPTED:  # and swallowed by compiled code that called back
+                raise KeyboardInterrupt
+            return code
+    except KeyboardInterrupt:
+        say(f"{program}: interrupted; {interrupted}", sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        if is_short_of_memory(error):
+            told = sentence(error) or type(error).__name__
+            say(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
+            return 2
+        if not (isinstance(error, _TOLD) and _is_meant_for_users(error)):
+            raise
+        say(f"{program}: {mark}{sentence(error)}", sys.stderr)
+        return 2
+
+
+@contextmanager
+def _interruptions() -> Iterator[list[int]]:
+    """Interruptions so far, each of which is raised as well; none outside the main thread."""
+    noted: list[int] = []
+    held = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(held):
+        yield noted
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        held(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, held)
+
+
+def is_short_of_memory(error: BaseException) -> bool:
+    """Whether an error says that memory could not be had: Python's, NumPy's, Arrow's or a system's.
+
+    Arrow tells some as an error of its own kind alone, with what the C++ library said.
+    """
+    if isinstance(error, MemoryError):
+        return True
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    arrow = type(error).__module__.startswith("pyarrow")
+    return arrow and any(word in str(error) for word in _ALLOCATING)
+
+
+_ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out of memory")
+
+
+def _is_meant_for_users(error: Exception) -> bool:
+    """Whether the error was raised by this package's own checks."""
+    return isinstance(error, OSError) or raised_here(error)

@@ -13,10 +13,9 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
-from ..figures.colours import AMOUNTS, PALETTE, channels
-from ..figures.series import HUES
-from ..packages.extras import load
-from ..terminal.formatting import (
+from .figures import AMOUNTS, HUES, PALETTE, channels
+from .optional import load
+from .terminal import (
     compact,
     fixed,
     percent,

@@ -1,0 +1,226 @@
+"""What `panel` and `evaluate` print: the plan, the answer, verdicts and seeds wanted."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, TextIO
+
+from integ_gym.eval.panel.answer import next_step
+from integ_gym.eval.panel.model.conclusions import Verdict
+from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
+from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.model.part import Estimate
+from integ_gym.eval.panel.power import family_power
+from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
+from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.eval.report.data.gaps import ordered_verdicts
+from integ_gym.support.processes import cores
+from integ_gym.support.terminal import (
+    DIM,
+    GREEN,
+    NONE,
+    RED,
+    YELLOW,
+    fixed,
+    plural,
+    print_aligned,
+    say,
+)
+
+
+def print_headline(panel: Panel) -> None:
+    """Print the first line of the answer."""
+    say(panel.said(panel.headline), sys.stdout, hanging="")
+
+
+def print_details(panel: Panel) -> None:
+    """Print the lines of the answer that stand below the first."""
+    for line in panel.answer.splitlines()[1:]:
+        say(f"- {panel.said(line)}", sys.stdout)
+
+
+def print_next(panel: Panel) -> None:
+    """Print what to do next, the command in a line of its own, so that it can be copied."""
+    if (step := next_step(panel)) is not None:
+        print(f"Next: {step.purpose.lower()}\n  {step.command}")
+
+
+COUNTS = (10, 1_000, 100_000)
+"""Policies whose cost is told beside the panel's own."""
+
+
+def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> None:
+    """Print what a panel costs in core time and storage, and the same panel with more policies.
+
+    Args:
+        spec: the panel.
+        workers: processes that share the work; by default one per core of this machine.
+        trains: whether it does; False where another run's policies are judged.
+    """
+    count = workers or cores()
+    each, fixed = policy_costs(spec), fixed_cost(spec)
+    if not trains:
+        each = [replace(cost, train_seconds=0.0) for cost in each]
+    mean = total_cost(each).times(1.0 / len(each)) if each else total_cost([])
+    rows = []
+    for policies in sorted({len(each), *(COUNTS if each else ())}):
+        cost = total_cost([fixed, mean.times(policies)])
+        rows.append(
+            (
+                f"{policies:,}" + (" (this panel)" if policies == len(each) else ""),
+                _hours(cost.train_seconds),
+                _hours(cost.evaluate_seconds),
+                _hours(cost.seconds),
+                _bytes(cost.storage),
+                _clock(cost.seconds / count),
+            )
+        )
+    say(
+        f"Panel {spec.name}: {plural(len(each), 'policy', 'policies')} and "
+        f"{plural(len(spec.baselines), 'baseline')}. What it costs, from figures that were "
+        "measured on one kind of machine; yours may take a third or twice as long:",
+        sys.stdout,
+    )
+    print_aligned(
+        (
+            "policies", "training, core h", "evaluation, core h", "together", "storage",
+            f"on {plural(count, 'worker')}",
+        ),
+        rows,
+        sys.stdout,
+        right=(False, True, True, True, True, True),
+    )  # fmt: skip
+
+
+def _hours(seconds: float) -> str:
+    return f"{seconds / 3600.0:.3g}" if seconds < 3.6e6 else f"{seconds / 3600.0:,.0f}"
+
+
+def _bytes(size: float) -> str:
+    names = ("B", "kB", "MB", "GB", "TB", "PB")
+    place = 0
+    while size >= 1000.0 and place < len(names) - 1:
+        size, place = size / 1000.0, place + 1
+    return f"{size:.3g} {names[place]}"
+
+
+def _clock(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    if seconds < 7200.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
+
+
+def print_power(spec: PanelSpec, out: Path | None) -> None:
+    """Print what the seeds of a specification can show; then what a finished panel's want for.
+
+    Args:
+        spec: the panel.
+        out: its directory; None without one.
+    """
+    finished = read_panel(out / FILE_NAME) if out and (out / FILE_NAME).exists() else None
+    before = [] if finished is None else _seen_before(spec, finished)
+    told = family_power(spec, before)
+    if told is None:
+        say(f"Panel {spec.name} declares no transfers, so there is nothing to decide.", sys.stdout)
+        return
+    say(
+        f"Panel {spec.name}: {told.family} declared transfers, {told.seeds} training seeds with "
+        f"{spec.episodes} starts each, {told.natives} seeds of natives at least. Chance of each "
+        "verdict by true overfitting, lowest and highest of three simulated worlds (seeds that are "
+        "all or nothing, that vary smoothly, a mixture):",
+        sys.stdout,
+    )
+    print_aligned(
+        ("overfitting", "transfers", "fails"),
+        [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in told.power],
+        sys.stdout,
+        right=(True, True, True),
+    )
+    say(
+        f"`transfers` takes {told.fewest} seeds or more: with fewer it cannot be shown, even where "
+        "every episode succeeds."
+        if told.seeds < told.fewest
+        else f"`transfers` can be shown: it takes {told.fewest} seeds where all episodes succeed.",
+        sys.stdout,
+    )
+    if before:
+        looks = " and ".join(str(seeds) for seeds in before)
+        say(
+            f"Verdicts were seen with {looks} seeds before. Looks share the level of 0.05, which "
+            "these numbers take into account.",
+            sys.stdout,
+        )
+    if finished is not None:
+        _print_wanted(finished)
+
+
+def _seen_before(spec: PanelSpec, panel: Panel) -> list[int]:
+    """Seeds at looks at other seeds or episodes than these."""
+    now = (len(spec.seeds), spec.episodes)
+    return [look.seeds for look in panel.looks if (look.seeds, look.episodes) != now]
+
+
+def _print_wanted(panel: Panel) -> None:
+    open_ones = [one for one in panel.verdicts if one.verdict == "inconclusive"]
+    for one in open_ones:
+        more = (
+            f"about {one.seeds_wanted} seeds would decide it: --seeds {one.seeds_wanted}"
+            if one.seeds_wanted
+            else "eight times as many seeds would not decide it: its overfitting lies between the "
+            "margins, or near one of them"
+        )
+        say(
+            f"{one.name} is inconclusive with {panel.row(one.row).seeds} seeds; {more}.", sys.stdout
+        )
+    if not open_ones:
+        say("No verdict of the finished panel wants for seeds.", sys.stdout)
+
+
+def _range(chances: tuple[float, float]) -> str:
+    low, high = chances
+    return f"{low:.2f}" if high - low < 0.005 else f"{low:.2f} to {high:.2f}"
+
+
+TONES: Final = {
+    "fails": RED,
+    "transfers": GREEN,
+    "inconclusive": YELLOW,
+    "not_learned": DIM,
+    "unachievable": DIM,
+    "too_slow": DIM,
+    "undecided": DIM,
+}
+"""Verdict to its colour."""
+
+_NAMES: Final = (
+    "verdict", "trained on → judged on", "success", "loss", "of it overfitting", "interval"
+)  # fmt: skip
+
+
+def print_verdicts(panel: Panel, file: TextIO) -> None:
+    """Print the declared family, failing transfers first, in colour where the terminal has it."""
+    rows = [_row(panel, judged) for judged in ordered_verdicts(panel)]
+    right = (False, False, True, True, True, True)
+    print_aligned(_NAMES, rows, file, right, keys=2, colours=TONES)
+
+
+def _row(panel: Panel, judged: Verdict) -> tuple[str, ...]:
+    there, home = panel.entry(judged.row, judged.cell), panel.row(judged.row).home_success
+    success = f"{_rate(home)} → {_rate(there.success if there else None)}"
+    low, high = judged.overfitting.low, judged.overfitting.high
+    return (
+        judged.verdict,
+        panel.called(f"{judged.row} → {judged.cell}"),
+        success,
+        fixed(judged.total.estimate),
+        fixed(judged.overfitting.estimate),
+        f"{fixed(low)} to {fixed(high)}" if judged.overfitting.bounded else NONE,
+    )
+
+
+def _rate(estimate: Estimate | None) -> str:
+    return fixed(None if estimate is None else estimate.estimate)

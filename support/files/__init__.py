@@ -1,4 +1,0 @@
-"""Files: written whole or not at all, and read within bounds.
-
-Knows bytes and JSON, not what they say.
-"""

@@ -1,0 +1,204 @@
+"""Optional packages: imported where they are used, named with the command that installs them."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import re
+from collections.abc import Iterable
+from functools import cache
+from importlib.machinery import PathFinder
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.metadata import version as metadata_version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from .isolated import APART
+
+EXTRAS = {
+    "evidence": ("pyarrow", "duckdb", "portalocker"),
+    "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "tqdm"),
+    "render": ("pygame", "PIL", "imageio_ffmpeg"),
+    "report": (
+        "jinja2",
+        "matplotlib",
+        "msgspec",
+        "safetensors",
+        "scipy",
+        "threadpoolctl",
+        "tqdm",
+    ),
+    "storage": ("obstore", "fsspec"),
+    "train": (
+        "stable_baselines3",
+        "torch",
+        "tensorboard",
+        "tqdm",
+        "scipy",
+        "threadpoolctl",
+        "safetensors",
+    ),
+}
+"""Extra to the modules that its users need; those of an engine stand in its class."""
+
+
+def load(module: str, extra: str) -> Any:
+    """Import a module that an extra brings.
+
+    Raises:
+        ModuleNotFoundError: if its package is not installed, in one line with the command that
+            installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise
+        package = error.name.partition(".")[0]
+        raise missing(error.name if _imports(package) else package, extra) from None
+
+
+def _imports(package: str) -> bool:
+    """Whether a package can be imported; what is missing is then a module of it."""
+    try:
+        importlib.import_module(package)
+    except ModuleNotFoundError:
+        return False
+    return True
+
+
+def missing(package: str, *extras: str) -> ModuleNotFoundError:
+    """The error for a package that is not installed."""
+    return ModuleNotFoundError(
+        f"{package} is not installed; run: {install_command(*extras)}", name=package
+    )
+
+
+def install_command(*extras: str) -> str:
+    """What installs extras, or one environment of its own."""
+    if len(extras) == 1 and extras[0] in APART:
+        return APART[extras[0]].command
+    wanted = ",".join(extras)
+    return (
+        f'pip install -e ".[{wanted}]"' if _in_checkout() else f'pip install "integ-gym[{wanted}]"'
+    )
+
+
+@cache
+def _in_checkout() -> bool:
+    """Whether this package is used from a checkout, into which extras are installed by its path."""
+    project = Path(__file__).resolve().parents[1] / "pyproject.toml"
+    return project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
+
+
+def absent(modules: Iterable[str]) -> list[str]:
+    """Those of some modules that are not installed."""
+    return [module for module in modules if not _installed(module)]
+
+
+def _installed(module: str) -> bool:
+    """Whether there is a module; unlike `find_spec`, imports none that it lies in."""
+    top, *inner = module.split(".")
+    spec = find_spec(top)
+    for name in inner:
+        spec = spec and PathFinder.find_spec(name, spec.submodule_search_locations)
+    return spec is not None
+
+
+def require(*extras: str) -> None:
+    """Check, without importing them, that the modules of some extras are installed.
+
+    Raises:
+        ModuleNotFoundError: in one line, with the command that installs what is missing.
+    """
+    lacking = {name: found for name in extras if (found := absent(EXTRAS[name]))}
+    if lacking:
+        first = sorted({found[0] for found in lacking.values()})
+        raise missing(", ".join(first), *sorted(lacking))
+
+
+@cache
+def package_version(package: str) -> str | None:
+    """Version of an installed distribution, None if there is none of that name."""
+    try:
+        return metadata_version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def running_version(package: str) -> str:
+    """Version of a distribution in the environment that it runs in, ``unknown`` without one.
+
+    That is its own, where it has one, and this one else.
+    """
+    found = APART[package].version() if package in APART else package_version(package)
+    return found or "unknown"
+
+
+def installed_versions(packages: Iterable[str]) -> dict[str, str]:
+    """Version of Python, and of those packages that are installed."""
+    found = {package: package_version(package) for package in packages}
+    return {"python": platform.python_version(), **{k: v for k, v in found.items() if v}}
+
+
+ANY_VERSION = "INTEG_GYM_ANY_VERSION"
+"""Environment variable that names extras whose versions are chosen on purpose, and not checked."""
+
+_REQUIREMENT = re.compile(
+    r"(?P<package>[\w.-]+)(?:\[(?P<extras>[^]]*)\])?[^;]*?(?:>=(?P<least>[\d.]+))?[^;]*"
+    r";.*extra == .(?P<extra>[\w-]+)"
+)
+"""A line of the metadata of this package about an extra."""
+
+
+def check_versions(extra: str) -> None:
+    """Check that no package of an extra is older than the extra asks for.
+
+    Packages that are not installed are left to whoever imports them. An extra that is named in the
+    environment variable ``INTEG_GYM_ANY_VERSION`` (several with commas) is not checked.
+
+    Args:
+        extra: its name; of a name that is no extra nothing is asked.
+
+    Raises:
+        ValueError: for an older one, with the command that installs a newer.
+    """
+    if extra in os.environ.get(ANY_VERSION, "").split(","):
+        return
+    for package, least in _least_versions(extra).items():
+        found = package_version(package)
+        if found is not None and _release(found) < _release(least):
+            raise ValueError(
+                f"{package} {found} is installed, and integ-gym[{extra}] needs {least} or newer; "
+                f'run: pip install "{package}>={least}", or set {ANY_VERSION}={extra} to try this '
+                "one"
+            )
+
+
+@cache
+def _least_versions(extra: str) -> dict[str, str]:
+    """Package to the oldest version that an extra takes, those of extras in it included."""
+    try:
+        lines = requires("integ-gym") or []
+    except PackageNotFoundError:  # run from its sources
+        return {}
+    least: dict[str, str] = {}
+    for asked in filter(None, map(_REQUIREMENT.match, lines)):
+        if asked["extra"].replace("-", "_") != extra.replace("-", "_"):
+            continue
+        if asked["package"] == "integ-gym":
+            for other in asked["extras"].split(","):
+                least |= _least_versions(other)
+        elif asked["least"]:
+            least[asked["package"]] = asked["least"]
+    return least
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The numbers that a version begins with, without zeros at the end: 4.0.0rc1 is 4."""
+    numbers = [int(part) for part in re.findall(r"\d+", re.match(r"[\d.]*", version)[0])]  # type: ignore[index]
+    while numbers and not numbers[-1]:
+        numbers.pop()
+    return tuple(numbers)
