@@ -1,7 +1,7 @@
 """Serve a file's class over standard input and output: a line of JSON for each call and answer.
 
 Run by its path, by another interpreter than integ-gym's, of which it imports nothing:
-``python -I serving.py FILE``. A call is ``{"call": NAME, "given": {…}}``, its answer
+``python -I isolated_serving.py FILE``. A call is ``{"call": NAME, "given": {…}}``, its answer
 ``{"value": …}``, or ``{"refused": WHY}`` for a ValueError and ``{"error": WHY}`` for others. What
 the file or its libraries print goes to standard error.
 """

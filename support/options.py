@@ -21,13 +21,6 @@ from .storage import named_place
 from .terminal import NARROWEST, fitted
 
 
-def sentence(error: Exception) -> str:
-    """What an error says, on one line; what the operating system refuses, with a remedy."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"cannot use {error.filename}: {error.strerror}; give another path"
-    return " ".join(str(error).split())
-
-
 def path_here(word: str) -> Path:
     """A path of this machine: what options mean by the ``type`` `Path`.
 

@@ -18,7 +18,6 @@ from types import FrameType
 from typing import Final, TextIO
 
 from .errors import raised_here
-from .options import sentence
 
 RED: Final = "31"
 GREEN: Final = "32"
@@ -512,3 +511,10 @@ _ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out 
 def _is_meant_for_users(error: Exception) -> bool:
     """Whether the error was raised by this package's own checks."""
     return isinstance(error, OSError) or raised_here(error)
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, on one line; what the operating system refuses, with a remedy."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"cannot use {error.filename}: {error.strerror}; give another path"
+    return " ".join(str(error).split())

@@ -151,7 +151,7 @@ def test_the_served_file_imports_nothing_of_ours():
     """It is run by another interpreter, which has no integ-gym."""
     served = [
         *ROOT.glob("envs/**/served*.py"),
-        ROOT / "support" / "packages" / "apart" / "serving.py",
+        ROOT / "support" / "isolated_serving.py",
     ]
     assert len(served) == 4
     for path in served:

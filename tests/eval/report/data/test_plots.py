@@ -269,7 +269,7 @@ def test_colours_are_written_once(name: str) -> None:
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
     own = ROOT / "eval" / "report"
     sources = [path for kind in ("py", "css", "js") for path in own.rglob(f"*.{kind}")]
-    sources.append(ROOT / "support" / "pages" / "page.css")
+    sources.append(ROOT / "support" / "page.css")
     assert len(sources) > 15
     for source in sources:
         found = re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8"))
