@@ -129,19 +129,19 @@ USES: dict[str, list[str | list[str]]] = {
         "integ-gym evidence export run --to mcap --out logs",
     ],
     **{
-        engine: [_step(engine=engine)]
-        for engine in (
-            "mujoco",
-            "mjx",
-            "mujoco_warp",
-            "newton",
-            "casadi",
-            "dart",
-            "drake",
-            "pinocchio",
-            "pybullet",
-            "sapien",
-        )
+        engine: [_step(engine=engine, integrator=integrator, dt=0.01)]
+        for engine, integrator in {
+            "mujoco": "Euler",
+            "mjx": "Euler",
+            "mujoco_warp": "Euler",
+            "newton": "featherstone",
+            "casadi": "rk",
+            "dart": "semi_implicit_euler",
+            "drake": "runge_kutta3",
+            "pinocchio": "rk4",
+            "pybullet": "semi_implicit_euler",
+            "sapien": "tgs",
+        }.items()
     },
 }
 """Extra to what a user of it does."""
