@@ -33,6 +33,9 @@ def _of_version(table, version):
     index = table.schema.get_field_index("schema_version")
     field = table.schema.field(index)
     table = table.set_column(index, field, pa.array([version] * len(table), field.type))
+    index = table.schema.get_field_index("package_versions")
+    maker = pa.array(['{"integ-gym": "0.9.0"}'] * len(table))
+    table = table.set_column(index, table.schema.field(index), maker)
     return with_hashes(table.replace_schema_metadata(_metadata(table, version)))
 
 
@@ -61,6 +64,19 @@ def both(old, play, context):
     play(env, range(3))
     env.commit("new", Replays(home_success=0.25, cell_status="achievable", second_horizon=False))
     return old
+
+
+def test_an_earlier_version_is_not_taken_from_what_this_one_made(old, table, capsys):
+    """Fields of later versions, and what is asked of them, are not escaped by another number."""
+    directory = str(old.directory.parent)
+    assert run(["evidence", "verify", directory, "--depth", "whole"]) == 0
+    index = table.schema.get_field_index("package_versions")
+    (file,) = old.files()
+    kept = pq.read_table(file)
+    forged = kept.set_column(index, table.schema.field(index), table.column("package_versions"))
+    pq.write_table(with_hashes(forged), file)
+    assert run(["evidence", "verify", directory, "--depth", "whole"]) == 1
+    assert "it has schema version 1, and its records say that integ-gym" in capsys.readouterr().out
 
 
 def test_what_each_version_brought():
