@@ -219,7 +219,7 @@ class RunDirectory:
     def moved(self, folder: Path) -> RunDirectory:
         """The same in another folder, which is new: what is done there is put here afterwards."""
         there = RunDirectory(folder, self._specification, self._engines)
-        there.looks_before = self.looks_before
+        there.looks_before = self._looks_so_far()
         there.make_folders()
         return there
 
@@ -288,6 +288,9 @@ class RunDirectory:
         for unit, held in self.readable_markers("")[0].items():
             if held.get(AFTER) not in known and (all_say or AFTER in held):
                 yield unit
+
+    def _looks_so_far(self) -> list[Any]:
+        return self.noted_looks() if self.looks_before is None else self.looks_before
 
     def noted_looks(self) -> list[Any]:
         """The looks at verdicts that ``run.json`` tells, in order."""
@@ -497,7 +500,7 @@ class RunDirectory:
         """
         end = time.time()
         share = end - start if seconds is None else seconds
-        looks = self.noted_looks() if self.looks_before is None else self.looks_before
+        looks = self._looks_so_far()
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
         expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
