@@ -45,7 +45,7 @@ notebooks: $(READY)
 bench: $(READY)
 	@$(INSTALL) --group bench
 	@mkdir -p runs/bench
-	for name in startup env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence claims executor_overhead; do \
+	for name in startup env_throughput evidence_cost verification_cost reference_cost engines panel_cost trainer_equivalence executor_overhead; do \
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
 	$(BIN)/python benchmarks/bounds.py runs/bench

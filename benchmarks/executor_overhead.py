@@ -3,10 +3,9 @@
     python benchmarks/executor_overhead.py [--seconds 60] [--units 4] [--json FILE]
 
 Every unit computes for so many seconds by the clock, so that what is over is the engine's: its
-start, which comes once, and for each unit sending it, claiming it and putting its result in place,
-which a local pool has not. How much was computed in a second of processor time is told as well,
-beside what the local pool computed: an engine that takes from the work shows there. Run it on an
-idle machine.
+start, which comes once, and for each unit sending it, sending its result back and writing it. How
+much was computed in a second of processor time is told as well, beside what the local pool
+computed: an engine that takes from the work shows there. Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import argparse
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +21,9 @@ import numpy as np
 from measuring import results
 from tqdm import tqdm
 
-from integ_gym.eval.panel.running.staging import DRIVEN, Desk
-from integ_gym.support.files.writing import write_once
+from integ_gym.support.executors import Resources, TaskPool, open_cluster
+from integ_gym.support.files.writing import write_files, write_once
 from integ_gym.support.processes.workers import Progress
-from integ_gym.support.sharing.claims import Claims
-from integ_gym.support.sharing.clusters import cluster_of
-from integ_gym.support.sharing.folder_files import FolderFiles
-from integ_gym.support.sharing.resources import Resources
 
 EXAMPLES = """\
 examples:
@@ -73,19 +67,9 @@ def here(run: str, unit: str, seconds: float) -> float:
     return rate
 
 
-def elsewhere(run: str, unit: str, seconds: float) -> float:
-    """A unit as tasks of an engine do it: claimed, staged, committed, put in place."""
-    desk = Desk(Path(run), DRIVEN)
-    claim = Claims(FolderFiles(desk.claims), [unit]).seize(unit)
-    rate = compute(seconds)
-    folder = desk.staged(claim) / "evidence"
-    folder.mkdir(parents=True)
-    write_once(folder / f"{unit}.parquet", _result)
-    if not claim.commit():
-        raise RuntimeError(f"{unit} was taken over")
-    desk.put_in_place(claim)
-    claim.finish()
-    return rate
+def elsewhere(run: str, unit: str, seconds: float) -> tuple[float, bytes]:
+    """A unit of another executor, which returns what it writes."""
+    return compute(seconds), bytes(RESULT)
 
 
 def _result(path: Path) -> None:
@@ -97,25 +81,36 @@ def nothing(number: int) -> None:
     time.sleep(0.5)
 
 
+class _NoBar:
+    """A bar that shows nothing."""
+
+    n = 0.0
+
+    def update(self, amount: float) -> None:
+        """Nothing."""
+
+
 def measured(executor: str, given: argparse.Namespace) -> dict[str, float]:
     """Seconds until workers are there, seconds of all units, and the rate of the work."""
     run = Path(tempfile.mkdtemp())
     try:
         (run / "evidence").mkdir()
-        Desk(run, DRIVEN).open()
         begun = time.perf_counter()
-        with cluster_of(executor, resources=Resources(given.workers)) as cluster:
-            progress = Progress()
-            task: Callable[..., float] = elsewhere if cluster.remote else here
-            with cluster.pool(progress) as pool:
-                for ready in [pool.submit(nothing, n) for n in range(2 * given.workers)]:
-                    ready.result()
+        with open_cluster(executor, resources=Resources(given.workers)) as cluster:
+            task = elsewhere if cluster.remote else here
+            with TaskPool(cluster, Progress(_NoBar())) as pool:
+                dict(pool.run({n: (nothing, n) for n in range(2 * given.workers)}))
                 started = time.perf_counter()
-                futures = [
-                    pool.submit(task, str(run), f"unit-{number}", given.seconds)
-                    for number in range(given.units)
-                ]
-                rates = [future.result() for future in futures]
+                units = [f"unit-{number}" for number in range(given.units)]
+                rates = []
+                for unit, future in pool.run(
+                    {u: (task, str(run), u, given.seconds) for u in units}
+                ):
+                    rate = future.result()
+                    if cluster.remote:
+                        rate, result = rate
+                        write_files(run / "evidence", {f"{unit}.parquet": result})
+                    rates.append(rate)
                 ended = time.perf_counter()
         if len(list((run / "evidence").glob("*.parquet"))) != given.units:
             raise RuntimeError(f"{executor} lost units")

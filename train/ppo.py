@@ -23,6 +23,7 @@ from typing import Any, ClassVar
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.testbeds.making import make_training_environments
+from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
 from integ_gym.support.parameters import (
     boolean,
@@ -211,6 +212,8 @@ def train_ppo(
     force: bool = False,
     on_trained: OnTrained = unheard,
     tensorboard: bool = True,
+    executor: str | Cluster = "local",
+    address: str | None = None,
 ) -> list[TrainedPolicy]:
     """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.
 
@@ -225,6 +228,8 @@ def train_ppo(
         on_trained: told the place of every policy in `configs` once it and its evidence are
             written.
         tensorboard: write logs beside each policy.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
+        address: of a running cluster.
 
     Raises:
         OSError: if a folder cannot be used, or holds a policy and `force` is not given.
@@ -235,7 +240,7 @@ def train_ppo(
     require("train")
     runs = checked_runs(configs, out_dirs, evidence, force)
     run = partial(train_run, tensorboard=tensorboard)
-    return train_each(run, runs, progress, workers, on_trained)
+    return train_each(run, runs, progress, workers, on_trained, executor, address)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
 from integ_gym.support.parameters import one_of, parameter, positive
 from integ_gym.train.ppo import train_run
@@ -118,6 +119,8 @@ def train_sac(
     force: bool = False,
     on_trained: OnTrained = unheard,
     tensorboard: bool = True,
+    executor: str | Cluster = "local",
+    address: str | None = None,
 ) -> list[TrainedPolicy]:
     """Train policies and write each, as :func:`integ_gym.train.ppo.train_ppo` does.
 
@@ -131,7 +134,7 @@ def train_sac(
     require("train")
     runs = checked_runs(configs, out_dirs, evidence, force)
     run = partial(train_run, make_model=make_model, tensorboard=tensorboard)
-    return train_each(run, runs, progress, workers, on_trained)
+    return train_each(run, runs, progress, workers, on_trained, executor, address)
 
 
 if __name__ == "__main__":

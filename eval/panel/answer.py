@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.settings import NATIVE
 from integ_gym.support.terminal.formatting import fixed, percent, plural
 
 from ..verdict.achievability import UNSOLVABLE, Achievability

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support.executors import Resources, open_cluster
 from integ_gym.support.packages.extras import require
 from integ_gym.support.processes.spawning import check_spawning
-from integ_gym.support.processes.workers import cores
-from integ_gym.support.sharing.claims import LEASE
-from integ_gym.support.sharing.clusters import Cluster, cluster_of
-from integ_gym.support.sharing.resources import Resources
-from integ_gym.support.storing.places import stored
-from integ_gym.support.storing.storage import Storage
+from integ_gym.support.storage import Place, open_storage
 from integ_gym.support.terminal.text_table import say
 from integ_gym.train.policy_files.stated_home import Stated
 
@@ -30,17 +25,11 @@ from .existing.policy import read_existing
 from .model.panel import Panel
 from .results.ending import phases
 from .results.outputs import write_artefact
-from .running.division import memory_of
 from .running.panel import as_there, complete, opened
 from .running.run_directory import RunDirectory
-from .sharing.driving import complete_on, processes, write_pages
-from .sharing.working import Share, work_on
 from .specification.growth import stages
 from .specification.panel_spec import PanelSpec
 from .specification.reading import BUILT_IN, built_in_spec, read_spec
-
-SHORTEST_LEASE = 1.0
-"""Of a worker, s."""
 
 
 def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
@@ -65,7 +54,6 @@ def run_panel(
     executor: str = "local",
     address: str | None = None,
     resources: Resources | None = None,
-    lease: float = LEASE,
     staged: bool = True,
 ) -> Panel:
     """Train and evaluate all that is not finished yet, and write the panel's directory.
@@ -79,11 +67,10 @@ def run_panel(
         progress: show a bar with the remaining time on stderr.
         policies: directory of a finished panel whose policies are taken instead of training.
         command: how to run this again, for the page.
-        executor: what runs the processes: ``"local"``, ``"ray"``, ``"dask"``, or
+        executor: what runs the processes: ``"local"``, ``"ray"``, ``"dask"``, ``"slurm"``, or
             ``"module:function"`` for a `concurrent.futures.Executor`; see docs/how-to/clusters.md.
         address: of a running cluster of Ray or Dask; by default one is started on this machine.
         resources: of each worker of such an engine.
-        lease: in an object store, time of silence after which this call is taken for dead, s.
         staged: whether pages are written before the last seed is there.
 
     Returns:
@@ -97,31 +84,21 @@ def run_panel(
     """
     require("report", "evidence")
     check_spawning()
-    _check_lease(lease)
     asked, taken = specified(spec), None if policies is None else Path(policies)
     wanted = _resources(resources, workers, asked.memory_gib)
     with ExitStack() as stack:
-        cluster = stack.enter_context(cluster_of(executor, address, wanted))
-        place = stack.enter_context(stored(out))
-        if lease != LEASE and not place.remote:
-            raise ValueError(
-                "a lease is for an object store or a --worker, and this run holds its directory by "
-                "a lock; leave --lease out"
-            )
+        cluster = stack.enter_context(open_cluster(executor, address, wanted))
+        place = stack.enter_context(open_storage(out))
         given = as_there(asked, place)
-        directory = stack.enter_context(_opened(given, place, cluster, workers, taken, lease))
-        shared = cluster.remote or place.remote
-        count = cluster.workers if shared else workers or cores()
-        write = partial(_write, directory, command=command, workers=count, progress=progress)
+        directory = stack.enter_context(opened(given, place, cluster, taken))
+        write = partial(
+            _write, directory, command=command, workers=cluster.workers, progress=progress
+        )
         before = directory.markers("")
         every = stages(given) if staged else (given,)
         for number, stage in enumerate(every, 1):
             label = f"panel {given.name}" + (f" {number}/{len(every)}" if len(every) > 1 else "")
-            new = (
-                complete_on(cluster, stage, directory, label, progress=progress)
-                if shared
-                else complete(stage, directory, label, workers=workers, progress=progress)
-            )
+            new = complete(stage, directory, label, cluster, progress)
             if new and stage is not given:
                 write(stage, label, of=given)
         if progress and directory.markers("") == before:
@@ -143,30 +120,27 @@ def _write(
 ) -> Panel:
     """Write a panel's page, or that of a stage of it, while a bar tells what is done."""
     with phases(label, progress) as begin:
-        page = partial(write_artefact, spec, directory, command, workers, of=of, begin=begin)
-        return write_pages(page, directory)
+        panel = write_artefact(spec, directory, command, workers, of=of, begin=begin)
+    directory.storage.send()
+    return panel
 
 
-def _opened(
-    spec: PanelSpec,
-    out: Storage,
-    cluster: Cluster,
-    workers: int | None,
-    policies: Path | None,
-    lease: float,
-) -> AbstractContextManager[RunDirectory]:
-    """The directory of a panel, held for an engine."""
-    if not cluster.remote and not out.remote:
-        return opened(spec, out, workers=workers, policies=policies)
-    fleet = processes(cluster)
-    return opened(
-        spec,
-        out,
-        workers=fleet,
-        memory_gib=memory_of(spec, fleet),
-        policies=policies,
-        lease=lease,
-    )
+@contextmanager
+def rewriting(place: Place) -> Iterator[Path]:
+    """A run's folder, or a copy of it whose changed pages are sent back with the block's end.
+
+    Raises:
+        RunDirectoryError: if a driver works there.
+        ValueError: for a name of no place.
+    """
+    with open_storage(place) as storage:
+        if not storage.remote:
+            yield storage.path
+            return
+        with RunDirectory(storage, {}).locked():
+            storage.fetch()
+            yield storage.path
+            storage.send()
 
 
 def _resources(given: Resources | None, workers: int | None, memory_gib: float | None) -> Resources:
@@ -177,55 +151,6 @@ def _resources(given: Resources | None, workers: int | None, memory_gib: float |
             place = "`workers`" if name == "workers" else "the specification"
             raise ValueError(f"`{name}` of `resources` is said by {place}; leave it out there")
     return replace(given or Resources(), workers=workers, memory_gib=memory_gib)
-
-
-def _check_lease(lease: float) -> None:
-    if not SHORTEST_LEASE <= lease < math.inf:
-        raise ValueError(f"a lease takes {SHORTEST_LEASE:g} s or more, got {lease:g}; give --lease")
-
-
-def work_on_panel(
-    spec: PanelSpec | str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    workers: int | None = None,
-    gpus: bool = False,
-    lease: float = LEASE,
-    progress: bool = True,
-    policies: str | os.PathLike[str] | None = None,
-    command: str = "integ_gym.work_on_panel",
-) -> int:
-    """Take part in a panel that any number of processes finish, on a directory that all see.
-
-    Each takes units by claims in the directory, and ends when all is done; whoever is last writes
-    the panel's page. See docs/how-to/clusters.md.
-
-    Args:
-        spec: of the panel; see :func:`specified`.
-        out: its directory, or ``s3://…``, ``gs://…``, ``az://…``; see docs/how-to/clusters.md.
-        workers: processes that the work is divided for; by default the cores of this machine.
-        gpus: whether this process has a GPU to train on.
-        lease: time after which a unit whose process is silent is taken over, s.
-        progress: show bars on stderr.
-        policies: directory of a finished panel, seen by all processes, whose policies are taken
-            instead of training.
-        command: how to run this again, for the page.
-
-    Returns:
-        How many units were done here.
-
-    Raises:
-        SpecError, RunDirectoryError: for what cannot be run.
-        ValueError: for a lease that is none, or a directory that cannot be shared.
-        PanelError: if a unit of work fails; what was finished stays.
-        ModuleNotFoundError: if an extra is missing, with the command that installs it.
-    """
-    require("report", "evidence")
-    _check_lease(lease)
-    taken = None if policies is None else Path(policies)
-    share = Share(workers or cores(), gpus, lease, progress, command, taken)
-    with stored(out) as place:
-        return work_on(as_there(specified(spec), place), place, share)
 
 
 def tell_doubt(doubt: str) -> None:
@@ -319,7 +244,7 @@ def evaluate(
     spec = plan(existing, env_id, integrators, dts, episodes)
     on_home(str(existing.provenance))
     asked = _resources(resources, workers, None)
-    with cluster_of(executor, address, asked) as cluster, stored(out) as place:
+    with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:
         return evaluate_existing(
             existing,
             spec,

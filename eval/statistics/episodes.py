@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
+
+from integ_gym.support.packages.extras import load
 
 from .interval import Floats, Interval, RatesLike, equal_tailed, mean_of, require_finite
 from .posterior import DRAWS, paired_posterior
@@ -71,8 +72,9 @@ def paired_return(
     Returns
     -------
     The mean difference with Student's t interval, None of fewer than two episodes; and the
-    two-sided p-value of the test that flips the differences' signs at random (Fisher 1935), which
-    is exact where they are symmetric about zero.
+    two-sided p-value of the test that flips the differences' signs (Fisher 1935), which is exact
+    where they are symmetric about zero. Up to 13 episodes all signs are tried; with more, `FLIPS`
+    draws give the p-value with a standard error of at most 0.01.
 
     Raises
     ------
@@ -93,15 +95,21 @@ def paired_return(
 def _sign_test(more: int, less: int) -> float:
     """Two-sided p-value of the binomial test that either sign is as likely."""
     count = more + less
-    tail = sum(math.comb(count, k) for k in range(min(more, less) + 1))
-    return min(1.0, float(2 * tail / 2**count))
+    return float(load("scipy.stats", "report").binomtest(more, count).pvalue) if count else 1.0
 
 
 def _flip_test(differences: Floats) -> float:
-    """Two-sided p-value under random signs; the signs as they are count as one draw."""
-    sizes = np.sort(np.abs(differences))
-    draws = draws_for(sizes.size, FLIPS)
-    signs = generator(Stream.PAIRED).integers(0, 2, size=(draws, sizes.size), dtype=np.int8)
-    drawn = np.abs((2.0 * signs - 1.0) @ sizes)
-    found = abs(math.fsum(differences)) * (1.0 - 1e-12)
-    return (int(np.count_nonzero(drawn >= found)) + 1) / (draws + 1)
+    """Two-sided p-value where each difference's sign is as likely as the other."""
+    if differences.size < 2:
+        return 1.0
+    found = load("scipy.stats", "report").permutation_test(
+        (np.sort(differences),),
+        lambda drawn, axis: np.abs(np.sum(drawn, axis=axis)),
+        permutation_type="samples",
+        alternative="greater",
+        vectorized=True,
+        n_resamples=draws_for(differences.size, FLIPS),
+        batch=1000,
+        rng=generator(Stream.PAIRED),
+    )
+    return float(found.pvalue)

@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.packages.extras import load
+
 from .interval import Floats, Interval, check_level, equal_tailed, require_finite
 from .streams import Stream, generator
 
@@ -32,9 +34,9 @@ def iqm(values: npt.ArrayLike) -> float:
     ValueError
         If there are no values, or one is not finite.
     """
-    array = np.asarray(values, dtype=np.float64).ravel()
+    array = np.sort(np.asarray(values, dtype=np.float64), axis=None)
     require_finite(array, "values")
-    return float(_middle_half_mean(array))
+    return float(load("scipy.stats", "report").trim_mean(array, 0.25))
 
 
 def iqm_interval(
@@ -79,21 +81,20 @@ def iqm_interval(
 
 def _bootstrap_iqm(array: Floats, draws: int) -> Floats:
     """Interquartile means of resampled seeds, shape (draws,), for array (seeds, episodes)."""
-    seeds, episodes = array.shape
+    stats = load("scipy.stats", "report")
     ordered = array[np.lexsort(array.T[::-1])]
-    rng = generator(Stream.BOOTSTRAP)
-    chosen = rng.integers(seeds, size=(draws, seeds))
-    block = max(1, 2_000_000 // (seeds * episodes))
-    parts = [
-        _middle_half_mean(ordered[chosen[start : start + block]].reshape(-1, seeds * episodes))
-        for start in range(0, draws, block)
-    ]
-    return np.concatenate(parts)
 
+    def iqm_of(chosen: npt.NDArray[np.intp], axis: int) -> Floats:
+        drawn = ordered[chosen].reshape(*chosen.shape[:-1], array.size)
+        return np.asarray(stats.trim_mean(drawn, 0.25, axis=-1))
 
-def _middle_half_mean(values: Floats) -> Floats:
-    """Mean over the last axis without its lowest and highest quarter."""
-    size = values.shape[-1]
-    cut = size // 4
-    ordered = np.sort(values, axis=-1)
-    return np.asarray(ordered[..., cut : size - cut].mean(axis=-1))
+    found = stats.bootstrap(
+        (np.arange(len(ordered)),),
+        iqm_of,
+        n_resamples=draws,
+        batch=max(1, 2_000_000 // array.size),
+        vectorized=True,
+        method="percentile",
+        rng=generator(Stream.BOOTSTRAP),
+    )
+    return np.asarray(found.bootstrap_distribution)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
+
+from integ_gym.support.packages.extras import load
 
 from .interval import Interval, RatesLike, check_level, mean_of
 
@@ -43,7 +44,8 @@ def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
         return None
     mean = mean_of(finite)
     spread = math.sqrt(math.fsum((finite - mean) ** 2) / (finite.size - 1) / finite.size)
-    half = student_t_quantile(finite.size - 1, level) * spread
+    quantile = load("scipy.special", "report").stdtrit(finite.size - 1, 0.5 * (1.0 + level))
+    half = float(quantile) * spread
     return Interval(mean, mean - half, mean + half, level)
 
 
@@ -85,38 +87,3 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
     low, high = array[place], array[count - 1 - place]
     middle = array[(count - 1) // 2 : count // 2 + 1]
     return Interval(float(middle.mean()), float(low), float(high), float(covers[place]))
-
-
-@lru_cache(maxsize=256)
-def student_t_quantile(dof: int, level: float) -> float:
-    """Two-sided quantile of Student's t: the t with P(|T| <= t) = level.
-
-    For whole degrees of freedom the distribution is a finite trigonometric sum in
-    θ = atan(t/√dof) (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4), which is bisected.
-
-    Raises
-    ------
-    ValueError
-        If ``dof`` is below 1 or ``level`` is outside (0, 1).
-    """
-    if dof < 1:
-        raise ValueError(f"expected at least 1 degree of freedom, got {dof}")
-    check_level(level)
-    low, high = 0.0, math.pi / 2.0
-    for _ in range(64):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _central_t(middle, dof) < level else (low, middle)
-    return math.sqrt(dof) * math.tan(low)
-
-
-def _central_t(theta: float, dof: int) -> float:
-    """P(|T| <= √dof·tan θ) for Student's t with ``dof`` degrees of freedom."""
-    odd = dof % 2
-    cosine = math.cos(theta)
-    term, total = (cosine if odd else 1.0), 0.0
-    for power in range(odd, dof - 1, 2):
-        if power > odd:
-            term *= cosine * cosine * (power - 1) / power
-        total += term
-    value = math.sin(theta) * total
-    return 2.0 / math.pi * (theta + value) if odd else value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from integ_gym.support.packages.extras import load
-from integ_gym.support.storing.objects import parquet_files
+from integ_gym.support.storage import parquet_files
 
 from ..schema.errors import EvidenceError
 from ..schema.extra import pyarrow

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal.formatting import plural
 
 from ..episodes.decisions import told_setup

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.control_period import STATUS_NAMES
-from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.settings import NATIVE
+from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.packages.versions import installed_versions
 
 from ..episodes.context import EpisodeContext

@@ -43,7 +43,7 @@ from integ_gym.evidence.verification.signing import (
 from integ_gym.support.files.writing import make_folder
 from integ_gym.support.packages.extras import absent
 from integ_gym.support.processes.workers import ESTIMATE_LOOK, work_bar
-from integ_gym.support.storing.places import fetched, is_remote
+from integ_gym.support.storage import fetched, is_remote
 from integ_gym.support.terminal.command_line import CommandParser
 from integ_gym.support.terminal.formatting import plural
 from integ_gym.support.terminal.options import whole_number

@@ -9,17 +9,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval.panel.calls import run_panel, specified, work_on_panel
+from integ_gym.eval.panel.calls import run_panel, specified
 from integ_gym.eval.panel.specification.growth import grown
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
 from integ_gym.eval.panel.specification.reading import BUILT_IN
 from integ_gym.eval.report.data.gaps import ordered_verdicts
 from integ_gym.evidence.verification.sealing import read_seal
 from integ_gym.evidence.verification.signing import check_key, sign
-from integ_gym.support.sharing.claims import LEASE
-from integ_gym.support.storing.places import is_remote
+from integ_gym.support.storage import is_remote
 from integ_gym.support.terminal.command_line import CommandParser, told_command
-from integ_gym.support.terminal.formatting import plural
 from integ_gym.support.terminal.options import refuse_unused, run_place, whole_number
 from integ_gym.support.terminal.text_table import beside, say, width_of
 
@@ -41,10 +39,8 @@ examples:
                                           again with more training seeds; keeps those that it has
   integ-gym panel --executor ray --address ray://head:10001 --out /shared/panel
                                           on a cluster, see docs/how-to/clusters.md
-  integ-gym panel --worker --workers 64 --out /shared/panel
-                                          one of 64 processes that share a directory
-  integ-gym panel --worker --workers 64 --out s3://bucket/panel
-                                          the same in an object store
+  integ-gym panel --executor slurm --workers 64 --out s3://bucket/panel
+                                          64 jobs of Slurm at once, kept in an object store
   integ-gym panel --power                 what its seeds can show, before anything runs
   integ-gym panel --plan                  what it costs, before anything runs
   integ-gym panel engines --out runs/engines
@@ -108,16 +104,6 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add_work(made)
     add_engine(made)
-    add(
-        "--worker", action="store_true",
-        help="be one of any number of processes that finish the panel together in --out, which all "
-        "of them see; --workers is then how many the work is divided for",
-    )  # fmt: skip
-    add(
-        "--lease", type=float, metavar="S", default=LEASE,
-        help="with --worker, or in an object store: a process that has been silent for so long is "
-        f"taken for dead, and another does what it did, s (default: {LEASE:g})",
-    )  # fmt: skip
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
     return made
 
@@ -181,10 +167,6 @@ def main(argv: Sequence[str]) -> int:
     if arguments.sign is not None:
         check_key(arguments.sign)
     command = told_command([*words, "--out", str(arguments.out)])
-    if arguments.worker:
-        _take_part(spec, arguments, command)
-        _sign(arguments.out, arguments.sign)
-        return 0
     panel = run_panel(
         spec,
         arguments.out,
@@ -195,7 +177,6 @@ def main(argv: Sequence[str]) -> int:
         executor=arguments.executor,
         address=arguments.address,
         resources=resources_of(arguments),
-        lease=arguments.lease,
     )
     for doubt in panel.warnings:
         say(f"warning: {panel.said(doubt)}", sys.stderr)
@@ -225,28 +206,3 @@ def _sign(out: Path, key: Path | None) -> None:
     """Sign the seal of a finished panel, if there is a key to do it with."""
     if key is not None:
         print(f"Signed by {sign(out, key)}")
-
-
-def _take_part(spec: PanelSpec, arguments: argparse.Namespace, command: str) -> None:
-    """Be one of several processes that finish a panel together."""
-    for name in ("executor", "address"):
-        if getattr(arguments, name) not in (None, "local"):
-            raise ValueError(f"--{name} is not for --worker; leave one of them out")
-    if arguments.verbose:
-        raise ValueError("a --worker prints no verdicts; leave --verbose out")
-    if arguments.cores_per_worker != 1:
-        raise ValueError(
-            "--cores-per-worker is asked of an engine, and a --worker has one core; leave it out"
-        )
-    done = work_on_panel(
-        spec,
-        arguments.out,
-        workers=workers_of(arguments),
-        gpus=bool(arguments.gpus_per_worker),
-        lease=arguments.lease,
-        progress=not arguments.no_progress,
-        policies=arguments.policies,
-        command=command,
-    )
-    print(f"{plural(done, 'unit')} done here; all of the panel is finished.")
-    print(f"Page: {told_page(arguments.out)}")

@@ -6,13 +6,13 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from integ_gym.eval.panel.calls import rewriting
 from integ_gym.eval.panel.checking.page import check_finished
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.running.run_directory import MANIFEST
-from integ_gym.eval.panel.sharing.driving import rewriting
 from integ_gym.eval.report.figures.write import STYLES, write_figures
 from integ_gym.eval.report.page.page import write_report
-from integ_gym.support.storing.places import is_remote
+from integ_gym.support.storage import is_remote
 from integ_gym.support.terminal.command_line import CommandParser
 from integ_gym.support.terminal.options import run_place
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from integ_gym.support.sharing.clusters import EXECUTORS
-from integ_gym.support.sharing.resources import Resources
+from integ_gym.support.executors import EXECUTORS, Resources
 from integ_gym.support.terminal.options import whole_number
 
 
@@ -48,7 +47,8 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add(
         "--address", metavar="ADDRESS",
-        help="of a running cluster of Ray or Dask (default: one is started on this machine)",
+        help="of a running cluster of Ray or Dask (default: one is started on this machine); with "
+        "slurm, local runs its jobs on this machine",
     )  # fmt: skip
     add(
         "--cores-per-worker", type=whole_number, default=1, metavar="N",

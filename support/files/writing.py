@@ -119,6 +119,18 @@ def told_path(path: str | os.PathLike[str]) -> str:
     return str(told.relative_to(here)) if told.is_relative_to(here) else told.name
 
 
+def read_files(folder: Path) -> dict[str, bytes]:
+    """The files in and below a folder, by their names in it with ``/``; none if it is not there."""
+    found = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder, in the order that is given, each in one step."""
+    for name, content in files.items():
+        replace_file(folder / name, content)
+
+
 def make_folder(out: Path) -> Path:
     """``out`` as a folder that can be written to, made where there is none.
 

@@ -18,7 +18,7 @@ except ModuleNotFoundError as error:
 class FileLock:
     """A file that one holder has at a time; released with the process, however it ends.
 
-    It holds nothing that others read: on Windows they cannot while it is held.
+    On Windows others cannot read it while it is held.
 
     Args:
         path: the file, in a folder that exists; it is there while it is held.
@@ -28,30 +28,37 @@ class FileLock:
         self.path = path
         self._descriptor: int | None = None
 
-    def acquire(self, shared: bool = False) -> bool:
+    def acquire(self, text: str = "") -> bool:
         """Hold it; False if somebody does, in this process or another.
 
         Args:
-            shared: whether others may hold it too who ask for no more than that.
+            text: written to the file, for whoever finds it held.
 
         Raises:
             OSError: if it cannot be made, or its file system knows no locks.
         """
-        kind = LockFlags.SHARED if shared else LockFlags.EXCLUSIVE
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                if not _locked(descriptor, kind):
+                if not _lock(descriptor):
                     return False
                 if self._is_the_file(descriptor):
+                    os.ftruncate(descriptor, 0)
+                    os.write(descriptor, text.encode())
                     self._descriptor, descriptor = descriptor, -1
                     return True
             finally:
                 if descriptor >= 0:
                     os.close(descriptor)
 
+    def read(self) -> str:
+        """What its holder wrote; empty where it cannot be read."""
+        with suppress(OSError):
+            return self.path.read_text(encoding="utf-8")
+        return ""
+
     def release(self) -> None:
-        """Give it back, and remove the file unless others hold it; nothing if it is not held."""
+        """Give it back, and remove the file; nothing if it is not held."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is None:
             return
@@ -61,8 +68,7 @@ class FileLock:
             with suppress(PermissionError):
                 self.path.unlink(missing_ok=True)
             return
-        if _locked(descriptor, LockFlags.EXCLUSIVE):
-            self.path.unlink(missing_ok=True)
+        self.path.unlink(missing_ok=True)
         os.close(descriptor)
 
     def _is_the_file(self, descriptor: int) -> bool:
@@ -73,14 +79,14 @@ class FileLock:
             return False
 
 
-def _locked(descriptor: int, kind: LockFlags) -> bool:
-    """Whether an open file is held now.
+def _lock(descriptor: int) -> bool:
+    """Lock an open file; False if somebody else holds it.
 
     Raises:
         OSError: if it can be held by nobody.
     """
     try:
-        lock(descriptor, kind | LockFlags.NON_BLOCKING)
+        lock(descriptor, LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING)
     except AlreadyLocked:
         return False
     except LockException as error:

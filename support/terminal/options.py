@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..storing.places import named_place
+from ..storage import named_place
 
 
 def named_value(word: str) -> tuple[str, Any]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
-from integ_gym.envs.environments import functional
-from integ_gym.envs.environments.functional.environment import FunctionalEnv
-from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs import functional
+from integ_gym.envs.functional import FunctionalEnv
+from integ_gym.envs.ops.jax_ops import jax, jnp
+from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
 from integ_gym.support.processes.workers import report_work
-from integ_gym.support.sharing.clusters import Cluster
 
 from ..policy_files.card import LAST_EPISODES, episode_summary, make_card
 from ..policy_files.sidecar import TrainedPolicy, actor_of, write_actor
@@ -37,10 +37,10 @@ from ..running.side_by_side import (
     OnTrained,
     Run,
     checked_runs,
+    resolve_executor,
     train_in_processes,
     training_bar,
     unheard,
-    used,
 )
 from ..sb3.initial_weights import initial_stack, state_dict
 from ..sb3.model import can_save, import_ahead, zip_of_weights
@@ -100,9 +100,7 @@ def train_fleet(
             written.
         memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
-        executor: what runs the processes: see :func:`integ_gym.support.cluster_of`. One of others
-            writes each policy where it was trained: `out_dirs` and `evidence` must be seen from
-            there.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
         address: of a running cluster.
         together: places in `configs` of those that are trained together; by default as
             :func:`integ_gym.train.fleet.planning.plan` divides them.
@@ -115,11 +113,10 @@ def train_fleet(
     """
     require("fleet")
     runs = checked_runs(configs, out_dirs, evidence, force)
-    with used(executor, address, workers, memory_gib) as cluster:
-        here = workers == 0
-        processes = (
-            fleet_workers(1 if here else workers) if cluster is None else workers_of(cluster)
-        )
+    here = workers == 0
+    where = Cluster(0) if here else executor
+    with resolve_executor(where, address, workers, memory_gib) as cluster:
+        processes = fleet_workers(1) if here else workers_of(cluster)
         prepare = preparation(processes.device, cache_dir)
         if here:
             for config in configs:
@@ -132,34 +129,21 @@ def train_fleet(
         )
         for _, folder, _ in runs:
             folder.mkdir(parents=True, exist_ok=True)
-        remote = cluster is not None
-        if not (remote or here) and can_save():
-            import_ahead()
+        if not (cluster.remote or here):
+            cluster = replace(cluster, workers=processes.count)
+            if can_save():
+                import_ahead()
         return train_in_processes(
-            _run_and_write if remote else _run_here if here else _run,
-            {chunk.places: ([runs[place] for place in chunk.places],) for chunk in chunks},
-            0 if here else processes.count,
+            _run_and_write if cluster.remote else _run_here if here else _run,
+            runs,
+            [chunk.places for chunk in chunks],
+            cluster,
             training_bar(sum(chunk.decisions for chunk in chunks), len(configs), progress),
             on_trained,
-            write=lambda place, done: (
-                done if remote else write_outcome(configs[place], done, runs[place][1])
-            ),
+            write=lambda place, done: write_outcome(configs[place], done, runs[place][1]),
             prepare=prepare,
             starting="compiling",
-            cluster=cluster,
         )
-
-
-def train_together(
-    configs: Sequence[PPOConfig],
-    out_dirs: Sequence[Path],
-    evidence: Sequence[TrainingEvidence],
-    on_trained: OnTrained = unheard,
-) -> None:
-    """Train runs of one kind together in this process, and write each into its folder."""
-    for place, outcome in enumerate(train_chunk(configs, evidence, report_work)):
-        out_dirs[place].mkdir(parents=True, exist_ok=True)
-        on_trained(place, write_outcome(configs[place], outcome, out_dirs[place]))
 
 
 def preparation(device: Device, cache_dir: str | Path | None = None) -> Callable[[int], None]:

@@ -11,8 +11,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
+from integ_gym.support.executors import Cluster
 from integ_gym.support.processes.workers import cores
-from integ_gym.support.sharing.clusters import Cluster
 
 Device = Literal["cpu", "gpu"]
 
@@ -51,7 +51,9 @@ def fleet_workers(requested: int | None = None) -> Workers:
 
 
 def workers_of(cluster: Cluster) -> Workers:
-    """The processes of an engine of others: on GPUs where these were asked for."""
+    """Where the fleet trains; on GPUs of other machines where these were asked for."""
+    if not cluster.remote:
+        return fleet_workers(cluster.workers)
     return Workers(cluster.workers, "gpu" if cluster.gpus else "cpu")
 
 
@@ -63,7 +65,7 @@ def prepare_worker(cache_dir: str | None, device: Device, number: int) -> None:
         device: what it computes on.
         number: of the process, which has the GPU of that number.
     """
-    from integ_gym.envs.arithmetic.jax_ops import jax
+    from integ_gym.envs.ops.jax_ops import jax
 
     if device == "gpu":
         os.environ["CUDA_VISIBLE_DEVICES"] = _gpus()[number]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from .arrays import ActionArray, FloatArray, frozen
 from .network import ACTIVATIONS, Layer, network_outputs
 from .observation_statistics import ObservationStatistics
 
-MOST = float(np.finfo(np.float32).max)
+_MOST = float(np.finfo(np.float32).max)
 """Bound of actions that have none."""
 
 _HASH_FORMAT = "integ-gym MlpPolicy 1"
@@ -174,16 +174,10 @@ class MlpPolicy:
         actions = self.actions
         if (
             isinstance(actions, DiscreteActions)
-            or np.abs([actions.low, actions.high]).min() >= MOST
+            or np.abs([actions.low, actions.high]).min() >= _MOST
         ):
             return None
         return actions.low, actions.high
-
-    def choosing(self) -> MlpPolicy | None:
-        """The same network choosing the action of its largest output; None where it has bounds."""
-        if isinstance(self.actions, DiscreteActions) or self.bounds is not None:
-            return None
-        return replace(self, actions=DiscreteActions(self.actions.size))
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]

@@ -11,8 +11,7 @@ from zipfile import is_zipfile
 from ..policy.mlp_policy import MlpPolicy
 from ..policy.observation_statistics import ObservationStatistics
 from .error import PolicyFileError
-from .formats.onnx_file.reading import read_onnx
-from .formats.onnx_file.runtime_policy import OnnxPolicy
+from .formats.onnx_policy import OnnxPolicy, read_onnx
 from .formats.safetensors_file import read_safetensors
 from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
 from .formats.sb3_zip.reading import is_scaled, read_sb3_zip
@@ -52,10 +51,6 @@ def read_weights(
         if obs_stats is False and getattr(policy, "statistics", None) is not None:
             raise PolicyFileError(f"{path}: holds statistics of its own; leave out obs_stats=False")
         return policy
-    if isinstance(policy, OnnxPolicy):
-        raise PolicyFileError(
-            f"{path}: is run by onnxruntime as it is; put the normalization into its graph"
-        )
     return _with(policy, statistics, path)
 
 
@@ -125,7 +120,9 @@ def _statistics(network: Mapping[str, Any]) -> ObservationStatistics | None:
         ) from error
 
 
-def _with(policy: MlpPolicy, statistics: ObservationStatistics, path: Path) -> MlpPolicy:
+def _with(
+    policy: MlpPolicy | OnnxPolicy, statistics: ObservationStatistics, path: Path
+) -> MlpPolicy | OnnxPolicy:
     try:
         return replace(policy, statistics=statistics)
     except ValueError as error:

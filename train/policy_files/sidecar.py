@@ -27,7 +27,7 @@ from integ_gym.support.files.writing import replace_file
 from ..policy.actions import BoxActions, DiscreteActions
 from ..policy.mlp_policy import MlpPolicy
 from .error import PolicyFileError
-from .formats.onnx_file.runtime_policy import OnnxPolicy
+from .formats.onnx_policy import OnnxPolicy
 from .formats.safetensors_file import safetensors_bytes
 from .formats.sb3_zip.reading import read_archive
 from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed

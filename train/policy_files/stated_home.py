@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.terminal.options import named_value

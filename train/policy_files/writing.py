@@ -15,14 +15,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION
+from integ_gym.envs.settings import DISCRETIZATION
 from integ_gym.support.files.writing import replace_file
 
 from ..policy.actions import BoxActions
 from ..policy.mlp_policy import MlpPolicy
 from .error import PolicyFileError
-from .formats.onnx_file.runtime_policy import OnnxPolicy
-from .formats.onnx_file.writing import onnx_bytes
+from .formats.onnx_export import onnx_bytes
+from .formats.onnx_policy import OnnxPolicy
 from .formats.safetensors_file import safetensors_bytes
 from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
 from .formats.sb3_zip.reading import lacks_statistics, read_sb3_model
@@ -240,6 +240,11 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
 
 
 def _named(policy: Any, name: str) -> MlpPolicy:
+    if isinstance(policy, OnnxPolicy):
+        raise PolicyFileError(
+            "onnxruntime runs an ONNX graph as it is, and it is written in no other format; give "
+            "the model that it was exported from"
+        )
     if not isinstance(policy, MlpPolicy):
         raise PolicyFileError("only a feed-forward policy is written; give one")
     return replace(policy, policy_id=name)

@@ -29,3 +29,7 @@ class TrainingEvidence:
         """Training environments that record; ``commit(batch)`` writes what they have recorded."""
         store = EvidenceStore(self.store)
         return RecordVectorEvidence(vector_env, store, self.context, commit_on_close=False)
+
+    def discard(self) -> None:
+        """Remove what a worker wrote that was lost before the run was finished."""
+        (self.store / f"{self.batch}.parquet").unlink(missing_ok=True)

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from itertools import repeat
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
+from integ_gym.support.executors import (
+    Cluster,
+    Resources,
+    TaskPool,
+    open_cluster,
+)
+from integ_gym.support.files.writing import read_files, write_files
 from integ_gym.support.processes.workers import (
     Progress,
-    cores,
     report_work,
     work_bar,
 )
-from integ_gym.support.sharing.clusters import Cluster, cluster_of
-from integ_gym.support.sharing.resources import Resources
 
 from ..policy_files.sidecar import TrainedPolicy, check_folder
 from .error import TrainingError
@@ -27,10 +34,6 @@ if TYPE_CHECKING:
 
 OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
 """Told the place of a policy among the configurations once it and its evidence are written."""
-
-
-Jobs: TypeAlias = Mapping[tuple[int, ...], tuple[Any, ...]]
-"""Arguments of each job, by the places of the policies that it trains."""
 
 C = TypeVar("C", bound="TrainingConfig")
 
@@ -70,13 +73,15 @@ def train_each(
     progress: bool,
     workers: int | None,
     on_trained: OnTrained,
+    executor: str | Cluster = "local",
+    address: str | None = None,
 ) -> list[TrainedPolicy]:
     """Train policies one by one, in this process if one worker is enough; see `train_ppo`."""
-    processes = min(workers or cores(), len(runs))
     bar = training_bar(sum(run[0].rounded_steps for run in runs), len(runs), progress)
-    if processes > 1:
-        jobs: Jobs = {(place,): (train_run, *run) for place, run in enumerate(runs)}
-        return train_in_processes(_train_and_report, jobs, processes, bar, on_trained)
+    with resolve_executor(executor, address, workers) as cluster:
+        if cluster.remote or min(cluster.workers, len(runs)) > 1:
+            train, places = partial(_train_and_report, train_run), [(n,) for n in range(len(runs))]
+            return train_in_processes(train, runs, places, cluster, bar, on_trained)
 
     def tell(steps: int, words: str) -> None:
         bar.set_postfix_str(words, refresh=False)
@@ -91,90 +96,134 @@ def train_each(
     return trained
 
 
-def _train_and_report(train_run: Callable[..., TrainedPolicy], *run: Any) -> list[TrainedPolicy]:
-    """One run, in a worker process."""
-    return [train_run(*run, tell=lambda steps, words: report_work(steps))]
+def _train_and_report(
+    train_run: Callable[..., TrainedPolicy], runs: Sequence[Run[Any]]
+) -> list[TrainedPolicy]:
+    """Runs one by one, in a worker process."""
+    return [train_run(*run, tell=lambda steps, words: report_work(steps)) for run in runs]
 
 
 def train_in_processes(
-    train: Callable[..., Sequence[Any]],
-    jobs: Jobs,
-    processes: int,
+    train: Callable[[Sequence[Run[Any]]], Sequence[Any]],
+    runs: Sequence[Run[Any]],
+    chunks: Sequence[tuple[int, ...]],
+    cluster: Cluster,
     bar: Any,
     on_trained: OnTrained,
     *,
     write: Callable[[int, Any], TrainedPolicy] = lambda place, trained: trained,
     prepare: Callable[[int], None] | None = None,
     starting: str = "",
-    cluster: Cluster | None = None,
 ) -> list[TrainedPolicy]:
-    """Do jobs in worker processes, and take in each as it ends.
+    """Train policies in worker processes, and take in each chunk of them as it ends.
 
     Args:
-        train: a job; importable from a module. What it reports as work moves the bar.
-        jobs: what is to be trained.
-        processes: at most so many at once; 0: none, but this one.
+        train: trains a chunk; importable from a module. What it reports as work moves the bar. On
+            other machines it returns policies that it has written.
+        runs: the policies.
+        chunks: places of those that are trained together.
+        cluster: where.
         bar: see :func:`training_bar`; closed at the end.
         on_trained: told of each policy.
-        write: called here for each place with what ``train`` returned for it.
+        write: called here for each place with what ``train`` returned for it on this machine.
         prepare: called once in each process but this one, with its number from 0.
         starting: what the bar says until some work is done.
-        cluster: an engine of others, in place of processes of this machine.
 
     Raises:
-        TrainingError: if a job fails or is killed; finished policies stay.
+        TrainingError: if a chunk fails, or its workers are lost again and again; finished policies
+            stay.
     """
     trained: dict[int, TrainedPolicy] = {}
-    progress, policies = Progress(bar, starting), sum(map(len, jobs))
-    if cluster is not None:
-        made: AbstractContextManager[Executor] = cluster.pool(progress, prepare)
-    elif processes:
-        made = progress.pool(max(1, min(processes, len(jobs))), prepare)
-    else:
-        made = progress.at_once()
-    with bar, made as pool:
-        running = {pool.submit(train, *given): places for places, given in jobs.items()}
-        for future in progress.ended(running):
-            outcomes = _result(future, len(trained))
-            for place, outcome in zip(running.pop(future), outcomes, strict=True):
-                trained[place] = write(place, outcome)
-                on_trained(place, trained[place])
-            bar.set_postfix_str(f"{len(trained)} of {policies} policies", refresh=False)
+    progress = Progress(bar, starting)
+    first = (_train_in_scratch, train) if cluster.remote else (train,)
+    tasks = {places: (*first, [runs[place] for place in places]) for places in chunks}
+    if not cluster.remote:
+        cluster = replace(cluster, workers=min(cluster.workers, len(chunks)))
+
+    def discard(places: tuple[int, ...]) -> None:
+        """Remove the episodes that a worker wrote before it was lost."""
+        for evidence in (runs[place][2] for place in places):
+            if evidence is not None and not cluster.remote:
+                evidence.discard()
+
+    with bar, TaskPool(cluster, progress, prepare) as pool:
+        ended = pool.run(tasks, discard)
+        while (result := _next_result(ended, len(trained))) is not None:
+            places, outcomes = result
+            for place, outcome in zip(places, outcomes, strict=True):
+                made = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
+                trained[place] = made
+                on_trained(place, made)
+            bar.set_postfix_str(f"{len(trained)} of {len(runs)} policies", refresh=False)
     return [trained[place] for place in sorted(trained)]
 
 
-def _result(future: Future[Sequence[Any]], finished: int) -> Sequence[Any]:
-    """What a worker returned.
+def _next_result(
+    ended: Iterator[tuple[tuple[int, ...], Future[Any]]], finished: int
+) -> tuple[tuple[int, ...], Sequence[Any]] | None:
+    """Places of the next chunk that ends, and what its worker returned; None after the last.
 
     Raises:
-        TrainingError: if it failed, or was killed.
+        TrainingError: if it failed, or workers were lost again and again.
     """
     kept = f"finished policies are kept ({finished})"
     try:
-        return future.result()
+        for places, future in ended:
+            return places, future.result()
     except BrokenExecutor:
         raise TrainingError(
-            "a worker process was killed, perhaps for want of memory; give fewer workers, or the "
-            f"fleet a smaller `memory_gib`; {kept}"
+            "worker processes were killed again and again, perhaps for want of memory; give fewer "
+            f"workers, or the fleet a smaller `memory_gib`; {kept}"
         ) from None
     except Exception as error:
         raise TrainingError(f"training failed: {error}; {kept}") from error
+    return None
+
+
+def _train_in_scratch(
+    train: Callable[[Sequence[Run[Any]]], Sequence[TrainedPolicy]], runs: Sequence[Run[Any]]
+) -> list[tuple[TrainedPolicy, dict[str, bytes], dict[str, bytes]]]:
+    """Train a chunk on another machine: policies, each with its files and those of its episodes."""
+    with TemporaryDirectory(prefix="integ-gym-") as scratch:
+        moved, folders = [], [Path(scratch) / str(place) for place in range(len(runs))]
+        for (config, _, evidence), folder in zip(runs, folders, strict=True):
+            (folder / "policy").mkdir(parents=True)
+            own = None if evidence is None else replace(evidence, store=folder / "evidence")
+            moved.append((config, folder / "policy", own))
+        return [
+            (policy, read_files(folder / "policy"), read_files(folder / "evidence"))
+            for policy, folder in zip(train(moved), folders, strict=True)
+        ]
+
+
+def _keep(
+    run: Run[Any], made: tuple[TrainedPolicy, dict[str, bytes], dict[str, bytes]]
+) -> TrainedPolicy:
+    """Write here what was trained elsewhere."""
+    (policy, files, episodes), (_, folder, evidence) = made, run
+    if evidence is not None:
+        write_files(evidence.store, episodes)
+    write_files(folder, files)
+    return replace(policy, policy=folder / policy.policy.name, sidecar=folder / policy.sidecar.name)
 
 
 @contextmanager
-def used(
-    executor: str | Cluster, address: str | None, workers: int | None, memory_gib: float | None
-) -> Iterator[Cluster | None]:
-    """An engine of others, by name or as it is; None: processes of this machine.
+def resolve_executor(
+    executor: str | Cluster,
+    address: str | None = None,
+    workers: int | None = None,
+    memory_gib: float | None = None,
+) -> Iterator[Cluster]:
+    """Where to train, by name or as it is.
 
     Raises:
-        ClusterError: see :func:`integ_gym.support.cluster_of`.
+        ClusterError: see :func:`integ_gym.support.executors.open_cluster`.
     """
-    if not isinstance(executor, str):
-        yield executor if executor.remote else None
+    if isinstance(executor, Cluster):
+        yield executor
         return
-    with cluster_of(executor, address, Resources(workers, memory_gib=memory_gib)) as cluster:
-        yield cluster if cluster.remote else None
+    with open_cluster(executor, address, Resources(workers, memory_gib=memory_gib)) as cluster:
+        yield cluster
 
 
 def training_bar(decisions: int, policies: int, shown: bool) -> Any:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 
+from integ_gym.support.executors import Cluster
 from integ_gym.support.files.writing import replace_file
 from integ_gym.support.packages.versions import installed_versions
 from integ_gym.support.processes.spawning import check_spawning
 from integ_gym.support.processes.workers import cores
-from integ_gym.support.sharing.clusters import Cluster
-from integ_gym.support.storing.storage import Storage
+from integ_gym.support.storage import Storage
 
 from ..checking.sample import check_records
 from ..model.panel import Panel
@@ -28,7 +26,6 @@ from ..running.evaluation.units import all_seconds, evaluate_all
 from ..running.panel import as_there
 from ..running.run_directory import GIVEN, RunDirectory, Seen
 from ..running.units import baseline_of
-from ..sharing.driving import evaluate_on, write_pages
 from ..specification.panel_spec import TRAINERS, PanelSpec
 from .facts import facts_of, given_panel
 from .policy import Existing
@@ -40,7 +37,7 @@ SHORT = 10.0
 def evaluate_existing(
     existing: Existing,
     spec: PanelSpec,
-    out: Path | Storage,
+    out: Storage,
     command: str,
     *,
     workers: int | None = None,
@@ -53,7 +50,8 @@ def evaluate_existing(
     Args:
         existing: the policy.
         spec: what :func:`~integ_gym.eval.panel.existing.planning.plan` made.
-        out: directory; one that holds another policy's evaluation is refused.
+        out: its directory, or where else it is kept; one that holds another policy's evaluation
+            is refused.
         command: how to run this again, for the page.
         workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar.
@@ -76,29 +74,20 @@ def evaluate_existing(
         Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
         *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
     ]
-    shared = cluster is not None and (cluster.remote or directory.storage.remote)
-    elsewhere = cluster if shared else None
-    if elsewhere is None:
-        processes = _processes(workers, all_seconds(spec, subjects))
-    else:
-        processes = elsewhere.workers
-    if processes:
+    if cluster is None or not cluster.remote:
+        cluster = Cluster(_processes(workers, all_seconds(spec, subjects)))
+    if cluster.workers:
         check_spawning(existing.policy, alone=True)
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
-        directory.storage.keep("policies")
         before = directory.markers("")
-        if elsewhere is None:
-            evaluate_all(spec, directory, subjects, "evaluate", processes, progress)
-        else:
-            evaluate_on(elsewhere, spec, directory, subjects, "evaluate", progress)
+        evaluate_all(spec, directory, subjects, "evaluate", cluster, progress)
         if progress and directory.markers("") == before:
             print("Complete: nothing to evaluate.", file=sys.stderr)
         with phases("evaluate", progress) as begin:
-            count = max(1, processes)
-            write = partial(_write, existing, spec, directory, command, count, begin)
-            panel = write_pages(write, directory)
+            count = max(1, cluster.workers)
+            panel = _write(existing, spec, directory, command, count, begin)
         directory.finish_work()
     for doubt in panel.warnings:
         on_doubt(panel.said(doubt))

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import make_training_environments
 from integ_gym.train.monitoring.raw_model import RawModel
 from integ_gym.train.policy.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.policy.interface import Policy
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_file.runtime_policy import OnnxPolicy
+from integ_gym.train.policy_files.formats.onnx_policy import OnnxPolicy
 from integ_gym.train.policy_files.formats.sb3_zip.reading import lacks_statistics, read_sb3_model
 from integ_gym.train.policy_files.stated_home import Stated
 

@@ -12,9 +12,8 @@ from gymnasium import spaces
 
 from integ_gym.train.baselines.making import BASELINES
 from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_file.reading import onnx_card, onnx_data
+from integ_gym.train.policy_files.formats.onnx_policy import OnnxPolicy, onnx_card, onnx_data
 from integ_gym.train.policy_files.reading import (
     ONNX_ENDING,
     POLICY_ENDINGS,
@@ -149,11 +148,9 @@ def hashes_of(folder: Path) -> set[str]:
 
 def fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
     """A graph's outputs are values of actions where the environment's actions are discrete."""
-    if not isinstance(action_space, spaces.Discrete):
-        return policy
-    if not isinstance(policy, MlpPolicy):
+    if isinstance(policy, OnnxPolicy) and isinstance(action_space, spaces.Discrete):
         return replace(policy, discrete=True)
-    return policy.choosing() or policy
+    return policy
 
 
 def row_name(name: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.support.processes.machine import host, instruction_sets
 
 from ...statistics.episodes import draws_for

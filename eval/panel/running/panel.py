@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from integ_gym.support.executors import Cluster
 from integ_gym.support.processes.workers import cores
-from integ_gym.support.sharing.claims import LEASE
-from integ_gym.support.storing.places import as_storage
-from integ_gym.support.storing.storage import Storage
-from integ_gym.train.fleet.worker import Workers, fleet_workers
+from integ_gym.support.storage import Storage
+from integ_gym.train.fleet.worker import workers_of
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from ..specification.difference import continued
@@ -22,20 +21,17 @@ from .evaluation.subjects import Subject
 from .evaluation.units import evaluate_all, evaluated
 from .reuse import bring, finished_policies
 from .run_directory import MANIFEST, RunDirectory, read_manifest
-from .training import check_training, train_units
+from .training import check_training, memory_of, train_units
 from .units import Unit, baseline_of, is_card_of, units_of
 from .work import PanelError
 
 
-def check_spec(
-    spec: PanelSpec, workers: int | Workers | None = None, memory_gib: float | None = None
-) -> None:
+def check_spec(spec: PanelSpec, cluster: Cluster | None = None) -> None:
     """Check what only the trainer and the baselines know.
 
     Args:
         spec: the panel.
-        workers: processes, if so many are requested, or the fleet's.
-        memory_gib: that they may take together; by default the specification's.
+        cluster: where it runs; by default on this machine.
 
     Raises:
         SpecError: for unknown hyperparameters or baselines, or what the trainer cannot train.
@@ -48,26 +44,25 @@ def check_spec(
                 "`env_id`, `environment` and `seeds`"
             )
     check_cost(spec)
+    where = cluster or Cluster(cores())
     try:
         for name in spec.baselines:
             baseline_of(spec, name)
-        fleet = workers if isinstance(workers, Workers) else fleet_workers(workers)
-        check_training(spec, fleet, memory_gib or spec.memory_gib)
+        check_training(spec, workers_of(where), memory_of(spec, where))
     except (TypeError, ValueError) as error:
         raise SpecError(f"panel {spec.name!r}: {error}") from error
 
 
-def as_there(spec: PanelSpec, out: Path | Storage) -> PanelSpec:
+def as_there(spec: PanelSpec, storage: Storage) -> PanelSpec:
     """The same panel with its episodes in the parts in which a directory has them; see `parts`.
 
     Args:
         spec: the panel.
-        out: its directory, or where else it is kept.
+        storage: its directory, or where else it is kept.
 
     Raises:
         RunDirectoryError: if what the directory says of its run is damaged.
     """
-    storage = as_storage(out)
     storage.fetch(MANIFEST)
     manifest = storage.path / MANIFEST
     if not manifest.exists():
@@ -77,31 +72,23 @@ def as_there(spec: PanelSpec, out: Path | Storage) -> PanelSpec:
 
 @contextmanager
 def opened(
-    spec: PanelSpec,
-    out: Path | Storage,
-    *,
-    workers: int | Workers | None = None,
-    memory_gib: float | None = None,
-    policies: Path | None = None,
-    lease: float = LEASE,
+    spec: PanelSpec, out: Storage, cluster: Cluster | None = None, policies: Path | None = None
 ) -> Iterator[RunDirectory]:
     """The directory of a panel that can be run, held; see `complete`.
 
     Args:
         spec: the panel.
         out: its directory, or where else it is kept.
-        workers: processes, if so many are requested, or the fleet's.
-        memory_gib: that they may take together; by default the specification's.
+        cluster: where it runs; by default on this machine.
         policies: directory of a finished panel whose policies are taken instead of training.
-        lease: see :meth:`RunDirectory.opened`.
 
     Raises:
         SpecError, RunDirectoryError: for what cannot be run, before anything is written.
     """
-    check_spec(spec, workers, memory_gib)
+    check_spec(spec, cluster)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     source = None if policies is None else finished_policies(policies, spec)
-    with directory.opened(lease):
+    with directory.opened():
         if source is not None:
             bring(source, directory, spec)
         yield directory
@@ -111,8 +98,7 @@ def complete(
     spec: PanelSpec,
     directory: RunDirectory,
     label: str,
-    *,
-    workers: int | None = None,
+    cluster: Cluster,
     progress: bool = True,
 ) -> bool:
     """Train and evaluate everything that is not finished yet; whether there was anything.
@@ -121,16 +107,16 @@ def complete(
         spec: the panel, or a stage of it.
         directory: held by the caller.
         label: of the bar.
-        workers: processes; by default one per core.
+        cluster: where.
         progress: show a bar with the remaining time.
 
     Raises:
         PanelError: if a unit of work fails; what was finished stays.
     """
     before = evaluated(directory)
-    train_units(spec, directory, workers, progress)
+    train_units(spec, directory, cluster, progress)
     subjects = [subject_of(spec, directory, unit) for unit in units_of(spec)]
-    evaluate_all(spec, directory, subjects, label, workers or cores(), progress)
+    evaluate_all(spec, directory, subjects, label, cluster, progress)
     return evaluated(directory) != before
 
 

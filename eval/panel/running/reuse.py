@@ -43,8 +43,6 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
 def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
     """Copy every policy that is not there yet; its marker comes last.
 
-    Whoever does so again, or beside another who is taken for dead, writes the same.
-
     Args:
         source: what :func:`finished_policies` found.
         directory: held by the caller.
@@ -55,7 +53,7 @@ def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> Non
             directory.discard_remains(unit.training)
             directory.adopt_policy(source, unit.policy)
             directory.adopt(source, unit.training)
-    directory.storage.keep("evidence", "policies", "units")
+    directory.storage.send()
 
 
 def _check(source: RunDirectory, unit: Unit, key: str) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
-import os
+import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +27,21 @@ from integ_gym.support.files.writing import (
     file_hash,
     remove_leftovers,
     replace_file,
+    write_files,
     write_json,
 )
 from integ_gym.support.packages.versions import installed_versions
-from integ_gym.support.sharing.claims import LEASE
-from integ_gym.support.sharing.folder_files import Gone
-from integ_gym.support.storing.places import as_storage
-from integ_gym.support.storing.storage import Busy, Storage
+from integ_gym.support.storage import LOCK, Busy, Storage
 
 from ..specification.difference import GROWING, additions, contradictions
-from .staging import DIVISION, DRIVEN, SHARED, WORK, Desk, clear, earlier, retire
 
 MANIFEST = "run.json"
 PANEL_FILE = "panel.json"
 FIGURES = "figures"
-LOCK = ".lock"
+
+WORK = ".work"
+"""Folder in a run's directory for what is there only while it is worked on."""
+
 PACKAGES = ("integ-gym", "numpy", "scipy", "gymnasium")
 """Packages whose version can change a result of every run."""
 
@@ -115,19 +116,13 @@ class RunDirectory:
         specification: Mapping[str, Any],
         engines: Mapping[str, str] | None = None,
     ) -> None:
-        self.storage = as_storage(path)
+        self.storage = Storage(path) if isinstance(path, Path) else path
         self.path = self.storage.path
         self.evidence = self.path / "evidence"
         self.policies = self.path / "policies"
         self._units = self.path / "units"
-        self.desk = Desk(self.storage, DRIVEN)
-        """Where units are claimed while it is open."""
-
         self.looks_before: list[Any] | None = None
         """Looks at verdicts of the run that units are done for; by default ``run.json`` tells."""
-
-        self.is_ours: Callable[[], bool] = _always
-        """Asked before anything is removed; False where another has taken over what this did."""
 
         self._specification = json.loads(json.dumps(specification))
         self._engines = dict(engines or {})
@@ -141,157 +136,81 @@ class RunDirectory:
         return {**package_versions(), **trained, **self._engines}
 
     @contextmanager
-    def opened(self, lease: float = LEASE) -> Iterator[None]:
-        """Create or check the directory and hold it for one runner.
-
-        The hold is released even when the process is killed; in an object store after a lease.
-
-        Args:
-            lease: time of silence after which this runner is taken for dead there, s.
+    def opened(self) -> Iterator[None]:
+        """Create or check the directory and hold it for one driver.
 
         Raises:
             RunDirectoryError: if it holds another run, another version's results or other files,
-                or if another process runs in it.
+                or if another driver works in it.
         """
-        self._begin()
-        with self._held(DRIVEN, lease) as own:
-            retire(self.storage, DRIVEN, SHARED, own=own)
+        self.storage.fetch(MANIFEST)
+        self._check()
+        others = self.storage.names() if not (self.path / MANIFEST).exists() else []
+        if others:
+            raise RunDirectoryError(
+                f"{self.storage} holds {others[0]} and no panel; give another place with --out"
+            )
+        self.make_folders()
+        with self.locked():
             self.storage.fetch()
             written = (self.path, self.evidence, self._units, self.path / FIGURES)
             for folder in (*written, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
-            self.recall_division()
             self.lift_seal()
             try:
                 self._write_manifest()
+                self.storage.send()
                 yield
             finally:
                 lower_seal(self.path)
-                with suppress(Busy):  # it is there
-                    if (self.path / SEAL_FILE).exists():
-                        self.storage.publish(SEAL_FILE)
+                self.storage.send()
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Hold a run in an object store as it is, for one process.
+    def locked(self) -> Iterator[None]:
+        """Hold the directory as it is, for one driver.
 
         Raises:
-            RunDirectoryError: if another process runs in it.
+            RunDirectoryError: if another driver works in it.
         """
-        with self._held(DRIVEN, LEASE) as own:
-            retire(self.storage, own=own)
-            yield
-
-    @contextmanager
-    def joined(self, lease: float = LEASE) -> Iterator[None]:
-        """Create or check the directory and hold it for one of several that take units by claims.
-
-        Args:
-            lease: time of silence after which all of these are taken for dead, s.
-
-        Raises:
-            RunDirectoryError: see :meth:`opened`.
-        """
-        self._begin()
-        with self._held(SHARED, lease) as own:
-            if own is None:
-                retire(self.storage, DRIVEN)
-            self.storage.fetch(MANIFEST, SEAL_FILE)
-            self._check()
-            self._lift_seal_to_grow()
-            self._write_manifest()
-            yield
-
-    def _lift_seal_to_grow(self) -> None:
-        """Put the seal of a finished run aside before its manifest tells more than it did.
-
-        Of several who do so at once, one is first; what it writes is no damage to the others.
-        """
-        if self._is_as_specified() or not (self.path / SEAL_FILE).exists():
-            return
-        self.storage.fetch()
-        self.desk.open()
         try:
-            self.lift_seal(self.desk.root)
-        except RunDirectoryError:
-            self.storage.fetch(MANIFEST)
-            if not self._is_as_specified():
-                raise
-
-    def _begin(self) -> None:
-        """Refuse what is no run before anything is written; make the folders of one."""
-        self.storage.fetch(MANIFEST)
-        self._check()
-        self.make_folders()
-        if self.storage.remote:
-            self._check_elsewhere()
-
-    def _check_elsewhere(self) -> None:
-        """Check a place in an object store."""
-        others = [name for name in self.storage.folders("") if not name.startswith(".")]
-        if others and not (self.path / MANIFEST).exists():
-            raise RunDirectoryError(
-                f"{self.storage} holds {others[0]}/ and no panel; give another place with --out"
-            )
-        self.storage.check()
-
-    def end_others(self) -> None:
-        """End what others began in an object store, and know all that they did.
-
-        Raises:
-            RunDirectoryError: if they changed what was sealed; see :meth:`lift_seal`.
-        """
-        if self.storage.remote:
-            retire(self.storage, own=self.desk.name)
-            self.storage.fetch()
-            self.recall_division()
+            with self.storage.locked():
+                yield
+        except Busy as error:
+            raise RunDirectoryError(str(error)) from None
 
     def finish_work(self) -> None:
         """Remove what is there only while it is worked on: all is done."""
-        if self.storage.remote:
-            self.desk.finish()
-        else:
-            clear(self.storage)
+        shutil.rmtree(self.path / WORK, ignore_errors=True)
+        self.storage.send()
 
-    def recall_division(self) -> None:
-        """Note who is trained together as those did who worked there before and did not finish."""
-        path = self.path / WORK / DIVISION
-        if not self.storage.remote or path.exists():
-            return
-        for name in earlier(self.storage, self.desk.name):
-            desk = Desk(self.storage, name)
-            held = None if desk.was_finished else desk.division()
-            if desk.was_finished or held is not None:
-                if held is not None:
-                    write_json(path, held)
-                return
+    def copy_for_workers(self) -> RunDirectory:
+        """The same for processes of other machines, which do not see it; see :meth:`moved`."""
+        sent = copy.copy(self)
+        sent.looks_before = self.noted_looks()
+        return sent
+
+    def moved(self, folder: Path) -> RunDirectory:
+        """The same in another folder, which is new: what is done there is put here afterwards."""
+        there = RunDirectory(folder, self._specification, self._engines)
+        there.looks_before = self.looks_before
+        there.make_folders()
+        return there
+
+    def take(self, files: Mapping[str, bytes]) -> None:
+        """Put files of units that were done elsewhere in place, markers last."""
+        write_files(self.path, dict(sorted(files.items(), key=_is_marker)))
 
     def make_folders(self) -> None:
         """Make the folders of a run."""
         for folder in (self.evidence, self.policies, self._units):
             folder.mkdir(parents=True, exist_ok=True)
 
-    def is_finished(self) -> bool:
-        """Whether the run was sealed as it is specified now; its files are not looked at."""
-        self.storage.fetch(MANIFEST, SEAL_FILE)
-        return (self.path / SEAL_FILE).exists() and self._is_as_specified()
-
-    def _is_as_specified(self) -> bool:
-        """Whether the manifest tells what is specified now."""
-        manifest = self.path / MANIFEST
-        held = read_manifest(manifest)["specification"] if manifest.exists() else None
-        return bool(held == self._specification)
-
-    def lift_seal(self, into: Path | None = None) -> None:
+    def lift_seal(self) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
         units' records and policies are checked where they are built on.
-
-        Args:
-            into: folder that it is moved to, where several work: once that has vanished, because
-                all is done, nobody who comes late can take the new seal away.
 
         Raises:
             RunDirectoryError: if another file is not what was sealed.
@@ -307,12 +226,7 @@ class RunDirectory:
                     f"{self._told(path)} {finding.message}; restore it from a copy, or give "
                     "another directory with --out"
                 )
-        if into is None:
-            lift_seal(self.path)
-        else:
-            with suppress(FileNotFoundError):
-                os.replace(self.path / SEAL_FILE, into / SEAL_FILE)
-        self.storage.drop_missing()
+        lift_seal(self.path)
 
     def record_look(self, seen: Seen) -> None:
         """Note that verdicts are about to be seen, unless they were seen on the same."""
@@ -360,13 +274,6 @@ class RunDirectory:
             told["versions"] = {**self.versions(), **held.get("versions", {})}
         if told != held:
             write_json(manifest, told)
-        try:
-            self.storage.publish(MANIFEST)
-        except Busy:  # another that began at the same time was faster
-            self.storage.fetch(MANIFEST)
-            self._check()
-            self._write_manifest()
-            return
         new = list(additions(before, self._specification)) if before else []
         if new:
             print(f"New in {self.storage}: {'; '.join(new)}. All else is kept.", file=sys.stderr)
@@ -443,20 +350,6 @@ class RunDirectory:
             f"{self.storage} holds a panel with other seeds: {_few(before)}, now {_few(now)}; more "
             "may follow those that are there, else give another directory with --out"
         )
-
-    @contextmanager
-    def _held(self, desk: str, lease: float) -> Iterator[str | None]:
-        """Keep it for this process, or for it and its like; the name of its own desk elsewhere."""
-        with ExitStack() as stack:
-            try:
-                own = stack.enter_context(self.storage.held(desk == DRIVEN, lease))
-            except Busy:
-                raise RunDirectoryError(
-                    f"another process is running the panel in {self.storage}; wait for it, or give "
-                    "another directory with --out"
-                ) from None
-            self.desk = Desk(self.storage, own or desk)
-            yield own
 
     def marker(self, unit: str) -> Mapping[str, Any] | None:
         """What was noted when the unit was finished, or None."""
@@ -613,8 +506,6 @@ class RunDirectory:
                 self._discard(path)
 
     def _discard(self, file: Path) -> None:
-        if file.exists() and not self.is_ours():
-            raise Gone(str(file))
         file.unlink(missing_ok=True)
 
     def _marker(self, unit: str) -> Path:
@@ -624,8 +515,8 @@ class RunDirectory:
         return self.evidence / f"{unit}.parquet"
 
 
-def _always() -> bool:
-    return True
+def _is_marker(named: tuple[str, Any]) -> bool:
+    return named[0].startswith("units/")
 
 
 def _few(values: Sequence[Any]) -> str:

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
-from integ_gym.train.fleet.worker import Workers, fleet_workers
+from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.own_hash import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 from integ_gym.train.running.config import TrainingConfig
@@ -17,11 +18,10 @@ from integ_gym.train.running.evidence import TrainingEvidence
 
 from ..specification.panel_spec import PanelSpec
 from .division import waiting_chunks
-from .run_directory import RunDirectory
-from .staging import WORK
+from .run_directory import WORK, RunDirectory
 from .units import Unit, is_there, trained_units, training_config, training_key
 
-_AGAIN = "again"
+_AGAIN = ".again"
 """Folder for what is trained once more, because something that it is trained with is not there."""
 
 
@@ -55,21 +55,16 @@ def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None =
     plan(configs, workers, memory_gib)
 
 
-def train_units(
-    spec: PanelSpec,
-    directory: RunDirectory,
-    workers: int | None,
-    progress: bool,
-) -> None:
+def train_units(spec: PanelSpec, directory: RunDirectory, cluster: Cluster, progress: bool) -> None:
     """Train all policies that are not there yet, and mark each with its records as finished.
 
     Args:
         spec: the panel.
         directory: held by the caller.
-        workers: processes, if so many are requested.
+        cluster: where.
         progress: show a bar.
     """
-    chunks = waiting_chunks(spec, directory, fleet_workers(workers), spec.memory_gib)
+    chunks = waiting_chunks(spec, directory, workers_of(cluster), memory_of(spec, cluster))
     if not chunks:
         return
     units = [unit for chunk in chunks for unit in chunk]
@@ -79,6 +74,7 @@ def train_units(
     for unit, place in zip(units, places, strict=True):
         place.discard_remains(unit.training)
         shutil.rmtree(place.policies / unit.policy, ignore_errors=True)
+    directory.storage.send()  # what is no longer there
     options: dict[str, Any] = {"tensorboard": False}
     train: Any = spec.algorithm.train
     if spec.fleet:
@@ -92,34 +88,28 @@ def train_units(
         [place.policies / unit.policy for unit, place in zip(units, places, strict=True)],
         evidence=[_evidence(spec, p, u) for u, p in zip(units, places, strict=True)],
         progress=progress,
-        workers=workers,
         on_trained=_marking(spec, units, places),
+        executor=cluster,
         **options,
     )
     shutil.rmtree(again.path, ignore_errors=True)
 
 
-def train_chunk_here(spec: PanelSpec, directory: RunDirectory, units: Sequence[Unit]) -> None:
-    """Train policies that are trained together, in this process, and mark each as finished.
+def memory_of(spec: PanelSpec, cluster: Cluster) -> float | None:
+    """What the processes that train may take together, GiB; None: a share of this machine's."""
+    if spec.memory_gib is not None or not cluster.remote:
+        return spec.memory_gib
+    workers = workers_of(cluster)
+    return GIB_PER_WORKER[workers.device] * workers.count
 
-    Args:
-        spec: the panel.
-        directory: that they are written to.
-        units: the runs.
-    """
-    configs: list[Any] = [training_config(spec, unit) for unit in units]
-    folders = [directory.policies / unit.policy for unit in units]
-    evidence = [_evidence(spec, directory, unit) for unit in units]
-    mark = _marking(spec, units, [directory] * len(units))
-    if spec.fleet:
-        from integ_gym.train.fleet.training import train_together
 
-        train_together(configs, folders, evidence, mark)
-        return
-    spec.algorithm.train(
-        configs, folders, evidence=evidence, progress=False, workers=1, on_trained=mark,
-        tensorboard=False,
-    )  # fmt: skip
+def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] | None:
+    """What a process of others does first, which may train a policy and evaluate another."""
+    if not (spec.fleet and cluster.remote):
+        return None
+    from integ_gym.train.fleet.training import preparation
+
+    return preparation(workers_of(cluster).device)
 
 
 def _marking(
@@ -133,6 +123,7 @@ def _marking(
         hashes = {"policy": trained.content_hash, "card": card_hash(trained.card)}
         key = training_key(training_config(spec, unit))
         places[number].finish(unit.training, key, start, seconds, **hashes)
+        places[number].storage.send()
 
     return mark
 

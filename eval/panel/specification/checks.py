@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.train.algorithms import ALGORITHMS
 
 from .cells.cell import environments_of, file_name

@@ -8,9 +8,8 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
 from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.packages.extras import install_command

@@ -7,8 +7,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
+from integ_gym.envs.settings import WEIGHT, Discretization
 
 from .cells.cell import (
     UNNAMED,

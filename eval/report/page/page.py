@@ -17,10 +17,9 @@ from integ_gym.support.files.writing import replace_file
 from integ_gym.support.pages.frame import page_environment, page_parts
 from integ_gym.support.terminal.formatting import plural, true_minus
 
-from ... import verdict as rules
 from ...panel.answer import answer_lines, finding_of, next_step
 from ...panel.model.panel import Panel
-from ...verdict.rules import PASS
+from ...verdict import rules
 from ..data.axes import RATE_AXIS
 from ..data.checks import check_forest
 from ..data.findings import findings_of
@@ -180,7 +179,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "applied": applied_of(panel),
         "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
         "rules": rules,
-        "pass_line": PASS,
+        "pass_line": rules.PASS,
         "label_words": LABEL_WORDS,
         "shown_findings": SHOWN_FINDINGS,
         "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),

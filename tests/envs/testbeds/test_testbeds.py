@@ -11,12 +11,16 @@ import pytest
 from engine_cases import needs
 
 import integ_gym
-from integ_gym.envs.environments.foreign import SURVIVAL
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.testbeds.classic_control import CLASSIC
-from integ_gym.envs.testbeds.integ_environments import IntegTestbed
+from integ_gym.envs.foreign import SURVIVAL
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.gym_testbed import CLASSIC
 from integ_gym.envs.testbeds.interface import Applied
-from integ_gym.envs.testbeds.making import make_checked, make_training_environments, testbed_of
+from integ_gym.envs.testbeds.making import (
+    IntegTestbed,
+    make_checked,
+    make_training_environments,
+    testbed_of,
+)
 
 TASK = "InvertedPendulum-v5"
 EVERY = (*integ_gym.ENVIRONMENTS, *CLASSIC, TASK)

@@ -10,13 +10,7 @@ from scipy import stats
 
 from integ_gym.eval.statistics.interval import Interval
 from integ_gym.eval.statistics.returns import iqm, iqm_interval
-from integ_gym.eval.statistics.scalars import mean_interval, student_t_quantile
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 8, 13, 100])
-def test_iqm_is_the_quarter_trimmed_mean(size: int) -> None:
-    values = np.random.default_rng(size).normal(size=size)
-    assert iqm(values) == pytest.approx(stats.trim_mean(values, 0.25), abs=1e-14)
+from integ_gym.eval.statistics.scalars import mean_interval
 
 
 def test_iqm_deletes_total_failures() -> None:
@@ -42,17 +36,18 @@ def test_iqm_interval_resamples_whole_seeds() -> None:
     assert whole.high - whole.low > 3.0 * (scattered.high - scattered.low)
 
 
-def test_iqm_interval_does_not_depend_on_block_or_seed_order() -> None:
+def test_iqm_interval_does_not_depend_on_seed_order() -> None:
     values = np.random.default_rng(6).normal(size=(7, 300))
     assert iqm_interval(values[::-1]) == iqm_interval(values)
     assert iqm_interval(values[:1]) is None
 
 
-def test_mean_interval_is_student_t() -> None:
-    values = np.array([1.0, 2.5, 2.0, 4.0, np.nan, np.inf])
-    finite = values[:4]
+@pytest.mark.parametrize("size", [2, 3, 4, 30, 200])
+def test_mean_interval_is_student_t(size: int) -> None:
+    values = np.concatenate((np.random.default_rng(size).normal(size=size), [np.nan, np.inf]))
+    finite = values[:size]
     found = mean_interval(values, 0.9)
-    low, high = stats.t.interval(0.9, 3, finite.mean(), stats.sem(finite))
+    low, high = stats.t.interval(0.9, size - 1, finite.mean(), stats.sem(finite))
     assert found is not None
     assert (found.estimate, found.low, found.high) == pytest.approx((finite.mean(), low, high))
 
@@ -61,10 +56,3 @@ def test_mean_interval_needs_two_finite_seeds() -> None:
     assert mean_interval([]) is None
     assert mean_interval([3.0, float("nan"), float("inf")]) is None
     assert mean_interval([3.0, 3.0]) == Interval(3.0, 3.0, 3.0, 0.95)
-
-
-@pytest.mark.parametrize("level", [0.5, 0.9, 0.95, 0.999])
-@pytest.mark.parametrize("dof", [1, 2, 3, 4, 7, 30, 199])
-def test_student_t_quantile(dof: int, level: float) -> None:
-    exact = stats.t.ppf(0.5 + level / 2, dof)
-    assert student_t_quantile(dof, level) == pytest.approx(exact, rel=1e-11)

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders.recorder import RecordEvidence

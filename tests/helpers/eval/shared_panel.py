@@ -14,6 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import psutil
 from victim import records_of
 
 from integ_gym.cli import main
@@ -61,8 +62,7 @@ PATIENCE = 500.0
 PRELOADED = (
     "duckdb", "matplotlib.figure", "pyarrow.parquet", "integ_gym.cli",
     "integ_gym.commands.panel", "integ_gym.eval.panel.running.panel",
-    "integ_gym.eval.panel.results.outputs", "integ_gym.eval.panel.sharing.driving",
-    "integ_gym.eval.panel.sharing.working", "shared_panel",
+    "integ_gym.eval.panel.results.outputs", "shared_panel",
 )  # fmt: skip
 
 
@@ -138,11 +138,27 @@ def until(holds: Callable[[], Any], process: Any) -> Any:
     return found
 
 
-def holders(run: Path, desk: str) -> dict[str, int]:
-    """Processes that hold a unit, by the unit's first claim."""
-    found = {}
-    for claim in (run / ".work" / desk / "claims").rglob("*-*.1"):
-        if not any(claim.parent.glob(f"{claim.name[:-2]}.2")):
-            text = claim.read_text(encoding="utf-8")
-            found[claim.name[:-2]] = int(text)
-    return found
+BUSY_SECONDS = 2.0
+"""Processor time after which a process is in the middle of its work, s."""
+
+
+def kill_a_worker(parent: int, named: str, driver: Any) -> None:
+    """Kill a process below another, in the middle of its work.
+
+    Args:
+        parent: process whose descendants are looked through.
+        named: part of the command line.
+        driver: what is running meanwhile.
+    """
+
+    def killed() -> bool:
+        for process in psutil.Process(parent).children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess, psutil.AccessDenied):
+                times = process.cpu_times()
+                is_named = named in " ".join(process.cmdline())
+                if is_named and times.user + times.system > BUSY_SECONDS:
+                    process.kill()
+                    return True
+        return False
+
+    until(killed, driver)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+import multiprocessing
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 from integ_gym.support.processes.workers import report_work
 
@@ -35,3 +39,22 @@ def no_executor() -> int:
 def one_thread() -> ThreadPoolExecutor:
     """An executor of this process."""
     return ThreadPoolExecutor(1)
+
+
+def two_processes() -> ProcessPoolExecutor:
+    """An executor of fresh processes."""
+    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+
+
+def die_once(path: str) -> str:
+    """Kill this process, but for the second time that a path is given."""
+    if Path(path).exists():
+        return "done"
+    Path(path).touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def always_die() -> None:
+    """Kill this process."""
+    os.kill(os.getpid(), signal.SIGKILL)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import urllib.request
@@ -18,14 +17,10 @@ BUCKET = "s3://bucket"
 
 
 @contextmanager
-def served_bucket(fault: str = "none") -> Iterator[dict[str, str]]:
-    """A server with an empty bucket; what the environment tells of it.
-
-    Args:
-        fault: of the store, a key of `serving_s3.HIDDEN`.
-    """
+def served_bucket() -> Iterator[dict[str, str]]:
+    """A server with an empty bucket; what the environment tells of it."""
     assert MOTO.is_file(), "run `make moto`, as `make test-slow` does"
-    command = [str(MOTO), "-W", "ignore", str(SERVING), fault]
+    command = [str(MOTO), "-W", "ignore", str(SERVING)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as server:
@@ -42,12 +37,6 @@ def served_bucket(fault: str = "none") -> Iterator[dict[str, str]]:
             }
         finally:
             server.kill()
-
-
-def counts(endpoint: str) -> dict[str, int]:
-    """How many requests a server was asked, by kind."""
-    with urllib.request.urlopen(f"{endpoint}/moto-counts") as answer:
-        return dict(json.loads(answer.read()))
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from integ_gym.commands import evaluate, panel, train, watch
 from integ_gym.eval.film import of_policy
 from integ_gym.eval.panel import calls
 from integ_gym.eval.panel.specification.reading import built_in_spec
-from integ_gym.support.sharing.resources import Resources
+from integ_gym.support.executors import Resources
 from integ_gym.train import command as training
 
 PENDULUM = "IntegPendulum-v0"
@@ -59,7 +59,6 @@ def done(monkeypatch, tmp_path):
     told = SimpleNamespace(warnings=(), verdicts=(1,), said=str)
     monkeypatch.setattr(evaluate, "evaluate", note("evaluate"))
     monkeypatch.setattr(panel, "run_panel", note("run", stop=False, result=told))
-    monkeypatch.setattr(panel, "work_on_panel", note("work", stop=False, result=1))
     for name in (
         "print_plan",
         "print_power",
@@ -81,7 +80,7 @@ def done(monkeypatch, tmp_path):
         for name, algorithm in training.ALGORITHMS.items()
     }
     monkeypatch.setattr(training, "ALGORITHMS", algorithms)
-    monkeypatch.setattr("integ_gym.train.fleet.train_fleet", note("fleet"), raising=False)
+    monkeypatch.setattr("integ_gym.train.fleet.training.train_fleet", note("fleet"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "policy").mkdir()
     (tmp_path / "policy" / "policy.zip").touch()
@@ -150,8 +149,6 @@ CASES: dict[str, dict[str, tuple[tuple[str, ...], ...]]] = {
         "address": (PANEL, (*PANEL, "--address", "ray://head:1")),
         "cores_per_worker": (PANEL, (*PANEL, "--cores-per-worker", "2")),
         "gpus_per_worker": (PANEL, (*PANEL, "--gpus-per-worker", "1")),
-        "worker": (PANEL, (*PANEL, "--worker")),
-        "lease": ((*PANEL, "--worker"), (*PANEL, "--worker", "--lease", "5")),
         "verbose": (PANEL, (*PANEL, "--verbose")),
     },
     "train": {
@@ -256,10 +253,6 @@ REFUSED = [
     ((*EVALUATE, "--success-return", "5"), "--success-return is for Gymnasium's tasks"),
     ((*EVALUATE, "--policy", "a:b"), "give either a policy's file or --policy"),
     (("evaluate", "--policy", "a:b", *EVALUATE[2:], "--own-code"), "--policy has none; omit it"),
-    ((*PANEL, "--worker", "--executor", "ray"), "--executor is not for --worker"),
-    ((*PANEL, "--worker", "--address", "x"), "--address is not for --worker"),
-    ((*PANEL, "--worker", "--cores-per-worker", "2"), "--cores-per-worker is asked of an engine"),
-    ((*PANEL, "--worker", "--verbose"), "prints no verdicts; leave --verbose out"),
     ((*PANEL, "--trainer", "sb3", "--memory-gib", "4"), "nothing is trained by it here; leave it"),
     ((*PANEL, "--policies", "x", "--memory-gib", "4"), "nothing is trained by it here; leave it"),
     ((*PANEL, "--plan"), "--plan says what a panel costs and runs nothing, so --out says nothing"),
@@ -392,14 +385,14 @@ def panelled(monkeypatch, tmp_path):
         found: list[Any] = []
 
         @contextmanager
-        def opened(spec, place, cluster, workers, policies, lease):
-            found.append((spec.to_json(), str(place), cluster.workers, workers, policies))
+        def opened(spec, place, cluster, policies):
+            found.append((spec.to_json(), str(place), cluster.workers, policies))
             yield SimpleNamespace(markers=lambda under: set(), finish_work=lambda: None)
 
         def noted(*args, **kwargs):
             found.append(sorted((name, str(value)) for name, value in kwargs.items()))
 
-        monkeypatch.setattr(calls, "_opened", opened)
+        monkeypatch.setattr(calls, "opened", opened)
         monkeypatch.setattr(calls, "complete", noted)
         monkeypatch.setattr(calls, "_write", noted)
         calls.run_panel(**{"spec": "quick", "out": "out", "progress": True, **given})
@@ -411,7 +404,7 @@ def panelled(monkeypatch, tmp_path):
 PANELS: dict[str, Any] = {
     "spec": replace(built_in_spec("quick"), episodes=3),
     "out": "elsewhere",
-    "workers": 2,
+    "workers": 3,
     "progress": False,
     "policies": "x",
     "command": "mine",
@@ -419,7 +412,6 @@ PANELS: dict[str, Any] = {
 }
 NOT_FOR_A_PANEL_HERE: dict[str, tuple[Any, str]] = {
     **{name: NOT_FOR_THIS[name] for name in ("executor", "address", "resources")},
-    "lease": (5.0, "a lease is for an object store or a --worker"),
 }
 
 

@@ -1,12 +1,12 @@
-"""The fleet on an engine of others: the same policies, written where they were trained."""
+"""The fleet on an executor of others: the same policies, written where they are asked for."""
 
 from __future__ import annotations
 
 import pytest
 from fleet_runs import small_run
 
-from integ_gym import train_fleet
-from integ_gym.support.sharing.resources import ClusterError
+from integ_gym.support.executors import ClusterError
+from integ_gym.train.fleet.training import train_fleet
 
 
 @pytest.mark.slow
@@ -26,5 +26,5 @@ def test_an_executor_of_ones_own_trains_the_same_policies(tmp_path):
 
 def test_what_is_no_engine_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(ClusterError, match="must be one of local, ray, dask"):
-        train_fleet([small_run()], [tmp_path / "out"], executor="slurm")
+        train_fleet([small_run()], [tmp_path / "out"], executor="cloud")
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import pytest
 from integ_gym.train.policy.actions import BoxActions
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_file.reading import onnx_card
+from integ_gym.train.policy_files.formats.onnx_policy import onnx_card
 from integ_gym.train.policy_files.own_hash import hashed
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar

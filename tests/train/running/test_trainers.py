@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
 
 import integ_gym
-from integ_gym.envs.environments.rediscretized.environment import rediscretize
+from integ_gym.envs.rediscretized import rediscretize
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet
@@ -31,7 +31,7 @@ pytest.importorskip("stable_baselines3")
 
 OWN = {
     train_ppo: {"tensorboard"},
-    train_fleet: {"memory_gib", "cache_dir", "executor", "address", "together"},
+    train_fleet: {"memory_gib", "cache_dir", "together"},
 }
 """What one trainer alone is told."""
 SCRIPT = Path(integ_gym.__file__).parent.parent / "train" / "ppo.py"

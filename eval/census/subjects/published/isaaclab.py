@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
 from integ_gym.support.packages.apart.environments import APART

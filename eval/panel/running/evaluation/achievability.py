@@ -80,11 +80,8 @@ class Tried:
 
 def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> None:
     """Try every cell of the matrix that has not been tried, each a unit that reports its time."""
-    waiting = {
-        unit_of_cell(part, cell): (part, directory, cell)
-        for part, cell in not_tried(spec, directory)
-    }
-    work.do(TRYING, try_and_note, waiting)
+    waiting = {unit_of_cell(*one): one for one in not_tried(spec, directory)}
+    work.commit(TRYING, try_and_note, waiting)
 
 
 def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec, Cell]]:

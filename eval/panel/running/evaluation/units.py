@@ -17,6 +17,7 @@ import numpy as np
 
 from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.support.executors import Cluster
 
 from ...specification.cells.cell import Cell
 from ...specification.cells.engines import engine_versions
@@ -24,7 +25,8 @@ from ...specification.growth import inputs
 from ...specification.panel_spec import PanelSpec
 from ..costs.expected_time import cell_seconds, cell_timing, trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
-from ..work import Work, working
+from ..training import preparation_of
+from ..work import Work, open_work, panel_bar
 from .achievability import Tried, not_tried, tried, try_cells
 from .subjects import Subject, divided, evaluate
 
@@ -165,7 +167,7 @@ def evaluate_all(
     directory: RunDirectory,
     subjects: Sequence[Subject],
     label: str,
-    workers: int,
+    cluster: Cluster,
     progress: bool,
 ) -> None:
     """Evaluate all subjects that have not been, each batch finished by one commit.
@@ -177,18 +179,21 @@ def evaluate_all(
         directory: held by the caller.
         subjects: the policies.
         label: of the bar.
-        workers: processes; 0: in this one.
+        cluster: where.
         progress: show a bar with the remaining time.
     """
     waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
+    directory.storage.send()  # what is no longer there
     if not any(own for _, own in waiting) and not not_tried(spec, directory):
         return
     seconds, left = expected_seconds(spec, directory, subjects, waiting)
-    with working(label, seconds, workers, progress) as work:
+    bar = panel_bar(label, seconds, progress)
+    with open_work(directory, cluster, bar, preparation_of(spec, cluster)) as work:
         work.skip(seconds - left)
         try_cells(spec, directory, work)
         for part, own in waiting:
-            _evaluate_part(part, directory, knowing_home(part, directory, own), work, workers)
+            batch_subjects = knowing_home(part, directory, own)
+            _evaluate_part(part, directory, batch_subjects, work, max(1, cluster.workers))
 
 
 def _evaluate_part(
@@ -199,15 +204,15 @@ def _evaluate_part(
     workers: int,
 ) -> None:
     """Evaluate subjects from the starts that came last, each batch finished by one commit."""
-    parts = max(1, workers)
-    batches, can = batches_of(spec, waiting, parts), statuses(spec, directory)
-    if parts == 1 or spec.testbed.batched or len(batches) >= ENOUGH * parts:
-        tasks = {_named(batch): (spec, directory, batch, can) for batch in batches}
-        work.do("evaluating", evaluate_batch, tasks)
+    batches, can = batches_of(spec, waiting, workers), statuses(spec, directory)
+    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
+        units = {unit_of(spec, batch)[0]: (spec, batch, can) for batch in batches}
+        work.commit("evaluating", evaluate_batch, units)
         return
     for batch in batches:
-        tables = _divided(spec, directory, batch, can, work, parts)
+        tables = _divided(spec, directory, batch, can, work, workers)
         evaluate_batch(spec, directory, batch, can, tables)
+        directory.storage.send()
 
 
 def evaluate_batch(
@@ -229,6 +234,7 @@ def evaluate_batch(
     hashes, start = _hashes(batch), time.time()
     unit, key = unit_of(spec, batch)
     store = EvidenceStore(directory.evidence)
+    directory.discard_remains(unit)
     store.commit_all(unit, tables or evaluate(spec, batch, spec.latest, store, can))
     names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
     directory.finish(unit, key, start, first=spec.latest.start, policies=hashes, cells=names)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.answer import Finding, answer_lines, finding_of, next_step
 from integ_gym.eval.panel.model.matrix import Policy
 from integ_gym.eval.panel.model.panel import Cost, Panel

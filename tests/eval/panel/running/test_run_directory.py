@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import socket
 import time
 from dataclasses import replace
 
@@ -13,11 +15,13 @@ from integ_gym.eval.panel.running.run_directory import (
     PACKAGES,
     RunDirectory,
     RunDirectoryError,
+    Seen,
     key_of,
 )
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS
 from integ_gym.eval.panel.specification.reading import built_in_spec
 from integ_gym.evidence.verification.sealing import seal
+from integ_gym.support.files.writing import read_files
 
 
 @pytest.fixture
@@ -174,3 +178,40 @@ def test_a_training_in_which_no_episode_ended_has_no_records(tmp_path):
     with pytest.raises(RunDirectoryError, match="was changed after unit train-a was finished"):
         made.finished("train-a", "key")
     assert [name for name, _ in made.faults()] == ["evidence/train-a.parquet"]
+
+
+def test_another_driver_is_told_who_works_there_and_since_when(directory):
+    with directory.opened():
+        other = RunDirectory(directory.path, {"name": "a"})
+        holder = rf"process {os.getpid()} on {socket.gethostname()} \(since 20.* UTC\) is running"
+        with pytest.raises(RunDirectoryError, match=holder):
+            other.opened().__enter__()
+        assert (directory.path / ".lock").exists()
+    with directory.opened():
+        pass
+
+
+def test_what_was_done_elsewhere_is_put_in_place_with_its_marker_last(directory, tmp_path):
+    """Whoever is killed in between leaves a unit that is not finished."""
+    there = directory.copy_for_workers().moved(tmp_path / "scratch")
+    (there.evidence / "achieve-a.parquet").write_text("records")
+    there.finish(
+        "achieve-a", "key", time.time(), cell="a", success=[], recovered=[], search=None, first=0
+    )
+    files = read_files(there.path)
+    assert [*files] == ["evidence/achieve-a.parquet", "units/achieve-a.json"]
+    directory.take(dict(reversed(files.items())))
+    written = [directory.path / name for name in files]
+    assert written[0].stat().st_mtime_ns < written[1].stat().st_mtime_ns
+    assert directory.finished("achieve-a", "key") is not None
+
+
+def test_looks_at_verdicts_are_noted_of_what_is_done_elsewhere(directory, tmp_path):
+    with directory.opened():
+        directory.record_look(Seen(2, 3, 0))
+        there = directory.copy_for_workers().moved(tmp_path / "scratch")
+        there.finish("train-b", "key", time.time(), policy="hash")
+        directory.take(read_files(there.path))
+        assert list(directory.lost_looks()) == []
+        directory.note(looks=[])
+        assert list(directory.lost_looks()) == ["train-b"]

@@ -15,6 +15,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import units_of
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec, read_spec
 from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.support.executors import Cluster
 
 SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))
 
@@ -53,9 +54,9 @@ def test_the_fleet_trains_unless_the_specification_says_otherwise(monkeypatch):
     spec = parse_spec({**data, "memory_gib": 8}, "test")
     assert (spec.trainer, spec.memory_gib) == ("fleet", 8.0)
     assert spec.to_json() == parse_spec(data, "test").to_json()
-    check_spec(spec, workers=2)
+    check_spec(spec, Cluster(2))
     with pytest.raises(SpecError, match="`memory_gib`=1 does not hold one policy in each of 2"):
-        check_spec(replace(spec, memory_gib=1.0), workers=2)
+        check_spec(replace(spec, memory_gib=1.0), Cluster(2))
     monkeypatch.setattr("integ_gym.support.packages.extras.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError) as caught:
         check_spec(spec)

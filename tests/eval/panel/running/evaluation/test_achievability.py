@@ -16,6 +16,7 @@ from integ_gym.eval.panel.running.evaluation.units import evaluate_all, expected
 from integ_gym.eval.panel.running.run_directory import RunDirectory, RunDirectoryError
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
 from integ_gym.eval.verdict.achievability import Search
+from integ_gym.support.executors import Cluster
 
 WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))
 CELL = WHOLE.columns()[0]
@@ -75,14 +76,14 @@ def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, c
     with directory.opened():
         whole, left = expected_seconds(spec, directory, [], [])
         assert whole == left > 0.0
-        evaluate_all(spec, directory, [], "panel quick", 0, progress=True)
+        evaluate_all(spec, directory, [], "panel quick", Cluster(0), progress=True)
         shown = re.split(r"[\r\n]+", capsys.readouterr().err)
         assert any(line.rstrip().endswith(f" left, {TRYING}") for line in shown)
         assert max(map(len, shown)) <= 80
         assert len(told) == len(spec.columns()) > 1
         assert sum(told) == pytest.approx(whole)
         assert expected_seconds(spec, directory, [], []) == (whole, 0.0)
-        evaluate_all(spec, directory, [], "panel", 0, progress=True)
+        evaluate_all(spec, directory, [], "panel", Cluster(0), progress=True)
         assert capsys.readouterr().err == ""
 
 

@@ -1,0 +1,147 @@
+"""Executors: what is refused, that tasks report and print, and that a lost worker is replaced."""
+
+from __future__ import annotations
+
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import pytest
+import tasks
+from tasks import always_die, die_once, fail, number_of_prepared, report_and_print
+
+from integ_gym.support.executors import (
+    Cluster,
+    ClusterError,
+    Resources,
+    TaskPool,
+    open_cluster,
+)
+from integ_gym.support.processes.workers import Progress
+
+
+class _Bar:
+    """What a bar keeps."""
+
+    def __init__(self):
+        self.total, self.n = 6.0, 0.0
+
+    def update(self, amount):
+        self.n += amount
+
+
+@pytest.mark.parametrize(
+    ("executor", "address", "message"),
+    [
+        ("local", "ray://head:10001", "--address names a cluster of Ray or Dask"),
+        ("cloud", None, "must be one of local, ray, dask, slurm"),
+        ("no_module_of_that_name:made", None, "importable from here"),
+        (f"{__name__}:absent", None, "cannot get an executor"),
+        ("tasks:no_executor", None, "gives int, which is no executor"),
+        ("slurm", "head:6379", "Slurm has no address"),
+        ("slurm", None, "--workers N"),
+    ],
+)
+def test_what_is_no_executor_is_refused_with_the_remedy(executor, address, message):
+    with pytest.raises(ClusterError, match=message), open_cluster(executor, address):
+        pass
+
+
+def test_slurm_is_refused_where_there_is_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    refused = pytest.raises(ClusterError, match="no Slurm answers here")
+    with refused, open_cluster("slurm", resources=Resources(2)):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("wanted", [{"cores": 2}, {"gpus": 1.0}])
+def test_this_machine_sets_nothing_aside(wanted):
+    with (
+        pytest.raises(ClusterError, match="give --workers"),
+        open_cluster("local", resources=Resources(**wanted)),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("wanted", [{"cores": 0}, {"gpus": -1.0}])
+def test_what_no_worker_has_is_refused(wanted):
+    with pytest.raises(ClusterError, match="or more"):
+        Resources(**wanted)
+
+
+def test_a_task_reports_and_prints_as_one_of_this_machine_does(capsys):
+    _check_reports("tasks:one_thread", None, capsys)
+
+
+def _check_reports(executor, address, capsys):
+    bar = _Bar()
+    with open_cluster(executor, address, Resources(2)) as cluster:
+        assert cluster.workers == 2
+        assert cluster.remote
+        with TaskPool(cluster, Progress(bar), number_of_prepared) as pool:
+            ended = dict(pool.run({n: (report_and_print, n) for n in (1, 2, 3)}))
+            assert {n: future.result() for n, future in ended.items()} == {1: 1, 2: 4, 3: 9}
+            ((_, failed),) = pool.run({0: (fail,)})
+            assert isinstance(failed.exception(), ZeroDivisionError)
+        assert bar.n == 6.0
+    printed = capsys.readouterr().err
+    assert [f"worked on {n}" in printed for n in (1, 2, 3)] == [True] * 3
+
+
+def test_what_waits_is_cancelled_after_an_error():
+    with open_cluster("tasks:one_thread", resources=Resources(1)) as cluster:
+        futures = []
+
+        def fail_with_much_to_do():
+            with cluster.pool(Progress()) as pool:
+                futures.extend(pool.submit(report_and_print, 1) for _ in range(200))
+                fail()
+
+        with pytest.raises(ZeroDivisionError):
+            fail_with_much_to_do()
+        assert any(future.cancelled() for future in futures)
+
+
+OWN = "tasks:two_processes"
+HELPERS = str(Path(tasks.__file__).parent)
+
+
+@pytest.mark.parametrize("executor", ["local", OWN])
+def test_the_task_of_a_worker_that_died_is_given_to_another(tmp_path, executor, capsys):
+    discarded = []
+    with open_cluster(executor, resources=Resources(2)) as cluster:
+        tasks = {name: (die_once, str(tmp_path / name)) for name in ("a", "b", "c")}
+        with TaskPool(cluster, Progress(_Bar())) as pool:
+            ended = {name: f.result() for name, f in pool.run(tasks, discarded.append)}
+    assert ended == dict.fromkeys(tasks, "done")
+    assert set(discarded) == set(tasks)
+    assert "is given to another" in capsys.readouterr().err
+
+
+def test_a_task_that_kills_every_worker_ends_the_run():
+    with (
+        TaskPool(Cluster(1), Progress(_Bar())) as pool,
+        pytest.raises(BrokenExecutor),
+    ):
+        dict(pool.run({"a": (always_die,)}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("executor", "address"), [("dask", None), ("ray", None), ("slurm", "local"), (OWN, None)]
+)
+def test_executors_of_others_run_tasks(executor, address, capsys, tmp_path, monkeypatch):
+    if executor == "slurm":
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("PYTHONPATH", HELPERS)
+    _check_reports(executor, address, capsys)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("executor", "address"), [("dask", "tcp://127.0.0.1:9")])
+def test_a_cluster_that_does_not_answer_is_named(executor, address, monkeypatch):
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
+    with pytest.raises(ClusterError, match="no scheduler of Dask answers"):
+        open_cluster(executor, address).__enter__()
